@@ -1,0 +1,39 @@
+# make demo   everything from nothing: .venv, both FMUs in dist/, the virtual rig, the result page
+# make test   the whole test suite
+VENV := .venv
+PYTHON := $(VENV)/bin/python
+# The matrices are small: one BLAS thread per process is several times faster than many.
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+
+.PHONY: demo test lint fmus train reproduction benchmark clean
+
+demo: $(VENV)/installed
+	$(PYTHON) -m rigtwin demo
+
+test: $(VENV)/installed
+	$(PYTHON) -m pytest
+
+lint: $(VENV)/installed
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/pyright
+
+fmus: $(VENV)/installed
+	$(PYTHON) build_fmu.py
+
+train: $(VENV)/installed
+	$(PYTHON) -m rigtwin train
+
+reproduction: $(VENV)/installed
+	$(PYTHON) -m benchmarks.reproduction
+
+clean:
+	rm -rf dist build runs
+
+$(VENV)/installed: pyproject.toml
+	python3 -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --upgrade pip
+	$(VENV)/bin/python -m pip install --quiet -e '.[train,dev]'
+	touch $@

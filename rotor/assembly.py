@@ -1,0 +1,105 @@
+"""From a rig to its free-free matrices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rotor.elements import ElementType, FloatArray, Section, timoshenko
+from rotor.rig import SAME_PLACE_M, Rig
+from rotor.structure import DOF_PER_NODE, Structure
+
+# Coordinates of one element in each plane, as places among its two nodes' eight degrees of
+# freedom, with the sign that turns (w, slope) into (deflection, rotation): slope dy/dx is
+# +theta_z, slope dz/dx is -theta_y.
+_PLANE_PLACES = (np.array([0, 3, 4, 7]), np.array([1, 2, 5, 6]))
+_PLANE_SIGNS = (np.array([1.0, 1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0, -1.0]))
+
+
+def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_nodes: int | None = None) -> Structure:
+    """Assemble shaft, disks and lumped masses; supports are kept apart.
+
+    Parameters
+    ----------
+    rig : the rig
+    element : element theory, default Timoshenko
+    elements_between_nodes : mesh refinement; default is the rig's own
+
+    Returns
+    -------
+    Structure with 4 degrees of freedom per mesh node
+    """
+    x = _mesh(rig, elements_between_nodes or rig.elements_between_nodes)
+    n = DOF_PER_NODE * len(x)
+    M, K, G = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+    for left in range(len(x) - 1):
+        sections = _sections_at(rig, (x[left] + x[left + 1]) / 2)
+        _add_element(M, K, G, left, sections, x[left + 1] - x[left], element)
+    stations = np.array([int(np.argmin(np.abs(x - position))) for position in rig.nodes_m])
+    for disk in rig.disk:
+        _add_rigid_body(M, G, stations[disk.node - 1], disk.mass, disk.diametral_inertia, disk.polar_inertia)
+    for mass in rig.mass:
+        _add_rigid_body(M, G, stations[mass.node - 1], mass.mass_kg, 0.0, 0.0)
+    return Structure(
+        M=M,
+        K=K,
+        G=G,
+        x=x,
+        stations=stations,
+        support_node=np.array([stations[s.node - 1] for s in rig.support]),
+        support_stiffness=np.array([_number(s.stiffness) for s in rig.support]),
+        support_tilt_stiffness=np.array([_number(s.tilt_stiffness_Nm_per_rad) for s in rig.support]),
+        support_damping=np.array([s.damping_Ns_per_m for s in rig.support]),
+    )
+
+
+def _number(stiffness: str | float) -> float:
+    return {"k_b": math.nan, "rigid": math.inf}[stiffness] if isinstance(stiffness, str) else stiffness
+
+
+def _mesh(rig: Rig, elements_between_nodes: int) -> FloatArray:
+    """Mesh nodes: the rig's nodes and section changes, each interval cut into equal elements."""
+    borders = np.cumsum([0.0] + [s.length_m for s in rig.segment])
+    stops = list(rig.nodes_m)
+    stops += [b for b in borders if min(abs(b - s) for s in rig.nodes_m) > SAME_PLACE_M]
+    stops.sort()
+    cuts = [np.linspace(a, b, elements_between_nodes + 1)[:-1] for a, b in zip(stops[:-1], stops[1:], strict=True)]
+    return np.append(np.concatenate(cuts), stops[-1])
+
+
+def _sections_at(rig: Rig, position: float) -> tuple[Section, Section]:
+    borders = np.cumsum([s.length_m for s in rig.segment])
+    return rig.segment[min(int(np.searchsorted(borders, position)), len(rig.segment) - 1)].sections()
+
+
+def _add_element(
+    M: FloatArray,
+    K: FloatArray,
+    G: FloatArray,
+    left: int,
+    sections: tuple[Section, Section],
+    length: float,
+    element: ElementType,
+) -> None:
+    start = DOF_PER_NODE * left
+    matrices = [element(section, length) for section in sections]
+    for plane, places, signs in zip(matrices, _PLANE_PLACES, _PLANE_SIGNS, strict=True):
+        block = np.ix_(start + places, start + places)
+        M[block] += signs[:, None] * plane.mass * signs
+        K[block] += signs[:, None] * plane.stiffness * signs
+    # Polar second moment = sum of the two planes'; with theta_y = -slope_z the coupling
+    # I_p (theta_y'' row) takes +Omega theta_z', the theta_z row -Omega theta_y'.
+    polar = matrices[0].tilt_inertia + matrices[1].tilt_inertia
+    y, z = start + _PLANE_PLACES[0], start + _PLANE_PLACES[1]
+    G[np.ix_(z, y)] += _PLANE_SIGNS[1][:, None] * -polar * _PLANE_SIGNS[0]
+    G[np.ix_(y, z)] += _PLANE_SIGNS[0][:, None] * polar * _PLANE_SIGNS[1]
+
+
+def _add_rigid_body(M: FloatArray, G: FloatArray, node: int, mass: float, diametral: float, polar: float) -> None:
+    """A rigid disk: I_d theta_y'' + I_p Omega theta_z' = M_y, I_d theta_z'' - I_p Omega theta_y' = M_z."""
+    y, z, theta_y, theta_z = range(DOF_PER_NODE * node, DOF_PER_NODE * (node + 1))
+    M[[y, z], [y, z]] += mass
+    M[[theta_y, theta_z], [theta_y, theta_z]] += diametral
+    G[theta_y, theta_z] += polar
+    G[theta_z, theta_y] -= polar

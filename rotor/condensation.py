@@ -1,0 +1,31 @@
+"""Static condensation: the paper's way of dropping the rotations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rotor.structure import DOF_PER_NODE
+from rotor.system import LinearSystem, shaft_damping
+
+
+def condense_tilt(system: LinearSystem) -> LinearSystem:
+    """Condense the rotations out of a non-spinning system (Guyan, *AIAA Journal* 3, 1965, 380).
+
+    T = [1; -K_ss^-1 K_sm]: the dropped rotations follow the kept deflections statically. Exact for
+    the stiffness, approximate for the mass. The gyroscopic matrix lives on the rotations and is
+    condensed with them; use the full system for a spinning rotor.
+
+    Returns
+    -------
+    LinearSystem on the free deflections, its shaft damping rebuilt on the condensed matrices
+    """
+    tilt = system.free % DOF_PER_NODE >= 2
+    kept, dropped = np.flatnonzero(~tilt), np.flatnonzero(tilt)
+    T = np.zeros((system.n, len(kept)))
+    T[kept, np.arange(len(kept))] = 1.0
+    T[dropped] = -np.linalg.solve(system.K[np.ix_(dropped, dropped)], system.K[np.ix_(dropped, kept)])
+    names = ("M", "K", "G", "K_shaft", "C_support")
+    condensed = replace(system, free=system.free[kept], **{name: T.T @ getattr(system, name) @ T for name in names})
+    return replace(condensed, C=condensed.C_support + shaft_damping(condensed))

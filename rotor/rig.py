@@ -1,0 +1,251 @@
+"""The rig TOML: a lateral beam with disks, lumped masses and supports, checked key by key."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from rotor.elements import Section, cowper_shear_factor
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+# Two positions closer than this are the same place on the shaft.
+SAME_PLACE_M = 1e-9
+
+
+class RigError(ValueError):
+    """The rig file cannot be used; the message names the file and the key."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Segment(_Table):
+    """A stretch of shaft, round (``diameter_m``) or of any doubly symmetric section.
+
+    A general section gives ``area_m2``, ``second_moment_y_m4`` (bending in y, that is about the
+    z axis), ``second_moment_z_m4`` (default: the same) and ``shear_factor``.
+    """
+
+    length_m: Positive
+    youngs_modulus_Pa: Positive
+    density_kg_per_m3: Positive
+    poisson: Annotated[float, Field(ge=0, lt=0.5)]
+    diameter_m: Positive | None = None
+    bore_m: NonNegative = 0.0
+    area_m2: Positive | None = None
+    second_moment_y_m4: Positive | None = None
+    second_moment_z_m4: Positive | None = None
+    shear_factor: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_kind_of_section(self) -> Segment:
+        general = (self.area_m2, self.second_moment_y_m4, self.shear_factor)
+        if self.diameter_m is None and None in general:
+            raise ValueError("give diameter_m, or all of area_m2, second_moment_y_m4 and shear_factor")
+        if self.diameter_m is not None and (self.area_m2 or self.second_moment_y_m4 or self.second_moment_z_m4):
+            raise ValueError("give diameter_m or area_m2 with second_moment_y_m4, not both")
+        if self.diameter_m is not None and self.bore_m >= self.diameter_m:
+            raise ValueError("bore_m must be smaller than diameter_m")
+        return self
+
+    def sections(self) -> tuple[Section, Section]:
+        """The section as the y plane and the z plane see it."""
+        shear_modulus = self.youngs_modulus_Pa / (2 * (1 + self.poisson))
+        if self.diameter_m is not None:
+            area = math.pi * (self.diameter_m**2 - self.bore_m**2) / 4
+            second_y = second_z = math.pi * (self.diameter_m**4 - self.bore_m**4) / 64
+            kappa = self.shear_factor or cowper_shear_factor(self.poisson, self.bore_m / self.diameter_m)
+        else:
+            assert self.area_m2 and self.second_moment_y_m4 and self.shear_factor
+            area, second_y, kappa = self.area_m2, self.second_moment_y_m4, self.shear_factor
+            second_z = self.second_moment_z_m4 or second_y
+        return tuple(
+            Section(area, second, self.density_kg_per_m3, self.youngs_modulus_Pa, shear_modulus, kappa)
+            for second in (second_y, second_z)
+        )  # type: ignore[return-value]
+
+
+class Disk(_Table):
+    """A rigid disk: by its dimensions, or by mass and moments of inertia.
+
+    ``inertia = false`` (default) lumps the mass only, as the paper does.
+    """
+
+    node: Annotated[int, Field(ge=1)]
+    diameter_m: Positive | None = None
+    thickness_m: Positive | None = None
+    bore_m: NonNegative = 0.0
+    density_kg_per_m3: Positive | None = None
+    mass_kg: Positive | None = None
+    diametral_inertia_kg_m2: NonNegative | None = None
+    polar_inertia_kg_m2: NonNegative | None = None
+    inertia: bool = False
+
+    @model_validator(mode="after")
+    def _one_kind_of_disk(self) -> Disk:
+        dimensions = (self.diameter_m, self.thickness_m, self.density_kg_per_m3)
+        if self.mass_kg is None and None in dimensions:
+            raise ValueError("give mass_kg, or all of diameter_m, thickness_m and density_kg_per_m3")
+        if self.mass_kg is not None and any(dimensions):
+            raise ValueError("give mass_kg or the dimensions, not both")
+        if self.mass_kg is not None and self.inertia and self.diametral_inertia_kg_m2 is None:
+            raise ValueError("inertia = true needs diametral_inertia_kg_m2 beside mass_kg")
+        if self.diameter_m is not None and self.bore_m >= self.diameter_m:
+            raise ValueError("bore_m must be smaller than diameter_m")
+        return self
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg]: rho pi (D^2 - d^2) t / 4."""
+        if self.mass_kg is not None:
+            return self.mass_kg
+        assert self.diameter_m and self.thickness_m and self.density_kg_per_m3
+        return self.density_kg_per_m3 * math.pi * (self.diameter_m**2 - self.bore_m**2) / 4 * self.thickness_m
+
+    @property
+    def diametral_inertia(self) -> float:
+        """I_d [kg m^2] = m [3 (D^2 + d^2)/4 + t^2] / 12, or as given; zero without ``inertia``."""
+        if not self.inertia:
+            return 0.0
+        if self.mass_kg is not None:
+            return self.diametral_inertia_kg_m2 or 0.0
+        assert self.diameter_m and self.thickness_m
+        return self.mass * (3 * (self.diameter_m**2 + self.bore_m**2) / 4 + self.thickness_m**2) / 12
+
+    @property
+    def polar_inertia(self) -> float:
+        """I_p [kg m^2] = m (D^2 + d^2)/8, or as given; zero without ``inertia``."""
+        if not self.inertia:
+            return 0.0
+        if self.mass_kg is not None:
+            return self.polar_inertia_kg_m2 if self.polar_inertia_kg_m2 is not None else 2 * self.diametral_inertia
+        assert self.diameter_m
+        return self.mass * (self.diameter_m**2 + self.bore_m**2) / 8
+
+
+class Mass(_Table):
+    """A lumped mass without rotary inertia."""
+
+    node: Annotated[int, Field(ge=1)]
+    mass_kg: Positive
+
+
+class SupportTable(_Table):
+    """A support: ``stiffness`` [N/m] is a number, "k_b" (a bearing) or "rigid"; tilt likewise."""
+
+    node: Annotated[int, Field(ge=1)]
+    stiffness: Literal["k_b", "rigid"] | NonNegative
+    tilt_stiffness_Nm_per_rad: Literal["rigid"] | NonNegative = 0.0
+    damping_Ns_per_m: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _bearing_damper_is_a_parameter(self) -> SupportTable:
+        if self.stiffness == "k_b" and self.damping_Ns_per_m:
+            raise ValueError('a "k_b" support takes its damping from bearing_damping_Ns_per_m at the top level')
+        return self
+
+
+class BearingStiffness(_Table):
+    """Start value and range of the parameter k_b."""
+
+    start_N_per_m: Positive = 1e7
+    min_N_per_m: Positive = 1e4
+    max_N_per_m: Positive = 1e12
+
+    @model_validator(mode="after")
+    def _ordered(self) -> BearingStiffness:
+        if not self.min_N_per_m <= self.start_N_per_m <= self.max_N_per_m:
+            raise ValueError("need min_N_per_m <= start_N_per_m <= max_N_per_m")
+        return self
+
+
+class Rig(_Table):
+    """A rig as written in its TOML file; lengths in m, nodes counted from 1."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+    title: str = ""
+    nodes_m: Annotated[list[NonNegative], Field(min_length=2)]
+    elements_between_nodes: Annotated[int, Field(ge=1, le=64)] = 1
+    shaft_damping_ratio: Annotated[float, Field(ge=0, le=0.2)] = 0.001
+    bearing_damping_Ns_per_m: NonNegative = 0.0
+    excitation_node: Annotated[int, Field(ge=1)] = 2
+    k_b: BearingStiffness = BearingStiffness()
+    segment: Annotated[list[Segment], Field(min_length=1)]
+    disk: list[Disk] = []
+    mass: list[Mass] = []
+    support: Annotated[list[SupportTable], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Rig:
+        x = self.nodes_m
+        if any(b - a <= SAME_PLACE_M for a, b in zip(x[:-1], x[1:], strict=True)):
+            raise ValueError("nodes_m must increase")
+        if abs(x[0]) > SAME_PLACE_M or abs(x[-1] - self.length) > SAME_PLACE_M:
+            raise ValueError(
+                f"nodes_m must run from 0 to the shaft's end at {self.length:g} m (sum of segment lengths); "
+                f"it runs from {x[0]:g} to {x[-1]:g}"
+            )
+        for kind in ("disk", "mass", "support"):
+            for place, item in enumerate(getattr(self, kind), start=1):
+                if item.node > len(x):
+                    raise ValueError(f"{kind} {place}: node {item.node} does not exist, the rig has {len(x)} nodes")
+        if self.excitation_node > len(x):
+            raise ValueError(f"excitation_node {self.excitation_node} does not exist, the rig has {len(x)} nodes")
+        if len({s.node for s in self.support}) < len(self.support):
+            raise ValueError("two supports at one node: merge them")
+        if not any(s.stiffness == "k_b" for s in self.support):
+            raise ValueError('no support has stiffness = "k_b": there is no bearing to identify')
+        return self
+
+    @property
+    def length(self) -> float:
+        """Length of the shaft [m]."""
+        return sum(s.length_m for s in self.segment)
+
+
+def shipped_rigs() -> list[str]:
+    """Names of the rigs that come with rigtwin."""
+    return sorted(p.name.removesuffix(".toml") for p in files("rotor").joinpath("rigs").iterdir() if p.name.endswith(".toml"))
+
+
+def load_rig(source: str | Path) -> Rig:
+    """Load a shipped rig by name, or a rig TOML by path.
+
+    Raises
+    ------
+    RigError : no such rig or file, not TOML, or a key is wrong (every wrong key is named)
+    """
+    if str(source) in shipped_rigs():
+        text, where = files("rotor").joinpath("rigs", f"{source}.toml").read_text(encoding="utf-8"), f"rig {source}"
+    else:
+        try:
+            text, where = Path(source).read_text(encoding="utf-8"), str(source)
+        except (OSError, UnicodeDecodeError) as error:
+            known = ", ".join(shipped_rigs())
+            raise RigError(f"{source}: cannot be read ({error}); give a rig TOML or one of: {known}") from error
+    return parse_rig(text, where)
+
+
+def parse_rig(text: str, where: str = "rig") -> Rig:
+    """Parse the text of a rig TOML; ``where`` names it in error messages. Raises RigError."""
+    try:
+        return Rig.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise RigError(f"{where}: not valid TOML: {error}") from error
+    except ValidationError as error:
+        problems = [f"{_key(e['loc'])}: {e['msg'].removeprefix('Value error, ')}" for e in error.errors()]
+        raise RigError(f"{where}: " + "; ".join(problems)) from error
+
+
+def _key(location: tuple[int | str, ...]) -> str:
+    """'segment 1, poisson' for ('segment', 0, 'poisson'); pydantic's union branches are left out."""
+    words = [str(part + 1) if isinstance(part, int) else part for part in location]
+    return " ".join(w for w in words if not w.startswith(("function-", "literal", "constrained"))) or "rig"

@@ -1,0 +1,52 @@
+"""The rotor without its supports: full matrices and where things sit on them.
+
+Plain arrays only, so that an FMU can carry them: no file format, no geometry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+DOF_PER_NODE = 4  # y, z, theta_y, theta_z
+PLANES = ("y", "z")
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Free-free rotor, all degrees of freedom ordered node by node as (y, z, theta_y, theta_z).
+
+    Supports are columns of equal length: mesh node, stiffness [N/m] (nan: the parameter k_b; inf:
+    rigid), tilt stiffness [N m/rad] (inf: rigid), damping [N s/m].
+    """
+
+    M: FloatArray  # (n, n) mass
+    K: FloatArray  # (n, n) stiffness of the shaft
+    G: FloatArray  # (n, n) gyroscopic, to be multiplied by the spin speed; skew
+    x: FloatArray  # (n_mesh,) positions of the mesh nodes [m]
+    stations: IntArray  # (n_nodes,) mesh node of each rig node, counted from 0
+    support_node: IntArray  # (n_supports,)
+    support_stiffness: FloatArray  # (n_supports,)
+    support_tilt_stiffness: FloatArray  # (n_supports,)
+    support_damping: FloatArray  # (n_supports,)
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of rig nodes (those with a number, not the mesh's own)."""
+        return len(self.stations)
+
+    def dof(self, node: int, plane: int) -> int:
+        """Full index of a rig node's deflection; node from 1, plane 1 = y or 2 = z.
+
+        Raises ValueError when there is no such node or plane.
+        """
+        if not 1 <= node <= self.n_nodes:
+            raise ValueError(f"node {node} does not exist: the rotor has nodes 1 to {self.n_nodes}")
+        if plane not in (1, 2):
+            raise ValueError(f"plane {plane} does not exist: 1 is y, 2 is z")
+        return DOF_PER_NODE * int(self.stations[node - 1]) + plane - 1

@@ -1,0 +1,17 @@
+"""Measurements, virtual and real: one type for both, and the fmpy-driven virtual test rig.
+
+====================  ====================================================  ==========================
+module                what it holds                                         start here
+====================  ====================================================  ==========================
+``campaign``          the types: a run (one stepped sine), a campaign       ``Run``, ``Campaign``
+``formats``           campaign CSV, UFF 58, HDF5, MAT                       ``read_run``, ``write_run``
+``campaign_folder``   ``campaign.toml`` and its data files                  ``load_campaign``
+``session``           one FMU instance from unzip to free                   ``FmuSession``
+``detection``         synchronous detection over whole periods              ``detect``
+``sensors``           repeatable sensor noise                               ``SensorNoise``
+``stepped_sine``      settled lines, refined round each resonance           ``sweep``
+``modal_fit``         modes of a measured frequency response                ``fit_modes``
+====================  ====================================================  ==========================
+
+FMUs are reached through ``.fmu`` files only.
+"""

@@ -1,0 +1,101 @@
+"""What a rig measures: runs and campaigns, the same type for a virtual and a real rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+SupportKind = Literal["rigid", "bearing"]
+Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
+Plane = Literal["y", "z"]
+SweepDirection = Literal["up", "down"]
+
+
+class MeasurementError(ValueError):
+    """Measured data cannot be used; the message names the file and the line or key."""
+
+
+@dataclass(frozen=True, order=True)
+class Channel:
+    """An accelerometer: the node it sits on (from 1) and the plane it looks along."""
+
+    node: int
+    plane: Plane = "y"
+
+    def __str__(self) -> str:
+        return f"node{self.node}" if self.plane == "y" else f"node{self.node}_z"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One stepped-sine run: one support condition, one exciter place, one force level.
+
+    ``H`` is complex with time factor e^{+i omega t} and peak amplitudes. Where an instrument gave
+    magnitudes only, ``magnitude_only`` is true and H is real and not negative.
+    """
+
+    frequency_hz: FloatArray  # (n_freq,) increasing
+    H: ComplexArray  # (n_freq, n_channels) response per force, or response where quantity is "acceleration"
+    channels: tuple[Channel, ...]  # order of axis 1
+    support: SupportKind
+    std: FloatArray | None = None  # (n_freq, n_channels) standard error of H, sqrt(E|error|^2)
+    harmonics: dict[int, ComplexArray] = field(default_factory=dict)  # order -> (n_freq, n_channels), unit of H
+    quantity: Quantity = "accelerance"
+    magnitude_only: bool = False
+    excitation_node: int = 2
+    excitation_plane: Plane = "y"
+    force_amplitude_N: float | None = 1.0
+    spin_rpm: float = 0.0
+    sweep: SweepDirection | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        n, shape = len(self.frequency_hz), (len(self.frequency_hz), len(self.channels))
+        if n == 0 or np.any(np.diff(self.frequency_hz) <= 0) or self.frequency_hz[0] <= 0:
+            raise MeasurementError(f"run {self.name!r}: frequencies must be positive and increase")
+        for label, array in [("H", self.H), ("std", self.std), *(self.harmonics.items())]:
+            if array is not None and array.shape != shape:
+                raise MeasurementError(f"run {self.name!r}: {label} has shape {array.shape}, expected {shape}")
+
+    def channel(self, node: int, plane: Plane = "y") -> ComplexArray:
+        """(n_freq,) response of one channel. Raises MeasurementError when it was not measured."""
+        wanted = Channel(node, plane)
+        if wanted not in self.channels:
+            raise MeasurementError(f"run {self.name!r} has no channel {wanted}; it has {', '.join(map(str, self.channels))}")
+        return self.H[:, self.channels.index(wanted)]
+
+
+@dataclass(frozen=True)
+class PeakList:
+    """Resonances read off a curve where only those survive."""
+
+    support: SupportKind
+    frequencies_hz: FloatArray  # (n_peaks,)
+    std_hz: FloatArray  # (n_peaks,)
+
+
+@dataclass(frozen=True)
+class NominalBelief:
+    """What the nominal model believes of this rig before any diagnosis."""
+
+    shaft_damping_ratio: float | None = None
+    bearing_damping_Ns_per_m: float = 0.0
+    gain_tolerance: float = 0.02
+    frequency_drift: float = 1e-4
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Everything measured on one rig."""
+
+    title: str
+    rig: str  # name of a shipped rig or path of a rig TOML
+    runs: tuple[Run, ...] = ()
+    peaks: tuple[PeakList, ...] = ()
+    nominal: NominalBelief = NominalBelief()

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotor.structure import FloatArray
+from rotor.structure import DOF_PER_NODE, FloatArray
 from rotor.system import LinearSystem, undamped_modes
+
+# Which of (y, z, theta_y, theta_z) move in plane 1 = y and in plane 2 = z.
+_MOVES_IN_PLANE = {1: (0, 3), 2: (1, 2)}
 
 
 @dataclass(frozen=True)
@@ -40,9 +43,11 @@ def natural_frequencies_hz(system: LinearSystem, plane: int | None = None) -> Fl
     modes = undamped_modes(system)
     if plane is None:
         return modes.omega / (2 * np.pi)
-    in_plane = np.abs(system.read_out(plane) @ modes.Phi).max(axis=0)
-    other = np.abs(system.read_out(3 - plane) @ modes.Phi).max(axis=0)
-    return modes.omega[in_plane > other] / (2 * np.pi)
+    if plane not in _MOVES_IN_PLANE:
+        raise ValueError(f"plane {plane} does not exist: 1 is y, 2 is z")
+    inside = np.isin(system.free % DOF_PER_NODE, _MOVES_IN_PLANE[plane])
+    kinetic_energy = modes.Phi * (system.M @ modes.Phi)  # (n, n_modes), each column sums to one
+    return modes.omega[kinetic_energy[inside].sum(axis=0) > 0.5] / (2 * np.pi)
 
 
 def damped_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:

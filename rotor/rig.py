@@ -52,6 +52,8 @@ class Segment(_Table):
             raise ValueError("give diameter_m, or all of area_m2, second_moment_y_m4 and shear_factor")
         if self.diameter_m is not None and (self.area_m2 or self.second_moment_y_m4 or self.second_moment_z_m4):
             raise ValueError("give diameter_m or area_m2 with second_moment_y_m4, not both")
+        if self.diameter_m is None and self.bore_m:
+            raise ValueError("bore_m goes with diameter_m; area_m2 and second_moment_y_m4 already leave the bore out")
         if self.diameter_m is not None and self.bore_m >= self.diameter_m:
             raise ValueError("bore_m must be smaller than diameter_m")
         return self
@@ -94,8 +96,10 @@ class Disk(_Table):
         dimensions = (self.diameter_m, self.thickness_m, self.density_kg_per_m3)
         if self.mass_kg is None and None in dimensions:
             raise ValueError("give mass_kg, or all of diameter_m, thickness_m and density_kg_per_m3")
-        if self.mass_kg is not None and any(dimensions):
+        if self.mass_kg is not None and (any(dimensions) or self.bore_m):
             raise ValueError("give mass_kg or the dimensions, not both")
+        if self.mass_kg is None and (self.diametral_inertia_kg_m2, self.polar_inertia_kg_m2) != (None, None):
+            raise ValueError("diametral_inertia_kg_m2 and polar_inertia_kg_m2 go with mass_kg, not with the dimensions")
         if self.mass_kg is not None and self.inertia and self.diametral_inertia_kg_m2 is None:
             raise ValueError("inertia = true needs diametral_inertia_kg_m2 beside mass_kg")
         if self.diameter_m is not None and self.bore_m >= self.diameter_m:
@@ -241,8 +245,15 @@ def parse_rig(text: str, where: str = "rig") -> Rig:
     except tomllib.TOMLDecodeError as error:
         raise RigError(f"{where}: not valid TOML: {error}") from error
     except ValidationError as error:
-        problems = [f"{_key(e['loc'])}: {e['msg'].removeprefix('Value error, ')}" for e in error.errors()]
-        raise RigError(f"{where}: " + "; ".join(problems)) from error
+        raise RigError(f"{where}: " + "; ".join(_problems(error))) from error
+
+
+def _problems(error: ValidationError) -> list[str]:
+    """One sentence for each wrong key; a key with alternatives lists what each would take."""
+    messages: dict[str, list[str]] = {}
+    for problem in error.errors():
+        messages.setdefault(_key(problem["loc"]), []).append(problem["msg"].removeprefix("Value error, "))
+    return [f"{key}: {', or: '.join(texts)}" for key, texts in messages.items()]
 
 
 def _key(location: tuple[int | str, ...]) -> str:

@@ -1,25 +1,33 @@
 """Exact time stepping of the linear rotor under a sine and a held force.
 
-In modal coordinates q = Phi eta, with the state (s eta, eta') scaled by s = omega so that the
-undamped part is skew, the forced rotor is a linear system with three more states: the sine, the
-cosine and the held force. One communication step of any length is then one matrix product,
+In modal coordinates q = Phi eta the state is x = (s eta, eta'), scaled by s = omega so that the
+undamped part is skew: x' = A x + b (u + F sin phi). The steady response to the sine is
+x_p(phi) = Im[(i omega - A)^-1 b F e^{i phi}], and what differs from it decays freely, so that a
+communication step of any length is one matrix product,
 
-    z(t + h) = exp(h [[A, B], [0, S]]) z(t),   z = (s eta, eta', F sin phi, F cos phi, u).
+    x(t + h) = x_p(phi + omega h) + e^{hA} [x(t) - x_p(phi)] + int_0^h e^{sA} ds b u.
+
+A rotor that has settled stays settled exactly, however long the step.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 
 from rotor.structure import FloatArray, IntArray
 from rotor.system import LinearSystem, undamped_modes
 
-# Propagators kept: a stepped-sine sweep needs a handful at a time, a variable-step master more.
+ComplexArray = NDArray[np.complex128]
+
+# Propagators and steady states kept: a stepped-sine sweep needs a handful at a time, a variable-step master more.
 _CACHE_SIZE = 64
 
 
@@ -39,6 +47,11 @@ class _Block:
     places: IntArray  # (2m,) indices of this block in the state
     A: FloatArray  # (2m, 2m)
     b: FloatArray  # (2m,) effect of a unit force
+
+    @property
+    def forced(self) -> bool:
+        """Whether the force reaches these modes."""
+        return bool(self.b.any())
 
 
 class ModalStepper:
@@ -66,7 +79,7 @@ class ModalStepper:
         self._output = read_out @ modes.Phi @ A[m:]  # (n_out, 2m) acceleration from the state
         self.feedthrough = read_out @ modes.Phi @ b[m:]  # (n_out,) acceleration per newton
         self._blocks = _decoupled_blocks(A, b)
-        self._propagators: OrderedDict[tuple[int, float, float], FloatArray] = OrderedDict()
+        self._cache: OrderedDict[tuple[str, int, float], Any] = OrderedDict()
 
     @property
     def n_states(self) -> int:
@@ -83,37 +96,69 @@ class ModalStepper:
         m = len(self._scale)
         return self._Phi @ (state[:m] / self._scale), self._Phi @ state[m:]
 
-    def step(self, state: FloatArray, phase: float, drive: Drive, h: float) -> FloatArray:
-        """State after h seconds; ``phase`` is the sine's at the start of the step [rad]."""
+    def step(self, state: FloatArray, phases: tuple[float, float], drive: Drive, h: float) -> FloatArray:
+        """State after h seconds.
+
+        Parameters
+        ----------
+        state : (2n,) modal state
+        phases : phase of the sine at the start and at the end of the step [rad]
+        drive : the force during the step
+        h : step [s]
+        """
         after = np.zeros_like(state)
-        forces = (drive.amplitude * np.sin(phase), drive.amplitude * np.cos(phase), drive.held)
         forced = drive.amplitude != 0.0 or drive.held != 0.0
         for number, block in enumerate(self._blocks):
-            start = state[block.places]
-            if (forced and block.b.any()) or start.any():
-                z = np.concatenate([start, forces])
-                after[block.places] = self._propagator(number, drive.omega, h).dot(z)
+            x = state[block.places]
+            if not ((forced and block.forced) or x.any()):
+                continue
+            free, held = self._propagator(number, h)
+            if drive.amplitude != 0.0 and block.forced:
+                steady = drive.amplitude * self._steady(number, drive.omega)  # complex phasor
+                x = free.dot(x - (steady * np.exp(1j * phases[0])).imag)
+                x += (steady * np.exp(1j * phases[1])).imag
+            else:
+                x = free.dot(x)
+            after[block.places] = x + held * drive.held
         return after
 
     def acceleration(self, state: FloatArray, force: float) -> FloatArray:
         """(n_out,) accelerations [m/s^2] at this state under this total force [N]."""
         return self._output.dot(state) + self.feedthrough * force
 
-    def _propagator(self, number: int, omega: float, h: float) -> FloatArray:
-        key = (number, omega, h)
-        if key in self._propagators:
-            self._propagators.move_to_end(key)
-            return self._propagators[key]
-        block = self._blocks[number]
-        m = len(block.places)
-        generator = np.zeros((m + 3, m + 3))
-        generator[:m, :m] = block.A
-        generator[:m, m] = generator[:m, m + 2] = block.b
-        generator[m, m + 1], generator[m + 1, m] = omega, -omega
-        self._propagators[key] = expm(h * generator)[:m]
-        if len(self._propagators) > _CACHE_SIZE:
-            self._propagators.popitem(last=False)
-        return self._propagators[key]
+    def _propagator(self, number: int, h: float) -> tuple[FloatArray, FloatArray]:
+        """e^{hA} and int_0^h e^{sA} ds b of one block."""
+        return self._remember(("propagator", number, h), lambda: _propagate(self._blocks[number], h))
+
+    def _steady(self, number: int, omega: float) -> ComplexArray:
+        """Phasor of one block's steady state under a unit sine."""
+        return self._remember(("steady", number, omega), lambda: _steady_state(self._blocks[number], omega))
+
+    def _remember(self, key: tuple[str, int, float], make: Callable[[], Any]) -> Any:
+        if key in self._cache:
+            self._cache.move_to_end(key)
+            return self._cache[key]
+        self._cache[key] = make()
+        if len(self._cache) > _CACHE_SIZE:
+            self._cache.popitem(last=False)
+        return self._cache[key]
+
+
+def _propagate(block: _Block, h: float) -> tuple[FloatArray, FloatArray]:
+    m = len(block.places)
+    generator = np.zeros((m + 1, m + 1))
+    generator[:m, :m] = block.A
+    generator[:m, m] = block.b
+    exponential = expm(h * generator)
+    return np.ascontiguousarray(exponential[:m, :m]), exponential[:m, m].copy()
+
+
+def _steady_state(block: _Block, omega: float) -> ComplexArray:
+    identity = np.eye(len(block.places))
+    try:
+        return np.linalg.solve(1j * omega * identity - block.A, block.b.astype(complex))
+    except np.linalg.LinAlgError:  # undamped, driven exactly at a resonance: take the next frequency
+        return np.linalg.solve(1j * omega * (1 + 1e-14) * identity - block.A, block.b.astype(complex))
 
 
 def _decoupled_blocks(A: FloatArray, b: FloatArray) -> list[_Block]:

@@ -5,7 +5,8 @@ Plain arrays only, so that an FMU can carry them: no file format, no geometry.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,3 +51,13 @@ class Structure:
         if plane not in (1, 2):
             raise ValueError(f"plane {plane} does not exist: 1 is y, 2 is z")
         return DOF_PER_NODE * int(self.stations[node - 1]) + plane - 1
+
+
+def to_arrays(structure: Structure) -> dict[str, NDArray]:
+    """Arrays of a structure by name, for ``numpy.savez``."""
+    return {f.name: getattr(structure, f.name) for f in fields(Structure)}
+
+
+def from_arrays(arrays: Mapping[str, NDArray]) -> Structure:
+    """Structure from the arrays that ``to_arrays`` named."""
+    return Structure(**{f.name: arrays[f.name] for f in fields(Structure)})

@@ -1,0 +1,253 @@
+"""A pythonfmu slave driven by a variable table.
+
+It adds what the stock slave lacks: checked values, a complete model description (units, ranges,
+dependencies, InitialUnknowns, a GUID derived from the content), and a state that holds everything.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from abc import abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from uuid import UUID
+from xml.etree.ElementTree import Element, SubElement
+
+from pythonfmu.default_experiment import DefaultExperiment
+from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Variability
+from pythonfmu.fmi2slave import Fmi2Slave
+from pythonfmu.variables import Boolean, Integer, Real
+
+from fmu_src.variables import UNITS, Variable
+
+_FMI_CLASS = {"Real": Real, "Integer": Integer, "Boolean": Boolean}
+_DEFAULT_VARIABILITY = {"Real": "continuous", "Integer": "discrete", "Boolean": "discrete"}
+
+
+class TableSlave(Fmi2Slave):
+    """Holds the values of a variable table; a subclass computes its outputs.
+
+    Set values are refused with a sentence in the FMI log: the call returns fmi2Fatal (the only
+    failure pythonfmu can return from a set call), and the instance keeps its last good values.
+    """
+
+    def __init__(self, variables: Sequence[Variable], description: str, step_size: float, **kwargs: Any):
+        super().__init__(**kwargs)
+        manifest = read_manifest(Path(self.resources))
+        self.guid = UUID(manifest["guid"])
+        self.version = manifest["version"]
+        self.license = "MIT"
+        self.description = description
+        self.default_experiment = DefaultExperiment(0.0, 1.0, step_size, None)
+        self._table = tuple(variables)
+        self._number = {v.name: number for number, v in enumerate(self._table)}
+        self._values: list[Any] = [_start_value(v) for v in self._table]
+        self._initialised = False
+        self._stale = True
+        for number, variable in enumerate(self._table):
+            self.register_variable(self._declare(number, variable), nested=False)
+
+    # -- what a subclass provides --------------------------------------------------------------
+
+    @abstractmethod
+    def compute_outputs(self) -> Sequence[float | bool]:
+        """Values of all outputs, in the order of the table."""
+
+    def accept_settings(self) -> None:
+        """Called after every set call; raise ValueError to refuse."""
+
+    def save_state(self) -> Any:
+        """State beside the variables' values, in JSON types."""
+        return None
+
+    def load_state(self, state: Any) -> None:
+        """Take up what ``save_state`` gave."""
+
+    def value(self, name: str) -> Any:
+        """Current value of a variable."""
+        return self._values[self._number[name]]
+
+    # -- FMI life cycle ------------------------------------------------------------------------
+
+    def exit_initialization_mode(self) -> None:
+        """From here on fixed parameters are refused."""
+        self._initialised = True
+
+    # -- getting and setting -------------------------------------------------------------------
+
+    def get_real(self, vrs: list[int]) -> list[float]:
+        """Values by value reference; outputs are brought up to date first."""
+        return self._get(vrs, "Real")
+
+    def get_integer(self, vrs: list[int]) -> list[int]:
+        """See ``get_real``."""
+        return self._get(vrs, "Integer")
+
+    def get_boolean(self, vrs: list[int]) -> list[bool]:
+        """See ``get_real``."""
+        return self._get(vrs, "Boolean")
+
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
+        """Set values by value reference; all or none."""
+        self._set(vrs, values, "Real")
+
+    def set_integer(self, vrs: list[int], values: list[int]) -> None:
+        """See ``set_real``."""
+        self._set(vrs, values, "Integer")
+
+    def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
+        """See ``set_real``."""
+        self._set(vrs, [bool(v) for v in values], "Boolean")
+
+    def _get(self, vrs: list[int], kind: str) -> list[Any]:
+        if self._stale:
+            self._refresh()
+        values = self._values
+        try:
+            if kind != "Real":  # the hot path, one Real call per step, skips the check of types
+                self._check_references(vrs, kind)
+            return [values[vr] for vr in vrs]
+        except IndexError:
+            self.refuse(f"there is no {kind} variable with value reference {max(vrs)}")
+
+    def _refresh(self) -> None:
+        outputs = self.compute_outputs()
+        self._values[len(self._values) - len(outputs) :] = outputs
+        self._stale = False
+
+    def _set(self, vrs: list[int], values: list[Any], kind: str) -> None:
+        self._check_references(vrs, kind)
+        for vr, value in zip(vrs, values, strict=True):
+            self._check_settable(self._table[vr], value)
+        before = list(self._values)
+        for vr, value in zip(vrs, values, strict=True):
+            self._values[vr] = value
+        self._stale = True
+        try:
+            self.accept_settings()
+        except ValueError as error:
+            self._values = before
+            self.refuse(str(error))
+
+    def _check_references(self, vrs: list[int], kind: str) -> None:
+        for vr in vrs:
+            if not 0 <= vr < len(self._table) or self._table[vr].kind != kind:
+                self.refuse(f"there is no {kind} variable with value reference {vr}")
+
+    def _check_settable(self, variable: Variable, value: Any) -> None:
+        if variable.causality == "output":
+            self.refuse(f"{variable.name} is an output and cannot be set")
+        if self._initialised and variability(variable) == "fixed":
+            self.refuse(f"{variable.name} can only be set before the simulation starts")
+        reason = variable.refusal(value)
+        if reason:
+            self.refuse(reason)
+
+    def refuse(self, reason: str) -> Any:
+        """Fail this call with a sentence; the instance itself stays as it was.
+
+        pythonfmu's glue drops its references to the instance, its class and its log when a call
+        raises, and drops them again when the instance is freed. Taking one more of each keeps the
+        instance alive and the host from crashing.
+        """
+        for held in (self, type(self), self.log_queue):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
+        raise ValueError(f"{self.instance_name}: {reason}. The call has no effect; the instance is still usable.")
+
+    # -- state ---------------------------------------------------------------------------------
+
+    def _get_fmu_state(self) -> dict[str, Any]:
+        return {"values": list(self._values), "initialised": self._initialised, "state": self.save_state()}
+
+    def _set_fmu_state(self, state: dict[str, Any]) -> None:
+        self._values = list(state["values"])
+        self._initialised = state["initialised"]
+        self.load_state(state["state"])
+        self._stale = True
+
+    # -- model description ---------------------------------------------------------------------
+
+    def _declare(self, number: int, variable: Variable) -> Real | Integer | Boolean:
+        return _FMI_CLASS[variable.kind](
+            variable.name,
+            causality=Fmi2Causality[variable.causality],
+            variability=Fmi2Variability[variability(variable)],
+            initial=Fmi2Initial[_INITIAL[variable.causality]] if variable.causality != "input" else None,
+            description=variable.description,
+            getter=lambda: self._values[number],
+        )
+
+    def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
+        """The complete FMI 2.0 model description."""
+        root = super().to_xml(model_options or {})
+        root.attrib.pop("generationDateAndTime")  # the same sources give the same file
+        root.insert(list(root).index(_child(root, "CoSimulation")) + 1, self._unit_definitions())
+        for variable, element in zip(self._table, _child(root, "ModelVariables"), strict=True):
+            _complete_type(variable, element[0])
+        structure = _child(root, "ModelStructure")
+        structure.clear()
+        self._list_unknowns(SubElement(structure, "Outputs"), "depends_on")
+        self._list_unknowns(SubElement(structure, "InitialUnknowns"), "initially_depends_on")
+        return root
+
+    def _unit_definitions(self) -> Element:
+        definitions = Element("UnitDefinitions")
+        used = {v.unit for v in self._table}
+        for name, exponents in UNITS.items():
+            if name in used:
+                unit = SubElement(definitions, "Unit", {"name": name})
+                SubElement(unit, "BaseUnit", {base: str(power) for base, power in exponents.items()})
+        return definitions
+
+    def _list_unknowns(self, parent: Element, attribute: str) -> None:
+        for number, variable in enumerate(self._table):
+            if variable.causality == "output":
+                known = sorted(self._number[name] + 1 for name in getattr(variable, attribute))
+                SubElement(
+                    parent,
+                    "Unknown",
+                    {
+                        "index": str(number + 1),
+                        "dependencies": " ".join(map(str, known)),
+                        "dependenciesKind": " ".join("dependent" for _ in known),
+                    },
+                )
+
+
+def read_manifest(resources: Path) -> dict[str, Any]:
+    """The FMU's own facts, written when it was built: GUID, version, and what its model needs."""
+    return json.loads((resources / "manifest.json").read_text(encoding="utf-8"))
+
+
+_INITIAL = {"parameter": "exact", "output": "calculated"}
+
+
+def variability(variable: Variable) -> str:
+    """FMI variability: as written, or what its causality and type imply."""
+    if variable.variability:
+        return variable.variability
+    return "fixed" if variable.causality == "parameter" else _DEFAULT_VARIABILITY[variable.kind]
+
+
+def _start_value(variable: Variable) -> Any:
+    if variable.start is not None:
+        return variable.start
+    return False if variable.kind == "Boolean" else 0.0
+
+
+def _child(root: Element, tag: str) -> Element:
+    found = root.find(tag)
+    if found is None:
+        raise LookupError(f"pythonfmu wrote a model description without {tag}")
+    return found
+
+
+def _complete_type(variable: Variable, element: Element) -> None:
+    """Add unit and range to a <Real> or <Integer>."""
+    if variable.unit:
+        element.set("unit", variable.unit)
+    for attribute, limit in (("min", variable.minimum), ("max", variable.maximum)):
+        if limit is not None:
+            element.set(attribute, f"{limit:.16g}")

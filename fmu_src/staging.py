@@ -1,0 +1,95 @@
+"""Bundle sources for an FMU under names that no host and no other FMU can own.
+
+Python keeps one module per name in a process. Two FMUs that both bring a ``rotor`` package, or a
+host that has imported its own, would run each other's code. So every bundled package and script
+carries a hash of all that is in the FMU, and only the import lines are rewritten.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from uuid import UUID, uuid5
+
+# Any fixed UUID: it keeps rigtwin's GUIDs apart from other tools' version-5 UUIDs.
+_NAMESPACE = UUID("6f1d4c2e-9a53-5b7e-8f0a-3d2c1b4a5e6f")
+_ROOT = Path(__file__).resolve().parent.parent
+_OWN_PACKAGES = ("rotor", "fmu_src", "estimator")
+
+# What an FMU needs of pythonfmu itself at run time.
+PYTHONFMU_MODULES = ("__init__", "_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """What goes into one FMU.
+
+    ``script`` is the slave's module, ``modules`` the modules it needs ("rotor.system"), ``data``
+    the resource files by name.
+    """
+
+    script: str
+    modules: Sequence[str]
+    data: Mapping[str, bytes]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything that can change what the FMU does."""
+        h = hashlib.sha256(f"pythonfmu {version('pythonfmu')} rigtwin {version('rigtwin')}".encode())
+        for name in (self.script, *sorted(self.modules)):
+            h.update(name.encode() + _source(name).encode())
+        for name in sorted(self.data):
+            h.update(name.encode() + self.data[name])
+        return h.hexdigest()
+
+    @property
+    def guid(self) -> UUID:
+        """The same content always gives the same GUID."""
+        return uuid5(_NAMESPACE, self.digest)
+
+    def rename(self, package: str) -> str:
+        """Name of a package inside this FMU."""
+        return f"{package}_{self.digest[:8]}"
+
+
+def stage(bundle: Bundle, manifest: str, folder: Path) -> Path:
+    """Write the bundle's sources and data into an empty folder; returns the slave's script."""
+    for module in bundle.modules:
+        package, name = module.split(".")
+        target = folder / bundle.rename(package)
+        target.mkdir(exist_ok=True)
+        (target / "__init__.py").touch()
+        (target / f"{name}.py").write_text(rewrite_imports(_source(module), bundle, _OWN_PACKAGES), encoding="utf-8")
+    for name, content in bundle.data.items():
+        (folder / name).write_bytes(content)
+    (folder / "manifest.json").write_text(manifest, encoding="utf-8")
+    script = folder / f"{bundle.rename(bundle.script.split('.')[1])}.py"
+    script.write_text(rewrite_imports(_source(bundle.script), bundle, _OWN_PACKAGES), encoding="utf-8")
+    return script
+
+
+def rewrite_imports(source: str, bundle: Bundle, packages: Sequence[str]) -> str:
+    """Point ``from package.module import name`` lines at the renamed packages."""
+    pattern = re.compile(rf"^from ({'|'.join(packages)})(?=[. ])", re.MULTILINE)
+    return pattern.sub(lambda match: f"from {bundle.rename(match.group(1))}", source)
+
+
+def hide_pythonfmu(resources: Path, bundle: Bundle) -> None:
+    """Rename the pythonfmu package inside an unpacked FMU, and drop what only a builder needs."""
+    stock, hidden = resources / "pythonfmu", resources / bundle.rename("pythonfmu")
+    hidden.mkdir()
+    for name in PYTHONFMU_MODULES:
+        shutil.copy2(stock / f"{name}.py", hidden)
+    (hidden / "__init__.py").write_text("", encoding="utf-8")
+    shutil.rmtree(stock)
+    for path in resources.rglob("*.py"):
+        path.write_text(rewrite_imports(path.read_text(encoding="utf-8"), bundle, ("pythonfmu",)), encoding="utf-8")
+
+
+def _source(module: str) -> str:
+    return (_ROOT / Path(*module.split("."))).with_suffix(".py").read_text(encoding="utf-8")

@@ -1,0 +1,43 @@
+"""Synchronous detection: phasors of the fundamental and its harmonics over whole periods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.campaign import ComplexArray, FloatArray
+
+HARMONICS = (1, 2, 3)
+
+
+@dataclass(frozen=True)
+class Phasors:
+    """Peak phasors of a window of samples, time factor e^{+i omega t} from its first sample."""
+
+    amplitude: ComplexArray  # (n_harmonics, n_channels)
+    std: FloatArray  # (n_channels,) standard error sqrt(E|error|^2) of each phasor
+
+
+def detect(samples: FloatArray, samples_per_period: int) -> Phasors:
+    """Least squares of a constant and HARMONICS over whole periods.
+
+    Over whole periods the columns are orthogonal, so the fit is a sum: X_k = 2/N sum x e^{-ik phi}.
+    White noise of standard deviation s in the samples gives each phasor the error
+    sqrt(E|error|^2) = 2 s / sqrt(N); s is estimated from what the fit leaves.
+
+    Parameters
+    ----------
+    samples : (N, n_channels), N a multiple of samples_per_period
+    samples_per_period : at least 8, so that three harmonics and a residual fit
+    """
+    N = len(samples)
+    if samples_per_period < 8 or N % samples_per_period:
+        raise ValueError(f"{N} samples are not whole periods of {samples_per_period} (at least 8) samples")
+    phase = 2 * np.pi * np.arange(N) / samples_per_period
+    basis = np.exp(-1j * np.outer(HARMONICS, phase))  # (n_harmonics, N)
+    amplitude = 2 / N * (basis @ samples)
+    fitted = samples.mean(axis=0) + (basis.conj().T @ amplitude).real
+    freedom = N - 1 - 2 * len(HARMONICS)
+    variance = np.sum((samples - fitted) ** 2, axis=0) / freedom
+    return Phasors(amplitude, 2 * np.sqrt(variance / N))

@@ -1,0 +1,37 @@
+"""Noise of the virtual accelerometers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.campaign import FloatArray
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """White noise of a sensor chain, repeatable from its seed.
+
+    Stated as the standard error it leaves on a line's phasor: ``relative`` times the line's own
+    magnitude, and ``floor`` [m/s^2], added in squares. The samples get the noise that leads to it.
+    """
+
+    relative: float = 0.0
+    floor: float = 0.0
+    seed: int = 0
+
+    def add(self, samples: FloatArray, stream: tuple[int, ...]) -> FloatArray:
+        """Samples with noise; the same seed and stream give the same noise.
+
+        Parameters
+        ----------
+        samples : (N, n_channels) [m/s^2]
+        stream : what tells this window from all others, for example (run, line)
+        """
+        if not (self.relative or self.floor):
+            return samples
+        rng = np.random.default_rng([self.seed, *stream])
+        peak = np.sqrt(2) * samples.std(axis=0)
+        line_error = np.hypot(self.relative * peak, self.floor)  # sqrt(E|error|^2) of the phasor
+        return samples + rng.standard_normal(samples.shape) * line_error * np.sqrt(len(samples)) / 2

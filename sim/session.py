@@ -1,0 +1,180 @@
+"""One FMU instance from unzip to free, driven through fmpy's FMI 2.0 co-simulation interface."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from fmpy import extract, read_model_description
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Slave,
+    defaultCallbacks,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    fmi2Real,
+    fmi2ValueReference,
+)
+
+from sim.campaign import FloatArray
+
+# pythonfmu's loader reads its resources from a file URI of which it decodes only %20; any other
+# escaped character is a segmentation fault.
+_SAFE_PATH = re.compile(r"[A-Za-z0-9_./\\: ~-]+")
+
+
+class FmuError(RuntimeError):
+    """An FMU call failed; the message carries what the FMU wrote to its log."""
+
+
+class FmuSession:
+    """Use as a context manager; keeps one instance and resets it between runs.
+
+    Parameters
+    ----------
+    fmu : path of the .fmu file
+
+    Raises
+    ------
+    FmuError : the file cannot be read, loaded or instantiated
+    """
+
+    def __init__(self, fmu: str | Path):
+        self._log: list[str] = []
+        self._folder = _unpack(Path(fmu))
+        try:
+            self.description = read_model_description(self._folder)
+            self._variables = {v.name: v for v in self.description.modelVariables}
+            self._fmu = self._instantiate()
+        except BaseException:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
+        self.time = 0.0
+        self._fresh = True
+
+    def __enter__(self) -> FmuSession:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the instance and delete the unpacked files."""
+        self._fmu.freeInstance()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    @property
+    def variables(self) -> list[str]:
+        """Names of all variables."""
+        return list(self._variables)
+
+    def start(self, values: Mapping[str, float | int | bool] | None = None) -> None:
+        """(Re)start at time zero from rest with these start values.
+
+        Raises FmuError when there is no such variable or the FMU refuses a value.
+        """
+        if not self._fresh:
+            self._call(self._fmu.reset)
+        self._fresh = False
+        self.time = 0.0
+        self._call(self._fmu.setupExperiment, startTime=0.0)
+        self.set(values or {})
+        self._call(self._fmu.enterInitializationMode)
+        self._call(self._fmu.exitInitializationMode)
+
+    def set(self, values: Mapping[str, float | int | bool]) -> None:
+        """Set inputs or parameters by name."""
+        for name, value in values.items():
+            variable = self._variable(name)
+            setter = getattr(self._fmu, f"set{variable.type}")
+            self._call(setter, [variable.valueReference], [value])
+
+    def get(self, names: Sequence[str]) -> list[Any]:
+        """Current values by name."""
+        variables = [self._variable(n) for n in names]
+        return [self._call(getattr(self._fmu, f"get{v.type}"), [v.valueReference])[0] for v in variables]
+
+    def step(self, h: float) -> None:
+        """One communication step of h seconds."""
+        self._call(self._fmu.doStep, self.time, h)
+        self.time += h
+
+    def sample(self, outputs: Sequence[str], h: float, n: int) -> FloatArray:
+        """Read Real outputs now and after each of n - 1 further steps of h seconds.
+
+        Returns
+        -------
+        (n, n_outputs) values; the instance then stands n - 1 steps later
+        """
+        size = len(outputs)
+        references = (fmi2ValueReference * size)(*(self._variable(o).valueReference for o in outputs))
+        values = np.empty((n, size))
+        fmu, component, start = self._fmu, self._fmu.component, self.time
+        try:
+            for row in range(n):
+                if row:
+                    fmu.fmi2DoStep(component, start + (row - 1) * h, h, 1)
+                fmu.fmi2GetReal(component, references, size, (fmi2Real * size).from_buffer(values[row]))
+        except FMICallException as error:
+            raise self._error(error) from error
+        self.time = start + (n - 1) * h
+        return values
+
+    def _variable(self, name: str) -> Any:
+        if name not in self._variables:
+            raise FmuError(f"{self.description.modelName} has no variable {name!r}")
+        return self._variables[name]
+
+    def _instantiate(self) -> FMU2Slave:
+        if self.description.coSimulation is None or not self.description.fmiVersion.startswith("2"):
+            raise FmuError(f"{self.description.modelName} is not an FMI 2.0 co-simulation FMU")
+        self._callbacks = fmi2CallbackFunctions(
+            logger=fmi2CallbackLoggerTYPE(self._take_log),
+            allocateMemory=defaultCallbacks.allocateMemory,
+            freeMemory=defaultCallbacks.freeMemory,
+        )
+        try:
+            fmu = FMU2Slave(
+                guid=self.description.guid,
+                unzipDirectory=str(self._folder),
+                modelIdentifier=self.description.coSimulation.modelIdentifier,
+                instanceName=self.description.modelName,
+            )
+            fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
+        except Exception as error:  # fmpy raises bare Exception here
+            raise self._error(error) from error
+        return fmu
+
+    def _take_log(self, _environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
+        self._log.append(message.decode("utf-8", errors="replace"))
+
+    def _call(self, function: Any, *arguments: Any, **options: Any) -> Any:
+        try:
+            return function(*arguments, **options)
+        except FMICallException as error:
+            raise self._error(error) from error
+
+    def _error(self, error: Exception) -> FmuError:
+        log, self._log = " ".join(self._log), []
+        return FmuError(f"{error}: {log}" if log else str(error))
+
+
+def _unpack(fmu: Path) -> Path:
+    folder = tempfile.mkdtemp(prefix="rigtwin_fmu_")
+    if not _SAFE_PATH.fullmatch(folder):
+        shutil.rmtree(folder)
+        raise FmuError(f"the folder for temporary files, {folder}, has characters that FMU loaders cannot read; set TMPDIR")
+    try:
+        extract(str(fmu), unzipdir=folder)
+    except Exception as error:
+        shutil.rmtree(folder)
+        raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error
+    return Path(folder)

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import find_peaks
 
-from sim.campaign import Channel, ComplexArray, FloatArray, MeasurementError, Plane, Run, SupportKind
+from sim.campaign import Channel, ComplexArray, FloatArray, Plane, Run, SupportKind
 from sim.detection import HARMONICS, Phasors, detect
+from sim.modal_fit import half_power_band, resonances
 from sim.sensors import SensorNoise
 from sim.session import FmuSession
 
@@ -90,11 +90,6 @@ class Sweep:
     run: Run
     lines: tuple[Line, ...]
 
-    @property
-    def simulated_time(self) -> float:
-        """Simulated seconds are not kept; windows per line are what a longer sweep costs."""
-        return float(sum(line.windows for line in self.lines))
-
 
 # Changes of a phasor this small are round-off of the FMU's propagator, not a decaying transient.
 _ROUND_OFF = 1e-7
@@ -154,7 +149,7 @@ class _Measurement:
 
     def refine(self) -> None:
         """Add lines until every resonance is resolved, then lay a raster over its band."""
-        for peak in self._resonances():
+        for peak in resonances(*self._magnitude()):
             centre, width = self._close_in(peak)
             half = self._plan.lines_per_half_power_band // 2
             inner = np.arange(-half, half + 1) / (2 * half)
@@ -190,12 +185,6 @@ class _Measurement:
         a = np.array([np.linalg.norm(self._lines[x].response[0]) for x in f])
         return f, a / f**2
 
-    def _resonances(self) -> list[float]:
-        """Lines that stand out from their surroundings by half or more."""
-        f, magnitude = self._magnitude()
-        places, _ = find_peaks(np.log(magnitude + np.finfo(float).tiny), prominence=np.log(1.5))
-        return [float(f[p]) for p in places]
-
     def _close_in(self, peak: float) -> tuple[float, float]:
         """Bisect towards a maximum until its half-power band is seen.
 
@@ -215,19 +204,7 @@ class _Measurement:
             f, magnitude = self._magnitude()
             near = (f >= left) & (f <= right)
             peak = float(f[near][np.argmax(magnitude[near])])
-        return self._band(peak)
-
-    def _band(self, peak: float) -> tuple[float, float]:
-        """Resonance and bandwidth from 1/|X|^2, a parabola round a resonance."""
-        f, magnitude = self._magnitude()
-        nearest = np.argsort(np.abs(f - peak))[:5]
-        x = f[nearest] - peak
-        a, b, c = np.polyfit(x, (magnitude.max() / magnitude[nearest]) ** 2, 2)
-        if a <= 0:
-            return peak, float(np.ptp(x))
-        offset = -b / (2 * a)
-        lowest = max(c - b**2 / (4 * a), 1e-3 * abs(c))
-        return peak + float(np.clip(offset, x.min(), x.max())), 2 * float(np.sqrt(lowest / a))
+        return half_power_band(*self._magnitude(), peak)
 
     # -- one line ------------------------------------------------------------------------------
 
@@ -241,7 +218,7 @@ class _Measurement:
             window = self._window(frequency)
             history.append(_per_force(detect(window, self._plan.samples_per_period)))
             estimate = _remaining_transient(history[-3:])
-            if estimate <= self._plan.settling_tolerance:
+            if len(history) >= 3 and estimate <= self._plan.settling_tolerance:
                 return self._line(frequency, window, history, estimate)
         raise NotSettledError(
             f"{frequency:.4f} Hz: {estimate:.1e} of the response is still transient after "
@@ -299,9 +276,3 @@ def _remaining_transient(windows: list[Phasors]) -> float:
         return second
     ratio = second / first
     return np.inf if ratio >= 1 else second * ratio / (1 - ratio)
-
-
-def check_measurable(run: Run) -> None:
-    """Raise MeasurementError when a run has no line or no response at all."""
-    if not np.any(np.abs(run.H) > 0):
-        raise MeasurementError(f"run {run.name!r}: every channel reads zero")

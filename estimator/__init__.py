@@ -1,0 +1,17 @@
+"""From measured frequency shifts and amplitude ratio to the bearing stiffness.
+
+======================  =======================================================  =======================
+module                  what it holds                                            start here
+======================  =======================================================  =======================
+``features``            the three numbers a test gives, with their errors        ``features_of_runs``
+``prior``               which rigs the network is trained for                    ``PRIOR``
+``dataset``             rigs measured through the FMU                            ``measure_rigs``
+``network``             the network (torch)                                      ``StiffnessNetwork``
+``training``            fit, calibrate, export to ONNX                           ``train``
+``runtime``             the ONNX file in use: numpy and onnxruntime only         ``StiffnessEstimator``
+``root_finding``        the same question answered on the finite-element model   ``StiffnessFinder``
+``paper_networks``      the paper's own back-propagation networks                ``train_network``
+======================  =======================================================  =======================
+
+torch is imported by ``network`` and ``training`` only.
+"""

@@ -1,0 +1,68 @@
+"""The three numbers that a test on two supports gives, with their standard errors."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from sim.campaign import MeasurementError, PeakList, Run
+from sim.modal_fit import driving_point, fit_modes
+
+FEATURE_NAMES = ("delta_f1", "delta_f2", "amplitude_ratio", "delta_f1_std", "delta_f2_std", "amplitude_ratio_std")
+
+
+@dataclass(frozen=True)
+class Features:
+    """Shifts are rigid minus bearing support [Hz]; the ratio is A1/A0, bearing over rigid [-].
+
+    A is the resonance acceleration of mode 1 at the driving point per unit force, from the modal
+    fit and not from the highest line.
+    """
+
+    delta_f1: float
+    delta_f2: float
+    amplitude_ratio: float
+    delta_f1_std: float
+    delta_f2_std: float
+    amplitude_ratio_std: float
+
+    def as_array(self) -> np.ndarray:
+        """(6,) in the order of FEATURE_NAMES."""
+        return np.array(astuple(self))
+
+
+def features_of_runs(rigid: Run, bearing: Run) -> Features:
+    """Features of one rig measured on rigid supports and on its bearings.
+
+    Raises
+    ------
+    MeasurementError : the supports are mixed up, the runs were driven differently, the driving
+        point was not measured, or a run does not show two resonances
+    """
+    if (rigid.support, bearing.support) != ("rigid", "bearing"):
+        raise MeasurementError(f"need a rigid and a bearing run, got {rigid.support!r} and {bearing.support!r}")
+    if (rigid.excitation_node, rigid.excitation_plane) != (bearing.excitation_node, bearing.excitation_plane):
+        raise MeasurementError("the two runs were driven at different places: their amplitudes cannot be compared")
+    (r1, r2), (b1, b2) = fit_modes(rigid, 2), fit_modes(bearing, 2)
+    place = rigid.excitation_node, rigid.excitation_plane
+    (a0, a0_std), (a1, a1_std) = driving_point(rigid, r1, *place), driving_point(bearing, b1, *place)
+    if a0 == 0:
+        raise MeasurementError(f"node {place[0]} does not move in mode 1 on rigid supports: there is no amplitude ratio")
+    return Features(
+        delta_f1=r1.frequency_hz - b1.frequency_hz,
+        delta_f2=r2.frequency_hz - b2.frequency_hz,
+        amplitude_ratio=a1 / a0,
+        delta_f1_std=float(np.hypot(r1.frequency_std_hz, b1.frequency_std_hz)),
+        delta_f2_std=float(np.hypot(r2.frequency_std_hz, b2.frequency_std_hz)),
+        amplitude_ratio_std=a1 / a0 * float(np.hypot(a0_std / a0, a1_std / a1)),
+    )
+
+
+def features_of_peaks(rigid: PeakList, bearing: PeakList, amplitude_ratio: float, amplitude_ratio_std: float) -> Features:
+    """Features of two lists of resonances, the first two of each being modes 1 and 2."""
+    if len(rigid.frequencies_hz) < 2 or len(bearing.frequencies_hz) < 2:
+        raise MeasurementError("two resonances on each support are needed")
+    shift = rigid.frequencies_hz[:2] - bearing.frequencies_hz[:2]
+    std = np.hypot(rigid.std_hz[:2], bearing.std_hz[:2])
+    return Features(float(shift[0]), float(shift[1]), amplitude_ratio, float(std[0]), float(std[1]), amplitude_ratio_std)

@@ -1,0 +1,125 @@
+"""The network: two learned inverse curves, fused by their errors.
+
+Each shift alone says what k_b is, up to a small influence of damping that the amplitude ratio
+carries; so curve i is a small network g_i(log delta_f_i, log ratio) -> log k_b. The curves'
+slopes turn the inputs' standard errors into errors of log k_b, and the two answers are averaged by
+inverse variance. A third network knows the largest ratio that a bearing without damping allows.
+What the inputs say about k_b twice over is what tells whether they contradict each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+# Step of the central difference that gives a curve's slope, in units of log input.
+_STEP = 1e-2
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the network answers for; everything else is invalid."""
+
+    k_b: tuple[float, float]
+    shift_min: tuple[float, float]  # [Hz]
+    shift_max: tuple[float, float]  # [Hz]
+    ratio: tuple[float, float]
+    relative_std_min: float = 1e-6  # smaller errors are taken as this
+    relative_std_max: float = 0.3
+
+
+class Curve(nn.Module):
+    """A smooth map from a few normalised inputs to one number."""
+
+    def __init__(self, mean: Tensor, scale: Tensor, width: int = 16):
+        super().__init__()
+        self.register_buffer("mean", mean)
+        self.register_buffer("scale", scale)
+        self.body = nn.Sequential(
+            nn.Linear(len(mean), width), nn.Tanh(), nn.Linear(width, width), nn.Tanh(), nn.Linear(width, 1)
+        )
+        self.skip = nn.Linear(len(mean), 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(n, n_in) -> (n,)."""
+        z = (x - self.mean) / self.scale
+        return (self.body(z) + self.skip(z))[:, 0]
+
+
+class StiffnessNetwork(nn.Module):
+    """(n, 6) features with errors -> (n, 5): k_b, k_b_std, k_b_low, k_b_high [N/m], valid (0 or 1)."""
+
+    def __init__(self, curves: tuple[Curve, Curve], ratio_bound: Curve, limits: Limits):
+        super().__init__()
+        self.curve1, self.curve2 = curves
+        self.ratio_bound = ratio_bound
+        self.limits = limits
+        self.register_buffer("floor", torch.zeros(2))  # error of each curve in log k_b
+        self.register_buffer("quantile", torch.tensor(1.645))  # half-width of the 90 % interval in sigmas
+        self.register_buffer("contradiction", torch.tensor(4.0))  # largest disagreement of the curves in sigmas
+        self.register_buffer("ratio_floor", torch.tensor(0.0))  # error of the ratio bound in log ratio
+
+    def forward(self, features: Tensor) -> Tensor:
+        """See the class."""
+        log_shift, log_ratio, relative = self._inputs(features)
+        answers, variances = self._answers(log_shift, log_ratio, relative)  # (n, 2), (n, 2)
+        weight = 1 / variances
+        log_k = (answers * weight).sum(dim=1) / weight.sum(dim=1)
+        sigma = weight.sum(dim=1).rsqrt()
+        disagreement = (answers[:, 0] - answers[:, 1]).abs() / variances.sum(dim=1).sqrt()
+        # The bound is about as steep as k_b itself, so the error of log k_b counts once in full.
+        excess = self.ratio_excess(log_k, log_ratio) / (relative[:, 2] ** 2 + self.ratio_floor**2 + sigma**2).sqrt()
+        valid = self._in_range(features, log_k) & (disagreement < self.contradiction) & (excess < self.contradiction)
+        k = log_k.exp()
+        half = self.quantile * sigma
+        return torch.stack([k, k * sigma, k * (-half).exp(), k * half.exp(), valid.to(k.dtype)], dim=1)
+
+    def ratio_excess(self, log_k: Tensor, log_ratio: Tensor) -> Tensor:
+        """(n,) by how much the log ratio exceeds what bearings without damping allow."""
+        return log_ratio - self.ratio_bound(log_k[:, None])
+
+    def disagreement(self, features: Tensor) -> Tensor:
+        """(n,) how far the two shifts' answers are apart, in standard deviations."""
+        answers, variances = self._answers(*self._inputs(features))
+        return (answers[:, 0] - answers[:, 1]).abs() / variances.sum(dim=1).sqrt()
+
+    def _inputs(self, features: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Logarithms of shifts (n, 2) and ratio (n,), and relative errors (n, 3), kept in range."""
+        L = self.limits
+        low = torch.tensor([*L.shift_min, L.ratio[0]], dtype=features.dtype)
+        high = torch.tensor([*L.shift_max, L.ratio[1]], dtype=features.dtype)
+        values = torch.minimum(torch.maximum(features[:, :3], low / 2), high * 2)
+        relative = (features[:, 3:] / values).clamp(L.relative_std_min, 1.0)
+        logs = values.log()
+        return logs[:, :2], logs[:, 2], relative
+
+    def _answers(self, log_shift: Tensor, log_ratio: Tensor, relative: Tensor) -> tuple[Tensor, Tensor]:
+        """What each shift says about log k_b, and the variance of that."""
+        answers, variances = [], []
+        for i, curve in enumerate((self.curve1, self.curve2)):
+            x = torch.stack([log_shift[:, i], log_ratio], dim=1)
+            errors = torch.stack([relative[:, i], relative[:, 2]], dim=1)
+            slopes = torch.stack([_slope(curve, x, axis) for axis in range(2)], dim=1)
+            answers.append(curve(x))
+            variances.append(((slopes * errors) ** 2).sum(dim=1) + self.floor[i] ** 2)
+        return torch.stack(answers, dim=1), torch.stack(variances, dim=1)
+
+    def _in_range(self, features: Tensor, log_k: Tensor) -> Tensor:
+        L = self.limits
+        low = torch.tensor([*L.shift_min, L.ratio[0]], dtype=features.dtype)
+        high = torch.tensor([*L.shift_max, L.ratio[1]], dtype=features.dtype)
+        values, errors = features[:, :3], features[:, 3:]
+        inside = (values >= low).all(dim=1) & (values <= high).all(dim=1)
+        known = (errors >= 0).all(dim=1) & (errors <= L.relative_std_max * values.abs()).all(dim=1)
+        # The ends of the range belong to it, to within what the curves themselves are worth.
+        slack = 2 * self.floor.max()
+        k_low, k_high = torch.tensor(L.k_b, dtype=features.dtype).log()
+        return inside & known & (log_k >= k_low - slack) & (log_k <= k_high + slack)
+
+
+def _slope(curve: Curve, x: Tensor, axis: int) -> Tensor:
+    step = torch.zeros(x.shape[1], dtype=x.dtype)
+    step[axis] = _STEP
+    return (curve(x + step) - curve(x - step)) / (2 * _STEP)

@@ -1,0 +1,60 @@
+"""Which rigs the estimator is trained for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+
+@dataclass(frozen=True)
+class Rigs:
+    """A set of rigs to be measured; every array is (n,)."""
+
+    k_b: np.ndarray  # [N/m]
+    shaft_damping_ratio: np.ndarray  # [-]
+    bearing_damping: np.ndarray  # [N s/m]
+
+    def __len__(self) -> int:
+        return len(self.k_b)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Ranges, log-uniform; a share of the rigs has bearings without damping.
+
+    Training goes a little beyond the range the estimator answers for, so that the ends of that
+    range are interpolated.
+    """
+
+    k_b: tuple[float, float] = (1e6, 1e8)  # answered for [N/m]
+    k_b_trained: tuple[float, float] = (6e5, 1.7e8)
+    shaft_damping_ratio: tuple[float, float] = (0.0005, 0.005)
+    bearing_damping: tuple[float, float] = (0.5, 60.0)  # [N s/m], or zero
+    undamped_share: float = 0.4
+
+    def draw(self, n: int, seed: int, *, k_b: tuple[float, float] | None = None) -> Rigs:
+        """Draw n rigs from a scrambled Sobol sequence.
+
+        Parameters
+        ----------
+        n : number of rigs
+        seed : of the scrambling
+        k_b : range of k_b [N/m], default the trained one
+        """
+        u = qmc.Sobol(4, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(n))))[:n]
+        damped = u[:, 3] >= self.undamped_share
+        return Rigs(
+            k_b=_log_uniform(u[:, 0], k_b or self.k_b_trained),
+            shaft_damping_ratio=_log_uniform(u[:, 1], self.shaft_damping_ratio),
+            bearing_damping=np.where(damped, _log_uniform(u[:, 2], self.bearing_damping), 0.0),
+        )
+
+
+def _log_uniform(u: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
+    low, high = np.log(limits)
+    return np.exp(low + u * (high - low))
+
+
+PRIOR = Prior()

@@ -1,0 +1,67 @@
+"""The estimator in use: the ONNX file, numpy and onnxruntime, nothing else."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+
+CARD_KEY = "rigtwin.card"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Bearing stiffness with its interval [N/m]; not to be used where ``valid`` is false."""
+
+    k_b: float
+    k_b_std: float
+    k_b_low: float
+    k_b_high: float
+    valid: bool
+
+
+class StiffnessEstimator:
+    """The trained network.
+
+    Parameters
+    ----------
+    model : path of the ONNX file; default the one that comes with rigtwin
+    """
+
+    def __init__(self, model: Path | None = None):
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        path = str(model or shipped_model())
+        self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+
+    @property
+    def card(self) -> dict[str, Any]:
+        """Model card: what the network is for, its ranges, how it was made and how well it does."""
+        return json.loads(self._session.get_modelmeta().custom_metadata_map[CARD_KEY])
+
+    def __call__(self, features: np.ndarray) -> np.ndarray:
+        """Estimates of many tests at once.
+
+        Parameters
+        ----------
+        features : (n, 6) delta_f1, delta_f2 [Hz], amplitude_ratio [-], and their standard errors
+
+        Returns
+        -------
+        (n, 5) k_b, k_b_std, k_b_low, k_b_high [N/m], valid (0 or 1)
+        """
+        return self._session.run(None, {"features": np.asarray(features, dtype=np.float32)})[0].astype(float)
+
+    def estimate(self, features: np.ndarray) -> Estimate:
+        """Estimate of one test; features is (6,)."""
+        k, std, low, high, valid = self(np.asarray(features)[None, :])[0].tolist()
+        return Estimate(k, std, low, high, valid > 0.5)
+
+
+def shipped_model() -> Path:
+    """Path of the trained network that comes with rigtwin."""
+    return Path(__file__).with_name("model") / "stiffness.onnx"

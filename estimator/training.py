@@ -1,0 +1,198 @@
+"""Fit the network, calibrate its intervals on rigs it has not seen, export it to ONNX."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from torch import Tensor
+
+from estimator.dataset import Dataset
+from estimator.features import FEATURE_NAMES
+from estimator.network import Curve, Limits, StiffnessNetwork
+from estimator.prior import PRIOR, Prior
+from estimator.runtime import CARD_KEY
+
+OUTPUT_NAMES = ("k_b", "k_b_std", "k_b_low", "k_b_high", "valid")
+UNITS = {"delta_f": "Hz", "amplitude_ratio": "1", "k_b": "N/m"}
+
+# Each calibration rig is looked at so many times, with errors drawn afresh.
+_REPEATS = 40
+
+
+def train(training: Dataset, calibration: Dataset, seed: int, prior: Prior = PRIOR) -> tuple[StiffnessNetwork, dict[str, Any]]:
+    """Train on one set, calibrate on another (made with a finer mesh).
+
+    Parameters
+    ----------
+    training, calibration : noise-free rigs; errors are drawn here
+    seed : of weights and errors
+
+    Returns
+    -------
+    network and its model card
+    """
+    torch.manual_seed(seed)
+    network = _fit(training, prior)
+    with torch.no_grad():
+        _calibrate(network, calibration, np.random.default_rng(seed))
+    return network, _card(network, training, calibration, seed, prior)
+
+
+def _fit(training: Dataset, prior: Prior) -> StiffnessNetwork:
+    log = torch.from_numpy(np.log(training.features[:, :3]))
+    log_k = torch.from_numpy(np.log(training.rigs.k_b))
+    curves = tuple(_fit_curve(log[:, [i, 2]], log_k) for i in range(2))
+    undamped = torch.from_numpy(training.rigs.bearing_damping == 0)
+    bound = _fit_curve(log_k[undamped][:, None], log[undamped, 2], width=8)
+    return StiffnessNetwork(curves, bound, _limits(training, prior)).double()  # type: ignore[arg-type]
+
+
+def _limits(training: Dataset, prior: Prior) -> Limits:
+    """Range of each feature over the training rigs."""
+    low, high = training.features[:, :3].min(axis=0), training.features[:, :3].max(axis=0)
+    return Limits(
+        k_b=prior.k_b,
+        shift_min=(float(low[0]), float(low[1])),
+        shift_max=(float(high[0]), float(high[1])),
+        ratio=(float(low[2]), float(high[2])),
+    )
+
+
+def _fit_curve(x: Tensor, y: Tensor, width: int = 16) -> Curve:
+    """Least squares by L-BFGS, full batch, double precision."""
+    curve = Curve(x.mean(dim=0), x.std(dim=0), width).double()
+    with torch.no_grad():
+        curve.skip.bias.fill_(float(y.mean()))
+    optimiser = torch.optim.LBFGS(
+        curve.parameters(), max_iter=4000, max_eval=6000, history_size=50, line_search_fn="strong_wolfe",
+        tolerance_grad=1e-12, tolerance_change=1e-16,
+    )  # fmt: skip
+
+    def loss() -> Tensor:
+        optimiser.zero_grad()
+        value = ((curve(x) - y) ** 2).mean()
+        value.backward()
+        return value
+
+    optimiser.step(loss)
+    return curve
+
+
+def _calibrate(network: StiffnessNetwork, calibration: Dataset, rng: np.random.Generator) -> None:
+    """Set the curves' own errors, the interval's width and the contradiction gate."""
+    k = calibration.rigs.k_b
+    inside = (k >= network.limits.k_b[0]) & (k <= network.limits.k_b[1])
+    log_k = torch.from_numpy(np.log(k[inside]))
+    clean = torch.from_numpy(calibration.features[inside, :3])
+    for i, curve in enumerate((network.curve1, network.curve2)):
+        error = curve(torch.stack([clean[:, i].log(), clean[:, 2].log()], dim=1)) - log_k
+        network.floor[i] = error.square().mean().sqrt()
+    noisy = torch.from_numpy(draw_errors(calibration.features[inside, :3], _REPEATS, rng))
+    truth = log_k.repeat(_REPEATS)
+    out = network(noisy)
+    z = ((out[:, 0].log() - truth).abs() / (out[:, 1] / out[:, 0])).numpy()
+    network.quantile.fill_(float(np.quantile(z, 0.90)))
+    exact = torch.cat([clean, torch.zeros_like(clean)], dim=1)
+    gates = [float(torch.quantile(network.disagreement(x), 0.999)) for x in (noisy, exact)]
+    network.contradiction.fill_(max(gates))
+    undamped = torch.from_numpy(calibration.rigs.bearing_damping[inside] == 0)
+    excess = network.ratio_excess(network(exact)[undamped, 0].log(), clean[undamped, 2].log())
+    network.ratio_floor.copy_(excess.square().mean().sqrt())
+
+
+def draw_errors(clean: np.ndarray, repeats: int, rng: np.random.Generator) -> np.ndarray:
+    """Noisy copies of clean features with relative errors log-uniform from 1e-5 to 0.1.
+
+    Parameters
+    ----------
+    clean : (n, 3) shifts and ratio
+    repeats : copies of each
+
+    Returns
+    -------
+    (n * repeats, 6) features and the errors they were drawn with
+    """
+    values = np.tile(clean, (repeats, 1))
+    relative = 10 ** rng.uniform(-5, -1, size=values.shape)
+    std = relative * values
+    return np.hstack([values + std * rng.standard_normal(values.shape), std])
+
+
+def _card(network: StiffnessNetwork, training: Dataset, calibration: Dataset, seed: int, prior: Prior) -> dict[str, Any]:
+    middle = int(np.argmin(np.abs(np.log(training.rigs.k_b / 1e7)) + (training.rigs.bearing_damping > 0)))
+    example = training.features[middle].tolist()
+    return {
+        "name": "rigtwin bearing-stiffness estimator",
+        "task": "k_b of both bearings from resonance shifts and amplitude ratio between rigid supports and bearings",
+        "architecture": "two 2-16-16-1 tanh curves fused by inverse variance, 1-8-8-1 bound of the ratio",
+        "licence": "MIT",
+        "seed": seed,
+        "training_rigs": len(training),
+        "calibration_rigs": len(calibration),
+        "training_data_sha256": data_digest(training),
+        "calibration_data_sha256": data_digest(calibration),
+        "curve_errors_in_log_k_b": network.floor.tolist(),
+        "interval_half_width_in_sigma": float(network.quantile),
+        "contradiction_gate_in_sigma": float(network.contradiction),
+        "units": UNITS,
+        "training_range": {**asdict(network.limits), **asdict(prior)},
+        "example_inputs": dict(zip(FEATURE_NAMES, example, strict=True)),
+        "limits_of_use": "one rotor geometry: the nit-rourkela rig with the force and the accelerometer at node 2",
+    }
+
+
+def data_digest(dataset: Dataset) -> str:
+    """SHA-256 of a data set, from six significant digits."""
+    table = np.column_stack([*asdict(dataset.rigs).values(), dataset.features[:, :3]])
+    text = "\n".join(",".join(f"{value:.6g}" for value in row) for row in table)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def export(network: StiffnessNetwork, card: dict[str, Any], path: Path) -> None:
+    """Write the network as ONNX (float32), beside and renamed, with its card in the metadata."""
+    # The exporter announces every optional package it does not find.
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    example = torch.tensor([list(card["example_inputs"].values())] * 2, dtype=torch.float32)
+    program = torch.onnx.export(
+        network.float().eval(),
+        (example,),
+        dynamo=True,
+        input_names=["features"],
+        output_names=["estimate"],
+        dynamic_shapes=({0: torch.export.Dim("n")},),
+        verbose=False,
+    )
+    assert program is not None
+    model = program.model_proto
+    model.doc_string = card["task"]
+    for key, value in {
+        CARD_KEY: json.dumps(card),
+        "inputs": ", ".join(FEATURE_NAMES),
+        "outputs": ", ".join(OUTPUT_NAMES),
+    }.items():
+        entry = model.metadata_props.add()
+        entry.key, entry.value = key, value
+    _strip_traces(model)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    onnx.save(model, beside)
+    os.replace(beside, path)
+
+
+def _strip_traces(model: onnx.ModelProto) -> None:
+    """Drop the exporter's notes on where each node came from: they hold paths of the machine."""
+    for node in model.graph.node:
+        node.ClearField("metadata_props")
+        node.ClearField("doc_string")
+    for value in (*model.graph.value_info, *model.graph.input, *model.graph.output, *model.graph.initializer):
+        value.ClearField("metadata_props")
+    model.graph.ClearField("metadata_props")

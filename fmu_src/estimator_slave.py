@@ -1,0 +1,37 @@
+"""StiffnessEstimator: the network as a co-simulation slave."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.runtime import StiffnessEstimator as Network
+from fmu_src.slave import TableSlave
+from fmu_src.variables import estimator_variables
+
+
+class StiffnessEstimator(TableSlave):
+    """Frequency shifts and amplitude ratio in, bearing stiffness with its interval out."""
+
+    def __init__(self, **kwargs: Any):
+        self._network = Network(Path(kwargs["resources"]) / "estimator.onnx")
+        super().__init__(
+            estimator_variables(self._network.card["example_inputs"]),
+            description="Bearing stiffness from the frequency shifts and the amplitude ratio of a stepped-sine test",
+            step_size=1.0,
+            **kwargs,
+        )
+        self._inputs = [v.name for v in self._table if v.causality == "input"]
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """Nothing to integrate: the outputs follow the inputs at once."""
+        if not step_size > 0:
+            self.refuse(f"the communication step must be positive, got {step_size} s")
+        return True
+
+    def compute_outputs(self) -> list[float | bool]:
+        """k_b, its standard deviation, its interval, and whether to believe them."""
+        estimate = self._network.estimate(np.array([self.value(name) for name in self._inputs]))
+        return [estimate.k_b, estimate.k_b_std, estimate.k_b_low, estimate.k_b_high, estimate.valid]

@@ -1,0 +1,240 @@
+"""A campaign on disk: a folder with ``campaign.toml`` and one data file for each run."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any, Required
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator, with_config
+
+from rotor.rig import shipped_rigs
+from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
+from sim.formats.atomic import replacing
+from sim.formats.run_file import SUFFIXES, read_run, write_beside
+from sim.formats.settings import RunSettings, explain, stored_settings
+
+FILE_NAME = "campaign.toml"
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _NominalTable(_Table):
+    shaft_damping_ratio: Annotated[float, Field(ge=0, le=0.2)] | None = None
+    bearing_damping_Ns_per_m: NonNegative = NominalBelief.bearing_damping_Ns_per_m
+    gain_tolerance: NonNegative = NominalBelief.gain_tolerance
+    frequency_drift: NonNegative = NominalBelief.frequency_drift
+
+
+class _PeaksTable(_Table):
+    support: SupportKind
+    frequencies_Hz: Annotated[list[Positive], Field(min_length=1)]
+    std_Hz: list[Positive]
+
+    @model_validator(mode="after")
+    def _paired(self) -> _PeaksTable:
+        f = self.frequencies_Hz
+        if len(self.std_Hz) != len(f):
+            raise ValueError(
+                f"frequencies_Hz has {len(f)} numbers and std_Hz {len(self.std_Hz)}; give one for each peak"
+            )
+        if any(b <= a for a, b in itertools.pairwise(f)):
+            raise ValueError("frequencies_Hz must increase")
+        return self
+
+
+@with_config(ConfigDict(extra="forbid"))
+class _RunTable(RunSettings, total=False):
+    """A [[run]] table: the data file and whatever the campaign says of it."""
+
+    file: Required[Annotated[str, Field(min_length=1)]]
+
+
+def _says_support(run: _RunTable) -> _RunTable:
+    if "support" not in run:
+        raise ValueError('support is missing; say support = "rigid" or "bearing"')
+    return run
+
+
+class _CampaignTable(_Table):
+    title: str = ""
+    rig: Annotated[str, Field(min_length=1)]
+    nominal: _NominalTable = _NominalTable()
+    run: list[Annotated[_RunTable, AfterValidator(_says_support)]] = []
+    peaks: list[_PeaksTable] = []
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> _CampaignTable:
+        if not self.run and not self.peaks:
+            raise ValueError("no [[run]] and no [[peaks]]; a campaign needs at least one of either")
+        return self
+
+
+def load_campaign(folder: str | Path) -> Campaign:
+    """Load a campaign folder.
+
+    The rig of the campaign is a shipped rig's name or the full path of its TOML. A run is named after
+    its file, without the suffix; a second run from the same file is ``<name>-2``.
+
+    Raises
+    ------
+    MeasurementError : the folder, campaign.toml or a data file cannot be used; names the file and the key or line
+    """
+    folder = Path(folder)
+    table = _read_table(folder)
+    rig = _rig_to_load(folder, table.rig)
+    names = _distinct(entry["file"].removesuffix(Path(entry["file"]).suffix) for entry in table.run)
+    runs = (_load_run(folder, place, entry) for place, entry in enumerate(table.run, start=1))
+    return Campaign(
+        title=table.title,
+        rig=rig,
+        runs=tuple(dataclasses.replace(run, name=name) for run, name in zip(runs, names, strict=True)),
+        peaks=tuple(PeakList(p.support, np.array(p.frequencies_Hz), np.array(p.std_Hz)) for p in table.peaks),
+        nominal=NominalBelief(**table.nominal.model_dump()),
+    )
+
+
+def _read_table(folder: Path) -> _CampaignTable:
+    path = folder / FILE_NAME
+    if not folder.is_dir():
+        raise MeasurementError(f"{folder}: no such folder; give the folder that holds {FILE_NAME}")
+    if not path.is_file():
+        raise MeasurementError(f"{folder}: holds no {FILE_NAME}; write one (title, rig, a [[run]] for each data file)")
+    try:
+        return _CampaignTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise MeasurementError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise MeasurementError(f"{path}: not a text file in UTF-8 ({error.reason}); save it as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise MeasurementError(f"{path}: not valid TOML: {error}") from error
+    except ValidationError as error:
+        raise MeasurementError(f"{path}: {explain(error)}") from error
+
+
+def _rig_to_load(folder: Path, rig: str) -> str:
+    """A shipped rig's name as it is, a path from the campaign's folder as a full path."""
+    if rig in shipped_rigs():
+        return rig
+    path = (folder / rig).resolve()
+    if not path.is_file():
+        raise MeasurementError(
+            f"{folder / FILE_NAME}: rig: no rig file {path}; give the path of a rig TOML (from the campaign's folder) "
+            f"or a shipped rig: {', '.join(shipped_rigs())}"
+        )
+    return str(path)
+
+
+def _load_run(folder: Path, place: int, entry: _RunTable) -> Run:
+    path = folder / entry["file"]
+    if not path.is_file():
+        raise MeasurementError(f"{folder / FILE_NAME}: run {place} file: no such data file {path}; correct the name")
+    settings: dict[str, Any] = {key: value for key, value in entry.items() if key != "file"}
+    return read_run(path, **settings)
+
+
+def _distinct(names: Iterator[str]) -> list[str]:
+    """The names, with -2, -3 … added to those that come again."""
+    distinct: list[str] = []
+    for name in names:
+        choices = (name if n == 1 else f"{name}-{n}" for n in range(1, len(distinct) + 2))
+        distinct.append(next(choice for choice in choices if choice not in distinct))
+    return distinct
+
+
+def save_campaign(campaign: Campaign, folder: str | Path, file_format: str = "csv") -> None:
+    """Write a campaign folder; files of an earlier campaign are replaced only when all new ones are complete.
+
+    Parameters
+    ----------
+    folder : made when it is missing
+    file_format : "csv", "uff", "unv", "h5" or "mat", for every run
+
+    Raises
+    ------
+    MeasurementError : the campaign holds what no folder may hold, or the format is unknown
+    """
+    folder, suffix = Path(folder), f".{file_format}"
+    if suffix not in SUFFIXES:
+        known = ", ".join(s[1:] for s in SUFFIXES)
+        raise MeasurementError(f"{folder}: file_format = {file_format!r} is unknown; a run is one of {known}")
+    names = _distinct(_file_name(run.name) for run in campaign.runs)
+    files = [name + suffix for name in names]
+    tables = _tables(campaign, folder, files)
+    try:
+        _CampaignTable.model_validate(tables)
+    except ValidationError as error:
+        raise MeasurementError(f"{folder / FILE_NAME}: {explain(error)}") from error
+    _write_files(campaign, folder, files, _toml(tables))
+
+
+def _write_files(campaign: Campaign, folder: Path, files: list[str], toml: str) -> None:
+    """Write everything under free names, then rename; campaign.toml, entered first, is renamed last."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        beside = stack.enter_context(replacing(folder / FILE_NAME))
+        beside.write_text(toml, encoding="utf-8", newline="\n")
+        for run, file in zip(campaign.runs, files, strict=True):
+            path = folder / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_beside(run, path, stack.enter_context(replacing(path)))
+
+
+def _file_name(name: str) -> str:
+    """A run's name as a path inside the folder; characters that some system refuses become "_"."""
+    parts = [re.sub(r'[<>:"\\|?*\x00-\x1f\x7f]', "_", part).strip(" ") for part in name.split("/")]
+    return "/".join(part for part in parts if part.strip(".")) or "run"
+
+
+def _tables(campaign: Campaign, folder: Path, files: list[str]) -> dict[str, Any]:
+    """The campaign as the tables of campaign.toml."""
+    nominal = dataclasses.asdict(campaign.nominal)
+    return {
+        "title": campaign.title,
+        "rig": _rig_to_save(folder, campaign.rig),
+        "nominal": {key: value for key, value in nominal.items() if value is not None},
+        "run": [{"file": file, **stored_settings(run)} for run, file in zip(campaign.runs, files, strict=True)],
+        "peaks": [
+            {"support": p.support, "frequencies_Hz": p.frequencies_hz.tolist(), "std_Hz": p.std_hz.tolist()}
+            for p in campaign.peaks
+        ],
+    }
+
+
+def _rig_to_save(folder: Path, rig: str) -> str:
+    """A shipped rig's name; a rig file inside the folder relative to it; any other with its full path."""
+    if rig in shipped_rigs():
+        return rig
+    path, home = Path(rig).resolve(), folder.resolve()
+    return (path.relative_to(home) if path.is_relative_to(home) else path).as_posix()
+
+
+def _toml(tables: Mapping[str, Any]) -> str:
+    """campaign.toml: top-level keys, [nominal], then each [[run]] and [[peaks]]."""
+    lines = [_toml_line(key, tables[key]) for key in ("title", "rig")]
+    lines += ["", "[nominal]", *(_toml_line(key, value) for key, value in tables["nominal"].items())]
+    for kind in ("run", "peaks"):
+        for entry in tables[kind]:
+            lines += ["", f"[[{kind}]]", *(_toml_line(key, value) for key, value in entry.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_line(key: str, value: str | int | float | list[float]) -> str:
+    if isinstance(value, str):
+        # A JSON string is a TOML string, but for DEL, which TOML wants escaped.
+        return f"{key} = " + json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list):
+        return f"{key} = [{', '.join(repr(float(number)) for number in value)}]"
+    return f"{key} = {value if isinstance(value, int) else repr(float(value))}"

@@ -1,0 +1,130 @@
+"""The grammar of the campaign CSV's column names: ``node2_z_h3_re`` and the like."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sim.campaign import Channel, MeasurementError
+
+FREQUENCY = "frequency_Hz"
+
+Part = Literal["re", "im", "abs", "std"]
+
+_COLUMN = re.compile(r"node([1-9]\d*)(_z)?(?:_h([2-9]|[1-9]\d+))?_(re|im|abs|std)")
+
+_KNOWN = (
+    f"known are {FREQUENCY}, node2_re with node2_im (or node2_abs), node2_std, node2_z_re … for the other plane "
+    "and node2_h3_re … for the third harmonic, with any node from 1"
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column beside the frequency: a part of one channel's response at one harmonic order."""
+
+    channel: Channel
+    part: Part
+    order: int = 1  # 1: the excitation's own frequency
+
+    def __str__(self) -> str:
+        return f"{self.channel}_{self.part}" if self.order == 1 else f"{self.channel}_h{self.order}_{self.part}"
+
+
+@dataclass(frozen=True)
+class Header:
+    """The first line of a campaign CSV, checked."""
+
+    names: tuple[str, ...]  # every column, in the file's order
+    columns: dict[str, Column]  # the same without the frequency
+    channels: tuple[Channel, ...]  # in order of appearance
+    orders: tuple[int, ...]  # harmonic orders, from 2
+    magnitude_only: bool
+    has_std: bool
+
+
+def parse_header(path: Path, cells: list[str]) -> Header:
+    """Parse the header line. Raises MeasurementError that names line 1 and the column."""
+    names = tuple(cell.strip() for cell in cells)
+    _refuse_no_header(path, names)
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise MeasurementError(f"{path}, line 1, column {name}: is there {count} times; keep one")
+    columns = {name: _column(path, place, name) for place, name in enumerate(names, start=1) if name != FREQUENCY}
+    if FREQUENCY not in names:
+        raise MeasurementError(f"{path}, line 1: column {FREQUENCY} is missing; it holds the lines' frequencies in Hz")
+    present = set(columns.values())
+    channels = tuple(dict.fromkeys(c.channel for c in columns.values()))
+    if not channels:
+        raise MeasurementError(f"{path}, line 1: no response column; {_KNOWN}")
+    for column in columns.values():
+        _check_partner(path, column, present)
+    return _complete(path, names, columns, channels)
+
+
+def _refuse_no_header(path: Path, names: tuple[str, ...]) -> None:
+    if any(";" in name or "\t" in name for name in names):
+        raise MeasurementError(
+            f"{path}, line 1: columns must be separated by commas (and decimals written with a point); save it again so"
+        )
+    if not any(names) or _is_number(names[0]):
+        raise MeasurementError(f"{path}, line 1: the header is missing; the first line names the columns: {_KNOWN}")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _column(path: Path, place: int, name: str) -> Column:
+    match = _COLUMN.fullmatch(name)
+    if match is None or (match[3] and match[4] == "std"):
+        raise MeasurementError(f"{path}, line 1, column {place} {name!r}: unknown column; {_KNOWN}")
+    return Column(Channel(int(match[1]), "z" if match[2] else "y"), match[4], int(match[3] or 1))  # type: ignore[arg-type]
+
+
+def _check_partner(path: Path, column: Column, present: set[Column]) -> None:
+    """``re`` needs ``im`` and the reverse; ``abs`` excludes both; the rest needs the channel's response."""
+
+    def there(part: Part, order: int = column.order) -> bool:
+        return Column(column.channel, part, order) in present
+
+    where = f"{path}, line 1, column {column}"
+    partner: dict[Part, Part] = {"re": "im", "im": "re"}
+    if column.part == "abs" and (there("re") or there("im")):
+        raise MeasurementError(f"{where}: this node has real and imaginary part too; keep those or _abs, not both")
+    if column.part in partner and not there(partner[column.part]):
+        missing = Column(column.channel, partner[column.part], column.order)
+        raise MeasurementError(f"{where}: column {missing} is missing; a complex value needs both")
+    if not (there("re", 1) or there("abs", 1)):
+        raise MeasurementError(f"{where}: {column.channel} has no response; add {column.channel}_re and _im, or _abs")
+
+
+def _complete(path: Path, names: tuple[str, ...], columns: dict[str, Column], channels: tuple[Channel, ...]) -> Header:
+    """All channels must give the same: magnitudes or complex values, std or none, the same harmonics."""
+    present = columns.values()
+    magnitude_only = any(c.part == "abs" for c in present)
+    if magnitude_only and any(c.part == "re" for c in present):
+        mixed = next(c for c in present if c.part == "abs")
+        raise MeasurementError(
+            f"{path}, line 1, column {mixed}: other columns are complex (_re, _im); put the nodes that have "
+            "magnitudes only in a run file of their own"
+        )
+    has_std = any(c.part == "std" for c in present)
+    orders = tuple(sorted({c.order for c in present} - {1}))
+    value: Part = "abs" if magnitude_only else "re"
+    needed = [Column(channel, "std") for channel in channels if has_std]
+    needed += [Column(channel, value, order) for channel in channels for order in orders]
+    for column in needed:
+        if column not in present:
+            raise MeasurementError(
+                f"{path}, line 1: column {column} is missing, other nodes have it; give it for every node or none, "
+                "or put these nodes in a run file of their own"
+            )
+    return Header(names, columns, channels, orders, magnitude_only, has_std)

@@ -1,0 +1,84 @@
+"""What a data file holds, and the checks that every format shares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sim.campaign import Channel, ComplexArray, FloatArray, MeasurementError, Run
+from sim.formats.settings import RunSettings, settle
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The contents of one data file, before the campaign's own settings are added."""
+
+    frequency_hz: FloatArray  # (n_freq,)
+    H: ComplexArray  # (n_freq, n_channels)
+    channels: tuple[Channel, ...]  # order of axis 1
+    std: FloatArray | None = None  # (n_freq, n_channels)
+    harmonics: dict[int, ComplexArray] = field(default_factory=dict)  # order -> (n_freq, n_channels)
+    magnitude_only: bool = False
+    settings: RunSettings = field(default_factory=RunSettings)  # what the file itself says
+
+
+def as_run(path: Path, recording: Recording, given: RunSettings) -> Run:
+    """Check a recording and add the settings. Raises MeasurementError that names the file."""
+    settings = settle(path, given, recording.settings)
+    _check_frequencies(path, recording.frequency_hz)
+    run = Run(
+        frequency_hz=recording.frequency_hz,
+        H=recording.H,
+        channels=recording.channels,
+        std=recording.std,
+        harmonics=recording.harmonics,
+        magnitude_only=recording.magnitude_only,
+        name=path.stem,
+        **settings,
+    )
+    check_run(run, path)
+    return run
+
+
+def _check_frequencies(path: Path, frequency_hz: FloatArray) -> None:
+    if frequency_hz.size == 0:
+        raise MeasurementError(f"{path}: no frequency lines; a run needs at least one")
+    wrong = ~np.isfinite(frequency_hz) | (np.diff(frequency_hz, prepend=0.0) <= 0)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise MeasurementError(
+            f"{path}: frequency {row + 1} of {len(frequency_hz)} is {float(frequency_hz[row])!r} Hz; "
+            "frequencies must be positive numbers that increase: sort the lines and remove repeats"
+        )
+
+
+def check_run(run: Run, path: Path) -> None:
+    """Refuse what no data file may hold, on the way in and on the way out; ``path`` names the file."""
+    names = ", ".join(map(str, run.channels))
+    if not run.channels or len(set(run.channels)) < len(run.channels) or min(c.node for c in run.channels) < 1:
+        raise MeasurementError(f"{path}: channels are [{names}]; a run needs one or more, each once, nodes from 1")
+    if any(order < 2 for order in run.harmonics):
+        raise MeasurementError(f"{path}: harmonics are of order {sorted(run.harmonics)}; they count from 2")
+    _check_values(path, run, "H", run.H)
+    for order, values in run.harmonics.items():
+        _check_values(path, run, f"h{order}", values)
+    if run.std is not None:
+        _refuse(path, run, "std", ~np.isfinite(run.std), "is not a finite number; remove the line")
+        _refuse(path, run, "std", run.std < 0, "is negative; a standard error is not")
+
+
+def _check_values(path: Path, run: Run, label: str, values: ComplexArray) -> None:
+    _refuse(path, run, label, ~np.isfinite(values), "is not a finite number; remove the line")
+    if run.magnitude_only:
+        advice = "is no magnitude; give numbers that are not negative, or complex values"
+        _refuse(path, run, label, (values.real < 0) | (values.imag != 0), advice)
+
+
+def _refuse(path: Path, run: Run, label: str, wrong: np.ndarray, problem: str) -> None:
+    """Raise for the first True of ``wrong`` (n_freq, n_channels)."""
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        place = f"{label} of {run.channels[column]} at {float(run.frequency_hz[row])!r} Hz"
+        raise MeasurementError(f"{path}: {place} {problem}")

@@ -1,0 +1,88 @@
+"""One run from a file, one run into a file; the suffix says which format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple, Unpack
+
+from sim.campaign import MeasurementError, Run
+from sim.formats import csv_file, hdf5, matlab, uff
+from sim.formats.atomic import replacing
+from sim.formats.recording import Recording, as_run, check_run
+from sim.formats.settings import RunSettings, check_settings, stored_settings
+
+
+class _Format(NamedTuple):
+    read: Callable[[Path, RunSettings], Recording]
+    write: Callable[[Run, Path], None]
+
+
+_FORMATS = {
+    ".csv": _Format(csv_file.read, csv_file.write),
+    ".uff": _Format(uff.read, uff.write),
+    ".unv": _Format(uff.read, uff.write),
+    ".h5": _Format(hdf5.read, hdf5.write),
+    ".mat": _Format(matlab.read, matlab.write),
+}
+
+SUFFIXES = tuple(_FORMATS)
+
+
+def read_run(path: str | Path, **settings: Unpack[RunSettings]) -> Run:
+    """Read one run.
+
+    Parameters
+    ----------
+    path : a .csv, .uff, .unv, .h5 or .mat file
+    settings : support, excitation_node, excitation_plane, force_amplitude_N [N], spin_rpm [rev/min],
+        quantity, sweep; see RunSettings. What is given here wins over what the file says; what neither
+        says takes its default. CSV files say nothing: there ``support`` must be given.
+
+    Returns
+    -------
+    Run whose name is the file's name without its suffix
+
+    Raises
+    ------
+    MeasurementError : the file or a setting cannot be used; names the file and the line, column or key
+    """
+    path = Path(path)
+    given = check_settings(settings, path)
+    reader = _format_of(path).read
+    if not path.is_file():
+        raise MeasurementError(f"{path}: no such file; check its name and folder")
+    try:
+        recording = reader(path, given)
+    except OSError as error:
+        raise MeasurementError(f"{path}: cannot be read ({error.strerror or error})") from error
+    return as_run(path, recording, given)
+
+
+def write_run(run: Run, path: str | Path) -> None:
+    """Write one run; an existing file is replaced only when the new one is complete.
+
+    Raises
+    ------
+    MeasurementError : the run holds values that no file may hold, or the suffix is unknown
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise MeasurementError(f"{path}: the folder {path.parent} does not exist; create it first")
+    with replacing(path) as beside:
+        write_beside(run, path, beside)
+
+
+def write_beside(run: Run, path: Path, beside: Path) -> None:
+    """Write what belongs into ``path`` under the name ``beside``, which the caller renames."""
+    writer = _format_of(path).write
+    check_run(run, path)
+    check_settings(stored_settings(run), path)
+    writer(run, beside)
+
+
+def _format_of(path: Path) -> _Format:
+    try:
+        return _FORMATS[path.suffix.lower()]
+    except KeyError:
+        raise MeasurementError(f"{path}: unknown kind of file; a run is one of {', '.join(SUFFIXES)}") from None

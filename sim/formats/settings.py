@@ -1,0 +1,110 @@
+"""How a run was measured: the keys of a ``[[run]]`` table, their checks and their defaults."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from typing_extensions import TypedDict
+
+from sim.campaign import MeasurementError, Plane, Quantity, Run, SupportKind, SweepDirection
+
+logger = logging.getLogger(__name__)
+
+# TOML, CSV and MATLAB have no null; this word stands for a force amplitude nobody recorded.
+UNKNOWN = "unknown"
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+def _unknown_is_none(value: Any) -> Any:
+    return None if isinstance(value, str) and value == UNKNOWN else value
+
+
+Force = Annotated[Positive | None, BeforeValidator(_unknown_is_none)]
+
+
+@with_config(ConfigDict(extra="forbid"))
+class RunSettings(TypedDict, total=False):
+    """How a run was measured. An absent key was not said; it is then looked for in the data file."""
+
+    support: SupportKind
+    excitation_node: Annotated[int, Field(ge=1)]  # counted from 1; default 2
+    excitation_plane: Plane  # default "y"
+    force_amplitude_N: Force  # [N] peak; None: not recorded; default 1, or None where quantity is "acceleration"
+    spin_rpm: Finite  # [rev/min], the sign is the direction about +x; default 0
+    quantity: Quantity  # default "accelerance"
+    sweep: SweepDirection | None  # default None: lines measured one by one
+
+
+SETTING_NAMES = tuple(RunSettings.__annotations__)
+
+_DEFAULTS = {"excitation_node": 2, "excitation_plane": "y", "spin_rpm": 0.0, "quantity": "accelerance", "sweep": None}
+
+_CHECK = TypeAdapter(RunSettings)
+
+
+def check_settings(settings: Mapping[str, Any], where: str | Path) -> RunSettings:
+    """Check settings key by key; ``where`` names their source in the MeasurementError."""
+    try:
+        return _CHECK.validate_python(dict(settings))
+    except ValidationError as error:
+        raise MeasurementError(f"{where}: {explain(error)}") from error
+
+
+def settings_of(run: Run) -> RunSettings:
+    """Every setting of a run, as a file stores it."""
+    return RunSettings(
+        support=run.support,
+        excitation_node=int(run.excitation_node),
+        excitation_plane=run.excitation_plane,
+        force_amplitude_N=None if run.force_amplitude_N is None else float(run.force_amplitude_N),
+        spin_rpm=float(run.spin_rpm),
+        quantity=run.quantity,
+        sweep=run.sweep,
+    )
+
+
+def stored_settings(run: Run) -> dict[str, str | int | float]:
+    """Settings without nulls: an unrecorded force is "unknown", no sweep is no key."""
+    settings: dict[str, Any] = {**settings_of(run)}
+    if run.force_amplitude_N is None:
+        settings["force_amplitude_N"] = UNKNOWN
+    if run.sweep is None:
+        del settings["sweep"]
+    return settings
+
+
+def settle(path: Path, given: RunSettings, found: RunSettings) -> dict[str, Any]:
+    """All settings of a run: the campaign's word first, then the data file's, then the defaults."""
+    for key in given.keys() & found.keys():
+        if given[key] != found[key]:
+            logger.warning("%s: says %s = %r; %r is used, as the campaign says", path, key, found[key], given[key])
+    said: dict[str, Any] = {**found, **given}
+    if "support" not in said:
+        raise MeasurementError(f'{path}: support is not known; say support = "rigid" or "bearing"')
+    force = None if said.get("quantity") == "acceleration" else 1.0
+    return {**_DEFAULTS, "force_amplitude_N": force, **said}
+
+
+def explain(error: ValidationError) -> str:
+    """All problems of a table in one line: 'run 2 support: Input should be ...; nominal gain: unknown key'."""
+    return "; ".join(_key(e["loc"]) + _problem(e["type"], e["msg"]) for e in error.errors())
+
+
+def _key(location: tuple[int | str, ...]) -> str:
+    """'run 2 support: ' for ('run', 1, 'support'), nothing for the whole table."""
+    words = " ".join(str(part + 1) if isinstance(part, int) else part for part in location)
+    return f"{words}: " if words else ""
+
+
+def _problem(kind: str, message: str) -> str:
+    if kind == "extra_forbidden":
+        return "unknown key; check its spelling or remove it"
+    if kind == "missing":
+        return "is missing"
+    return message.removeprefix("Value error, ")

@@ -1,0 +1,139 @@
+"""Named arrays and settings, the layout that HDF5 and MATLAB files share.
+
+===================  =======================  ==========================================================
+name                 shape                    meaning
+===================  =======================  ==========================================================
+``frequency_Hz``     (n_freq,)                lines, increasing
+``H``                (n_freq, n_channels)     response; real where magnitudes only were recorded
+``node``             (n_channels,)            node of each channel, from 1
+``plane``            text of n_channels       "y" or "z" for each channel; left out: all y
+``std``              (n_freq, n_channels)     standard error, optional
+``h2``, ``h3`` …     (n_freq, n_channels)     harmonics, optional
+settings             scalar or text           ``support``, ``spin_rpm`` …, the keys of a ``[[run]]`` table
+===================  =======================  ==========================================================
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.campaign import Channel, MeasurementError, Run
+from sim.formats.recording import Recording
+from sim.formats.settings import SETTING_NAMES, check_settings, stored_settings
+
+_ARRAYS = ("frequency_Hz", "H", "node", "std")
+_HARMONIC = re.compile(r"h([2-9]|[1-9]\d+)")
+
+UNITS = {"accelerance": "(m/s^2)/N", "mobility": "(m/s)/N", "receptance": "m/N", "acceleration": "m/s^2"}
+
+
+def arrays_of(run: Run) -> dict[str, np.ndarray]:
+    """The arrays of a run by name."""
+    responses = {"H": run.H, **{f"h{order}": values for order, values in sorted(run.harmonics.items())}}
+    arrays = {
+        "frequency_Hz": np.asarray(run.frequency_hz, dtype=float),
+        "node": np.array([channel.node for channel in run.channels], dtype=np.int64),
+        **{name: values.real if run.magnitude_only else values.astype(complex) for name, values in responses.items()},
+    }
+    return arrays if run.std is None else {**arrays, "std": run.std}
+
+
+def texts_of(run: Run) -> dict[str, str | int | float]:
+    """Settings and planes of a run by name."""
+    return {**stored_settings(run), "plane": "".join(channel.plane for channel in run.channels)}
+
+
+def known(name: str) -> bool:
+    """Whether a variable of this name belongs to a run."""
+    return name in _ARRAYS or name == "plane" or name in SETTING_NAMES or _HARMONIC.fullmatch(name) is not None
+
+
+def recording_of(path: Path, variables: Mapping[str, Any]) -> Recording:
+    """Assemble a recording from named arrays, scalars and texts. Raises MeasurementError that names the variable."""
+    _check_names(path, variables)
+    frequency_hz = _real(path, "frequency_Hz", _numbers(path, "frequency_Hz", variables["frequency_Hz"])).ravel()
+    channels = _channels(path, variables)
+    shape = (len(frequency_hz), len(channels))
+    H = _matrix(path, "H", variables["H"], shape)
+    harmonics = {_order(name): _matrix(path, name, variables[name], shape) for name in variables if _order(name)}
+    return Recording(
+        frequency_hz=frequency_hz,
+        H=H.astype(complex),
+        channels=channels,
+        std=_real(path, "std", _matrix(path, "std", variables["std"], shape)) if "std" in variables else None,
+        harmonics={order: values.astype(complex) for order, values in sorted(harmonics.items())},
+        magnitude_only=not np.iscomplexobj(H),
+        settings=check_settings({name: _scalar(variables[name]) for name in SETTING_NAMES if name in variables}, path),
+    )
+
+
+def _order(name: str) -> int:
+    """Harmonic order of a variable's name, 0 for any other name."""
+    match = _HARMONIC.fullmatch(name)
+    return int(match[1]) if match else 0
+
+
+def _check_names(path: Path, variables: Mapping[str, Any]) -> None:
+    for name in variables:
+        if not known(name):
+            raise MeasurementError(
+                f"{path}: unknown variable {name!r}; save only {', '.join(_ARRAYS)}, plane, h2, h3 … "
+                f"and {', '.join(SETTING_NAMES)}"
+            )
+    for name in ("frequency_Hz", "H", "node"):
+        if name not in variables:
+            raise MeasurementError(f"{path}: variable {name!r} is missing; a run needs frequency_Hz, H and node")
+
+
+def _numbers(path: Path, name: str, value: Any) -> np.ndarray:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iufc":
+        raise MeasurementError(f"{path}: variable {name!r} holds no numbers; save it as a numeric array")
+    return array
+
+
+def _real(path: Path, name: str, array: np.ndarray) -> np.ndarray:
+    if np.iscomplexobj(array):
+        raise MeasurementError(f"{path}: variable {name!r} is complex; it must be real")
+    return array.astype(float)
+
+
+def _matrix(path: Path, name: str, value: Any, shape: tuple[int, int]) -> np.ndarray:
+    """(n_freq, n_channels) numbers; with a single channel any vector will do."""
+    array = _numbers(path, name, value)
+    if shape[1] == 1 and array.size == shape[0]:
+        array = array.reshape(shape)
+    if array.shape != shape:
+        raise MeasurementError(
+            f"{path}: variable {name!r} has shape {array.shape}, expected {shape}: a row for each of frequency_Hz, "
+            "a column for each of node"
+        )
+    return array
+
+
+def _channels(path: Path, variables: Mapping[str, Any]) -> tuple[Channel, ...]:
+    nodes = _real(path, "node", _numbers(path, "node", variables["node"])).ravel()
+    if nodes.size == 0 or np.any(nodes < 1) or np.any(nodes != np.round(nodes)):
+        raise MeasurementError(f"{path}: variable 'node' must hold each channel's node, whole numbers from 1")
+    planes = str(_scalar(variables["plane"])) if "plane" in variables else "y" * nodes.size
+    if len(planes) != nodes.size or not set(planes) <= {"y", "z"}:
+        raise MeasurementError(
+            f"{path}: variable 'plane' is {planes!r}; it must be a text of {nodes.size} letters, y or z for each node"
+        )
+    return tuple(Channel(int(node), "z" if plane == "z" else "y") for node, plane in zip(nodes, planes, strict=True))
+
+
+def _scalar(value: Any) -> Any:
+    """A number or text out of the array a file keeps it in; anything else as it is, to be refused by name."""
+    array = np.asarray(value)
+    if array.dtype.kind == "S":
+        array = np.char.decode(array, "utf-8")
+    texts = array.ravel().tolist()
+    if array.size and all(isinstance(text, str) for text in texts):
+        return "".join(texts)
+    return array.item() if array.size == 1 else value

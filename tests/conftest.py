@@ -1,0 +1,33 @@
+"""Guards for every test: none may leave the process in another state than it found it in."""
+
+from __future__ import annotations
+
+import os
+import random
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+
+def process_state() -> dict[str, Any]:
+    """What a test must not change: global random states, floating-point errors, working directory."""
+    algorithm, keys, *position = np.random.get_state(legacy=True)  # noqa: NPY002 - watched, not used
+    return {
+        "the global numpy random state": (algorithm, keys.tobytes(), *position),
+        "the global random state": random.getstate(),
+        "np.seterr": np.geterr(),
+        "the working directory": os.getcwd(),
+    }
+
+
+@pytest.fixture(autouse=True)
+def _process_state_is_left_alone() -> Iterator[None]:
+    before = process_state()
+    yield
+    after = process_state()
+    changed = [name for name in before if before[name] != after[name]]
+    if changed:
+        os.chdir(before["the working directory"])
+        pytest.fail(f"the test changed {' and '.join(changed)}", pytrace=False)

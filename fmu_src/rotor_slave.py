@@ -14,6 +14,10 @@ from rotor.simulator import RotorSimulator, Settings
 from rotor.structure import from_arrays
 
 
+_SETTINGS = tuple(f.name for f in fields(Settings))
+_FORCE = ("force", "force_amplitude", "force_frequency")
+
+
 class RotorRig(TableSlave):
     """Finite-element rotor: sine or signal force in, node accelerations out."""
 
@@ -28,14 +32,13 @@ class RotorRig(TableSlave):
             step_size=1e-4,
             **kwargs,
         )
-        self._simulator = RotorSimulator(structure, self._settings())
-
-    def _settings(self) -> Settings:
-        return Settings(**{f.name: self.value(f.name) for f in fields(Settings)})
+        self._simulator = RotorSimulator(structure)
+        self.accept_settings()
 
     def accept_settings(self) -> None:
-        """Rebuilds the rotor where a parameter changed it."""
-        self._simulator.configure(self._settings())
+        """Hand everything to the rotor; it rebuilds its equations only where they changed."""
+        self._simulator.configure(Settings(**{name: self.value(name) for name in _SETTINGS}))
+        self._simulator.drive(**{name: self.value(name) for name in _FORCE})
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """Set the clock."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that can be set on the rotor: parameters and inputs, SI units."""
+    """What the rotor's equations depend on: parameters and spin speed, SI units."""
 
     k_b: float = 1e7
     rigid_support: bool = False
@@ -32,13 +32,6 @@ class Settings:
     excitation_node: int = 2
     excitation_plane: int = 1
     spin_speed: float = 0.0
-    force: float = 0.0
-    force_amplitude: float = 0.0
-    force_frequency: float = 100.0
-
-
-# Settings that change the equations; the others only change the force.
-_STRUCTURAL = tuple(f.name for f in fields(Settings) if not f.name.startswith("force"))
 
 
 class RotorSimulator:
@@ -54,6 +47,7 @@ class RotorSimulator:
         self._structure = structure
         self._ticks = 0
         self._cycles = 0.0  # phase of the sine generator, in periods
+        self._drive, self._frequency_hz = Drive(), 0.0
         self._build(settings or Settings())
         self._state = np.zeros(self._stepper.n_states)
 
@@ -73,8 +67,7 @@ class RotorSimulator:
         Raises ValueError for a setting that is not physical and for a change of ``rigid_support``
         while the rotor moves; nothing is changed then.
         """
-        if all(getattr(settings, name) == getattr(self._settings, name) for name in _STRUCTURAL):
-            self._settings = settings
+        if settings == self._settings:
             return
         if settings.rigid_support != self._settings.rigid_support:
             if self._ticks or self._state.any():
@@ -85,6 +78,11 @@ class RotorSimulator:
             motion = self._stepper.motion_of(self._state)
             self._build(settings)
             self._state = self._stepper.state_of(*motion)
+
+    def drive(self, *, force: float, force_amplitude: float, force_frequency: float) -> None:
+        """Set the held force [N] and the built-in sine [N, Hz]; the sine's phase stays continuous."""
+        self._drive = Drive(force, force_amplitude, 2 * math.pi * force_frequency)
+        self._frequency_hz = force_frequency
 
     def start_at(self, time: float) -> None:
         """Set the clock [s] of a rotor that has not moved yet."""
@@ -105,18 +103,15 @@ class RotorSimulator:
         if end <= self._ticks:
             raise ValueError(f"a communication step of {step} s is below the clock's resolution")
         h = (end - self._ticks) / TICKS_PER_SECOND
-        s = self._settings
-        drive = Drive(s.force, s.force_amplitude, 2 * np.pi * s.force_frequency)
-        cycles = math.fmod(self._cycles + math.fmod(s.force_frequency * h, 1.0), 1.0)
+        cycles = math.fmod(self._cycles + math.fmod(self._frequency_hz * h, 1.0), 1.0)
         phases = (2 * math.pi * self._cycles, 2 * math.pi * cycles)
-        self._state = self._stepper.step(self._state, phases, drive, h)
+        self._state = self._stepper.step(self._state, phases, self._drive, h)
         self._cycles, self._ticks = cycles, end
 
     @property
     def force_applied(self) -> float:
         """Total force at this instant [N]: the input plus the built-in sine."""
-        s = self._settings
-        return s.force + s.force_amplitude * math.sin(2 * np.pi * self._cycles)
+        return self._drive.held + self._drive.amplitude * math.sin(2 * math.pi * self._cycles)
 
     def accelerations(self) -> FloatArray:
         """(2 n_nodes,) accelerations [m/s^2]: y of every node, then z of every node."""
@@ -125,7 +120,8 @@ class RotorSimulator:
     def snapshot(self) -> dict[str, Any]:
         """Everything that is needed to go on from here, in JSON types; floats keep every bit."""
         return {
-            "settings": {f.name: getattr(self._settings, f.name) for f in fields(Settings)},
+            "settings": asdict(self._settings),
+            "force": [self._drive.held, self._drive.amplitude, self._frequency_hz],
             "ticks": self._ticks,
             "cycles": self._cycles,
             "state": self._state.tolist(),
@@ -134,9 +130,10 @@ class RotorSimulator:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go back to a snapshot."""
         settings = Settings(**snapshot["settings"])
-        if any(getattr(settings, name) != getattr(self._settings, name) for name in _STRUCTURAL):
+        if settings != self._settings:
             self._build(settings)
-        self._settings = settings
+        held, amplitude, frequency = snapshot["force"]
+        self.drive(force=held, force_amplitude=amplitude, force_frequency=frequency)
         self._ticks, self._cycles = snapshot["ticks"], snapshot["cycles"]
         self._state = np.array(snapshot["state"], dtype=float)
 

@@ -7,7 +7,8 @@ communication step of any length is one matrix product,
 
     x(t + h) = x_p(phi + omega h) + e^{hA} [x(t) - x_p(phi)] + int_0^h e^{sA} ds b u.
 
-A rotor that has settled stays settled exactly, however long the step.
+A rotor that has settled stays settled exactly, however long the step. An undamped rotor driven at a
+resonance has no steady response; there the sine becomes two more states of the exponential.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ from rotor.structure import FloatArray, IntArray
 from rotor.system import LinearSystem, undamped_modes
 
 ComplexArray = NDArray[np.complex128]
+
+# Steady response above which the rotor counts as undamped at a resonance, in units of b / omega:
+# subtracting a steady state so much larger than the motion would cost its digits.
+_NO_STEADY_STATE = 1e5
 
 # Propagators and steady states kept: a stepped-sine sweep needs a handful at a time, a variable-step master more.
 _CACHE_SIZE = 64
@@ -79,7 +84,7 @@ class ModalStepper:
         self._output = read_out @ modes.Phi @ A[m:]  # (n_out, 2m) acceleration from the state
         self.feedthrough = read_out @ modes.Phi @ b[m:]  # (n_out,) acceleration per newton
         self._blocks = _decoupled_blocks(A, b)
-        self._cache: OrderedDict[tuple[str, int, float], Any] = OrderedDict()
+        self._cache: OrderedDict[tuple[Any, ...], Any] = OrderedDict()
 
     @property
     def n_states(self) -> int:
@@ -113,12 +118,15 @@ class ModalStepper:
             if not ((forced and block.forced) or x.any()):
                 continue
             free, held = self._propagator(number, h)
-            if drive.amplitude != 0.0 and block.forced:
-                steady = drive.amplitude * self._steady(number, drive.omega)  # complex phasor
+            if drive.amplitude == 0.0 or not block.forced:
+                x = free.dot(x)
+            elif (unit := self._steady(number, drive.omega)) is not None:
+                steady = drive.amplitude * unit  # complex phasor
                 x = free.dot(x - (steady * np.exp(1j * phases[0])).imag)
                 x += (steady * np.exp(1j * phases[1])).imag
             else:
-                x = free.dot(x)
+                sine = (drive.amplitude * np.sin(phases[0]), drive.amplitude * np.cos(phases[0]))
+                x = self._growth(number, drive.omega, h).dot(np.concatenate([x, sine]))
             after[block.places] = x + held * drive.held
         return after
 
@@ -130,11 +138,15 @@ class ModalStepper:
         """e^{hA} and int_0^h e^{sA} ds b of one block."""
         return self._remember(("propagator", number, h), lambda: _propagate(self._blocks[number], h))
 
-    def _steady(self, number: int, omega: float) -> ComplexArray:
-        """Phasor of one block's steady state under a unit sine."""
+    def _steady(self, number: int, omega: float) -> ComplexArray | None:
+        """Phasor of one block's steady state under a unit sine; None where there is none."""
         return self._remember(("steady", number, omega), lambda: _steady_state(self._blocks[number], omega))
 
-    def _remember(self, key: tuple[str, int, float], make: Callable[[], Any]) -> Any:
+    def _growth(self, number: int, omega: float, h: float) -> FloatArray:
+        """(2m, 2m + 2) propagator of one block and the sine and cosine that drive it."""
+        return self._remember(("growth", number, omega, h), lambda: _propagate_driven(self._blocks[number], omega, h))
+
+    def _remember(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
         if key in self._cache:
             self._cache.move_to_end(key)
             return self._cache[key]
@@ -153,12 +165,22 @@ def _propagate(block: _Block, h: float) -> tuple[FloatArray, FloatArray]:
     return np.ascontiguousarray(exponential[:m, :m]), exponential[:m, m].copy()
 
 
-def _steady_state(block: _Block, omega: float) -> ComplexArray:
-    identity = np.eye(len(block.places))
+def _steady_state(block: _Block, omega: float) -> ComplexArray | None:
     try:
-        return np.linalg.solve(1j * omega * identity - block.A, block.b.astype(complex))
-    except np.linalg.LinAlgError:  # undamped, driven exactly at a resonance: take the next frequency
-        return np.linalg.solve(1j * omega * (1 + 1e-14) * identity - block.A, block.b.astype(complex))
+        phasor = np.linalg.solve(1j * omega * np.eye(len(block.places)) - block.A, block.b.astype(complex))
+    except np.linalg.LinAlgError:
+        return None
+    amplification = abs(omega) * np.linalg.norm(phasor) / np.linalg.norm(block.b)
+    return phasor if amplification < _NO_STEADY_STATE else None
+
+
+def _propagate_driven(block: _Block, omega: float, h: float) -> FloatArray:
+    m = len(block.places)
+    generator = np.zeros((m + 2, m + 2))
+    generator[:m, :m] = block.A
+    generator[:m, m] = block.b
+    generator[m, m + 1], generator[m + 1, m] = omega, -omega
+    return np.ascontiguousarray(expm(h * generator)[:m])
 
 
 def _decoupled_blocks(A: FloatArray, b: FloatArray) -> list[_Block]:

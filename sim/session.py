@@ -6,6 +6,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -31,6 +32,14 @@ _SAFE_PATH = re.compile(r"[A-Za-z0-9_./\\: ~-]+")
 
 class FmuError(RuntimeError):
     """An FMU call failed; the message carries what the FMU wrote to its log."""
+
+
+@dataclass(frozen=True)
+class SavedState:
+    """A state of an FMU, serialised."""
+
+    time: float  # [s]
+    content: bytes
 
 
 class FmuSession:
@@ -106,6 +115,23 @@ class FmuSession:
         """One communication step of h seconds."""
         self._call(self._fmu.doStep, self.time, h)
         self.time += h
+
+    def save_state(self) -> SavedState:
+        """Everything the instance holds. Raises FmuError where the FMU cannot save its state."""
+        state = self._call(self._fmu.getFMUstate)
+        try:
+            return SavedState(self.time, self._call(self._fmu.serializeFMUstate, state))
+        finally:
+            self._call(self._fmu.freeFMUstate, state)
+
+    def restore_state(self, saved: SavedState) -> None:
+        """Go back to a saved state, its time included."""
+        state = self._call(self._fmu.deSerializeFMUstate, saved.content, None)
+        try:
+            self._call(self._fmu.setFMUstate, state)
+        finally:
+            self._call(self._fmu.freeFMUstate, state)
+        self.time = saved.time
 
     def sample(self, outputs: Sequence[str], h: float, n: int) -> FloatArray:
         """Read Real outputs now and after each of n - 1 further steps of h seconds.

@@ -215,11 +215,10 @@ class _Measurement:
         estimate = np.inf
         while len(history) < self._plan.max_windows:
             self._session.step(self._plan.settle_time)
-            window = self._window(frequency)
-            history.append(_per_force(detect(window, self._plan.samples_per_period)))
+            history.append(_per_force(detect(self._window(frequency, periods=1), self._plan.samples_per_period)))
             estimate = _remaining_transient(history[-3:])
             if len(history) >= 3 and estimate <= self._plan.settling_tolerance:
-                return self._line(frequency, window, history, estimate)
+                return self._line(frequency, self._window(frequency, self._plan.periods), history, estimate)
         raise NotSettledError(
             f"{frequency:.4f} Hz: {estimate:.1e} of the response is still transient after "
             f"{len(history) * self._plan.settle_time:.0f} s; raise settle_time, or the damping if it is not wanted this low",
@@ -227,9 +226,9 @@ class _Measurement:
             estimate=estimate,
         )
 
-    def _window(self, frequency: float) -> FloatArray:
+    def _window(self, frequency: float, periods: int) -> FloatArray:
         n = self._plan.samples_per_period
-        return self._session.sample(self._outputs, 1 / (n * frequency), n * self._plan.periods)
+        return self._session.sample(self._outputs, 1 / (n * frequency), n * periods)
 
     def _line(self, frequency: float, window: FloatArray, history: list[Phasors], estimate: float) -> Line:
         noisy = window.copy()
@@ -237,7 +236,7 @@ class _Measurement:
         noisy[:, :-1] = self._plan.noise.add(window[:, :-1], stream)
         detected = detect(noisy, self._plan.samples_per_period)
         phasors = _per_force(detected)
-        periods = (self._plan.settle_time + self._plan.periods / frequency) * frequency
+        periods = self._plan.settle_time * frequency + 1
         return Line(
             frequency_hz=frequency,
             response=phasors.amplitude,

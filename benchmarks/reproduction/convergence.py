@@ -69,9 +69,9 @@ def mesh_convergence() -> str:
     }
     return f"""## Mesh convergence
 
-Each rig node carries on; every span between two of them is halved again and again. The order is log2 of the ratio of
-successive differences. Frequencies are Rayleigh quotients of the computed shapes, since an eigenvalue solver's
-round-off would hide the fine end.
+Every span between two rig nodes is halved again and again. The order is log2 of the ratio of successive differences.
+Frequencies are Rayleigh quotients of the computed shapes, since an eigenvalue solver's round-off would hide the fine
+end.
 
 {"".join(_order_table(element, studies) for element in MESHES)}
 {_figure(studies)}

@@ -65,7 +65,8 @@ def ross() -> str:
     return f"""## An independent code: ROSS
 
 ROSS 2.3.0 [ross2020] computed the same shaft with rigid disks (annuli with a 20 mm bore, mass and both moments of
-inertia, at 119 and 307 mm) on 44 nodes. Ours has {ELEMENTS_PER_SPAN} elements per span. ROSS' 1e15 N/m is a spring, ours is rigid.
+inertia, at 119 and 307 mm) on 44 nodes. Ours has {ELEMENTS_PER_SPAN} elements per span. ROSS' 1e15 N/m is a
+spring, ours is rigid.
 
 {table(("k_b, N/m", "mode", "ROSS, Hz", "ours, Hz", "diff., %"), rows)}
 {bar("ROSS, largest difference of 16 frequencies", _largest_difference(ross_structure()), at_most=0.01, unit="%")}

@@ -1,4 +1,4 @@
-"""The sections of docs/reproduction.md in their order. Append to ``SECTIONS``."""
+"""The sections of docs/reproduction.md in their order."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from benchmarks.reproduction.amplitudes import table_2_amplitudes
 from benchmarks.reproduction.convergence import mesh_convergence
 from benchmarks.reproduction.damping import damping_models
 from benchmarks.reproduction.figures import figure_2, figure_3
+from benchmarks.reproduction.networks import section as paper_networks
 from benchmarks.reproduction.ross import ross
 from benchmarks.reproduction.tables import table_1, table_2_shifts
 
@@ -22,4 +23,5 @@ SECTIONS: list[Section] = [
     ross,
     mesh_convergence,
     damping_models,
+    paper_networks,
 ]

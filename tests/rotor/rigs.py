@@ -64,9 +64,7 @@ def paper_system(condition: Condition, *, elements: int = 1, element: ElementTyp
     return build_system(paper_structure(elements, element), condition)
 
 
-def held(
-    beam: Rig, *, elements: int, element: ElementType = timoshenko, condition: Condition = RIGID
-) -> LinearSystem:
+def held(beam: Rig, *, elements: int, element: ElementType = timoshenko, condition: Condition = RIGID) -> LinearSystem:
     """A rig on its supports, meshed with so many elements between nodes."""
     return build_system(assemble(beam, element=element, elements_between_nodes=elements), condition)
 

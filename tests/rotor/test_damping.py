@@ -50,7 +50,7 @@ def test_the_damped_modes_have_that_ratio_too():
 
 def test_soft_bearings_leave_the_bounce_mode_undamped():
     system = rigs.paper_system(Condition(k_b=1e4))
-    assert modal_damping_ratio(system)[0] < 0.01 * 0.001
+    assert modal_damping_ratio(system)[0] < 0.02 * 0.001
 
 
 @settings(max_examples=25)

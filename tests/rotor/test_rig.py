@@ -269,8 +269,11 @@ def test_a_flat_bar_is_stiff_in_one_plane_and_soft_in_the_other():
 
 @pytest.mark.parametrize(
     ("keys", "word"),
-    [({}, "area_m2"), ({"area_m2": 1e-4}, "second_moment_y_m4")]
-    + [({"area_m2": 1e-4, "second_moment_y_m4": 1e-9, "shear_factor": 0.9, "bore_m": 0.001}, "bore_m")],
+    [
+        ({}, "area_m2"),
+        ({"area_m2": 1e-4}, "second_moment_y_m4"),
+        ({"area_m2": 1e-4, "second_moment_y_m4": 1e-9, "shear_factor": 0.9, "bore_m": 0.001}, "bore_m"),
+    ],
 )
 def test_half_a_general_section_is_refused(keys, word):
     with pytest.raises(ValueError, match=word):

@@ -62,12 +62,18 @@ def _rows(variables: Sequence[Variable]) -> list[dict[str, str]]:
             "variability": variability(v),
             "type": v.kind,
             "unit": v.unit or "",
-            "start": "" if v.start is None else f"{v.start}",
+            "start": _start(v),
             "range": _range(v),
             "description": v.description,
         }
         for v in variables
     ]
+
+
+def _start(variable: Variable) -> str:
+    if variable.start is None:
+        return ""
+    return str(variable.start).lower() if isinstance(variable.start, bool) else f"{variable.start:g}"
 
 
 def _range(variable: Variable) -> str:
@@ -144,7 +150,7 @@ def estimator_picture() -> bytes:
                 axes.plot([x0, x1], [y0, y1], color=_STEEL, lw=0.8, zorder=1)
     for x, y in (p for layer in points for p in layer):
         axes.plot(x, y, "o", ms=14, color=_DISK, zorder=2)
-    for (x, y), name in zip(points[0], ("Δf₂", "Δf₁", "A₁/A₀")[::-1], strict=True):
+    for (x, y), name in zip(points[0], ("A₁/A₀", "Δf₂", "Δf₁"), strict=True):
         axes.annotate(name, (x - 0.15, y), ha="right", va="center", fontsize=12)
     axes.annotate("$k_b$ ± σ", (2.15, 0), ha="left", va="center", fontsize=12)
     axes.set_xlim(-0.8, 2.9)

@@ -77,11 +77,11 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
     return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, rotor_pages(rig, facts), folder / ROTOR_FMU)
 
 
-def build_estimator_fmu(folder: Path) -> Path:
-    """Build ``StiffnessEstimator.fmu`` around the shipped network. Raises BuildError."""
+def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
+    """Build ``StiffnessEstimator.fmu`` around a trained network, default the shipped one. Raises BuildError."""
     from estimator.runtime import shipped_model
 
-    model = shipped_model()
+    model = model or shipped_model()
     bundle = Bundle(
         script="fmu_src.estimator_slave",
         modules=("fmu_src.slave", "fmu_src.variables", "estimator.runtime"),

@@ -9,6 +9,7 @@ module                  what it holds                                           
 ``network``             the network (torch)                                      ``StiffnessNetwork``
 ``training``            fit, calibrate, export to ONNX                           ``train``
 ``runtime``             the ONNX file in use: numpy and onnxruntime only         ``StiffnessEstimator``
+``validity``            why an estimate is not valid, in sentences              ``objections``
 ``root_finding``        the same question answered on the finite-element model   ``StiffnessFinder``
 ``paper_networks``      the paper's own back-propagation networks                ``train_network``
 ======================  =======================================================  =======================

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import os
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from fmpy import read_model_description
 
 from estimator.features import FEATURE_NAMES, features_of_runs
-from estimator.prior import Rigs
+from estimator.prior import Prior, Rigs
+from rotor.modal import natural_frequencies_hz
+from rotor.structure import Structure
+from rotor.system import Condition, build_system
 from sim.sensors import SensorNoise
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, SweepPlan, sweep
@@ -44,6 +50,7 @@ def measure_rigs(
     *,
     plan: SweepPlan = FEATURE_PLAN,
     progress: Callable[[int], None] | None = None,
+    store: Path | None = None,
 ) -> Dataset:
     """Sweep every rig on rigid supports and on its bearings, and fit the modes.
 
@@ -54,8 +61,10 @@ def measure_rigs(
     executor : where the work runs; the result does not depend on it
     plan : lines, settling, noise; the noise differs from rig to rig
     progress : called with the number of rigs measured so far
+    store : folder that keeps what is measured; what it has of the same FMU, rigs and plan is not measured again
     """
-    tasks = [(str(fmu), _part(rigs, start), start, plan) for start in range(0, len(rigs), _CHUNK)]
+    guid = read_model_description(str(fmu)).guid
+    tasks = [_task(fmu, guid, rigs, start, plan, store) for start in range(0, len(rigs), _CHUNK)]
     rows: list[np.ndarray] = []
     for part in executor.map(_measure_chunk, tasks):
         rows.extend(part)
@@ -64,14 +73,35 @@ def measure_rigs(
     return Dataset(rigs, np.array(rows))
 
 
-def _part(rigs: Rigs, start: int) -> Rigs:
-    return Rigs(*(getattr(rigs, name)[start : start + _CHUNK] for name in RIG_NAMES))
+class _Task(NamedTuple):
+    """Some rigs to be measured by one instance of an FMU."""
+
+    fmu: str
+    rigs: Rigs
+    start: int  # number of the first of them
+    plan: SweepPlan
+    kept: Path | None  # where their features are kept
 
 
-def _measure_chunk(task: tuple[str, Rigs, int, SweepPlan]) -> list[np.ndarray]:
-    fmu, rigs, start, plan = task
-    with FmuSession(fmu) as session:
-        return [_measure_one(session, rigs, i, start + i, plan) for i in range(len(rigs))]
+def _task(fmu: Path, guid: str, rigs: Rigs, start: int, plan: SweepPlan, store: Path | None) -> _Task:
+    part = Rigs(*(getattr(rigs, name)[start : start + _CHUNK] for name in RIG_NAMES))
+    said = repr((guid, start, plan, [values.tolist() for values in astuple(part)]))
+    kept = store / f"{hashlib.sha256(said.encode()).hexdigest()[:20]}.npy" if store else None
+    return _Task(str(fmu), part, start, plan, kept)
+
+
+def _measure_chunk(task: _Task) -> np.ndarray:
+    """(n, 6) features, from the store or from the rig."""
+    if task.kept and task.kept.exists():
+        return np.load(task.kept)
+    with FmuSession(task.fmu) as session:
+        rows = [_measure_one(session, task.rigs, i, task.start + i, task.plan) for i in range(len(task.rigs))]
+    if task.kept:
+        task.kept.parent.mkdir(parents=True, exist_ok=True)
+        beside = task.kept.with_suffix(f".{os.getpid()}.npy")
+        np.save(beside, np.array(rows))
+        os.replace(beside, task.kept)
+    return np.array(rows)
 
 
 def _measure_one(session: FmuSession, rigs: Rigs, i: int, number: int, plan: SweepPlan) -> np.ndarray:
@@ -81,6 +111,14 @@ def _measure_one(session: FmuSession, rigs: Rigs, i: int, number: int, plan: Swe
     rigid = sweep(session, Rig("rigid", parameters=parameters), own).run
     bearing = sweep(session, Rig("bearing", parameters=parameters), own).run
     return features_of_runs(rigid, bearing).as_array()
+
+
+def feature_plan(structure: Structure, prior: Prior) -> SweepPlan:
+    """FEATURE_PLAN with the band that holds modes 1 and 2 of any rotor, whatever k_b the prior draws."""
+    soft = build_system(structure, Condition(k_b=prior.k_b_trained[0]))
+    rigid = build_system(structure, Condition(rigid_support=True))
+    lowest, highest = natural_frequencies_hz(soft, plane=1)[0], natural_frequencies_hz(rigid, plane=1)[1]
+    return replace(FEATURE_PLAN, f_min_hz=0.3 * float(lowest), f_max_hz=1.25 * float(highest))
 
 
 def noisy(plan: SweepPlan, relative: float, seed: int) -> SweepPlan:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import qmc
+
+from rotor.modal import natural_frequencies_hz
+from rotor.structure import Structure
+from rotor.system import Condition, build_system
 
 
 @dataclass(frozen=True)
@@ -58,3 +62,28 @@ def _log_uniform(u: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
 
 
 PRIOR = Prior()
+
+
+# What PRIOR was chosen for: bearings of about this stiffness [N/m], and mode 2 on rigid supports [Hz].
+_PRIOR_K_B, _PRIOR_F2 = 1e7, 324.0
+
+
+def prior_for(structure: Structure, k_b: float) -> Prior:
+    """PRIOR carried over to another rotor with bearings of about this stiffness [N/m].
+
+    k_b spans the same factors, and the bearings' loss factor c omega_2 / k_b the same range.
+    """
+    f2 = natural_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)[1]
+    stiffer = k_b / _PRIOR_K_B
+    more_damped = stiffer * _PRIOR_F2 / float(f2)
+    return replace(
+        PRIOR,
+        k_b=_scaled(PRIOR.k_b, stiffer),
+        k_b_trained=_scaled(PRIOR.k_b_trained, stiffer),
+        bearing_damping=_scaled(PRIOR.bearing_damping, more_damped),
+    )
+
+
+def _scaled(limits: tuple[float, float], factor: float) -> tuple[float, float]:
+    low, high = limits
+    return factor * low, factor * high

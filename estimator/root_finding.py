@@ -6,9 +6,12 @@ import numpy as np
 from scipy.optimize import brentq
 
 from estimator.features import Features
-from rotor.modal import damped_modes
+from rotor.modal import damped_modes, state_matrix
 from rotor.structure import Structure
-from rotor.system import Condition, build_system
+from rotor.system import Condition, LinearSystem, build_system
+
+# Bearing damping is looked for in these steps [N s/m]; far beyond, the dampers lock the bearings.
+_BEARING_DAMPING = np.concatenate([[0.0], np.geomspace(0.01, 1e5, 141)])
 
 
 class StiffnessFinder:
@@ -19,10 +22,17 @@ class StiffnessFinder:
     structure : the rotor
     condition : damping to assume; k_b and support in it are ignored
     k_b : range to search [N/m]
+    node : driving point of the amplitude ratio
     """
 
-    def __init__(self, structure: Structure, condition: Condition | None = None, k_b: tuple[float, float] = (1e5, 1e9)):
-        self._structure, self._range = structure, k_b
+    def __init__(
+        self,
+        structure: Structure,
+        condition: Condition | None = None,
+        k_b: tuple[float, float] = (1e5, 1e9),
+        node: int = 2,
+    ):
+        self._structure, self._range, self._node = structure, k_b, node
         self._damping = condition or Condition()
         self._rigid = self._frequencies(rigid=True)
 
@@ -49,6 +59,28 @@ class StiffnessFinder:
         weights = [(slope / max(std, 1e-9)) ** 2 for slope, std in zip(slopes, stds, strict=True)]
         return float(np.exp(np.average(answers, weights=weights)))
 
+    def amplitude_ratio(self, k_b: float, bearing_damping: float) -> float:
+        """A1/A0 of mode 1 at the driving point, bearing over rigid support [-]."""
+        zeta = self._damping.shaft_damping_ratio
+        rigid, bearing = (Condition(k_b, pinned, bearing_damping, zeta) for pinned in (True, False))
+        a0, a1 = (_resonance_acceleration(build_system(self._structure, c), self._node) for c in (rigid, bearing))
+        return a1 / a0
+
+    def bearing_damping_for_ratio(self, k_b: float, ratio: float) -> float:
+        """The least bearing damping that gives mode 1 this amplitude ratio [N s/m]; nan where none does."""
+
+        def miss(damping: float) -> float:
+            return self.amplitude_ratio(k_b, damping) / ratio - 1
+
+        low = _BEARING_DAMPING[0]
+        if miss(low) < 0:
+            return float("nan")
+        for high in _BEARING_DAMPING[1:]:
+            if miss(high) <= 0:
+                return float(brentq(miss, low, high, xtol=1e-9 * high))  # type: ignore[arg-type]
+            low = high
+        return float("nan")
+
     def _slope(self, mode: int, log_k: float, step: float = 1e-4) -> float:
         """d shift / d log k_b [Hz]."""
         up, down = (self.shifts(float(np.exp(log_k + s)))[mode - 1] for s in (step, -step))
@@ -57,3 +89,22 @@ class StiffnessFinder:
     def _frequencies(self, k_b: float = 1e7, rigid: bool = False) -> np.ndarray:
         condition = Condition(k_b, rigid, self._damping.bearing_damping, self._damping.shaft_damping_ratio)
         return damped_modes(build_system(self._structure, condition)).frequency_hz[[0, 2]]
+
+
+def _resonance_acceleration(system: LinearSystem, node: int) -> float:
+    """Resonance acceleration of mode 1 alone at a node in y, per unit force there [(m/s^2)/N].
+
+    Receptance is the sum of R / (s - lambda) over all eigenvalues; a pair of them is
+    2 [s Re R - Re(R conj lambda)] / (s^2 + 2 zeta omega_r s + omega_r^2). At s = i omega_r its
+    denominator is 2 i zeta omega_r^2, and acceleration is omega_r^2 times it. The two planes share
+    their eigenvalues, so the residues of both are added up.
+    """
+    force = system.unit_vector(node, 1)
+    eigenvalue, V = np.linalg.eig(state_matrix(system))
+    inputs = np.concatenate([np.zeros(system.n), np.linalg.solve(system.M, force)])
+    residue = (force @ V[: system.n]) * np.linalg.solve(V, inputs.astype(complex))  # (2n,)
+    oscillating = eigenvalue.imag > 1e-9 * np.abs(eigenvalue).max()
+    first = eigenvalue[oscillating][np.argmin(np.abs(eigenvalue[oscillating]))]
+    R = residue[np.abs(eigenvalue - first) < 1e-6 * np.abs(first)].sum()
+    omega, zeta = np.abs(first), -first.real / np.abs(first)
+    return float(np.abs(2 * (1j * omega * R.real - (R * first.conjugate()).real)) / (2 * zeta))

@@ -6,12 +6,16 @@ dependencies, InitialUnknowns, a GUID derived from the content), and a state tha
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import json
+import os
+import sys
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from uuid import UUID
 from xml.etree.ElementTree import Element, SubElement
 
@@ -24,6 +28,38 @@ from fmu_src.variables import UNITS, Variable
 
 _FMI_CLASS = {"Real": Real, "Integer": Integer, "Boolean": Boolean}
 _DEFAULT_VARIABILITY = {"Real": "continuous", "Integer": "discrete", "Boolean": "discrete"}
+
+# What pythonfmu's glue calls on an instance.
+_HOST_CALLS = (
+    *("setup_experiment", "enter_initialization_mode", "exit_initialization_mode", "do_step", "terminate"),
+    *(f"{verb}_{kind}" for verb in ("get", "set") for kind in ("real", "integer", "boolean", "string")),
+    *("_get_fmu_state", "_set_fmu_state"),
+)
+
+
+def _survives_errors(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A call from the host that leaves the instance alive when it raises.
+
+    pythonfmu's glue drops its references to the instance, its class and its log when a call
+    raises, and drops them again when the instance is freed. Taking one more of each keeps the
+    instance alive and the host from crashing, whatever was raised: a refused value, Ctrl-C, or a
+    warning that the host turned into an error.
+    """
+
+    @wraps(method)
+    def call(self: TableSlave, *arguments: Any) -> Any:
+        try:
+            return method(self, *arguments)
+        except BaseException as error:
+            for held in (self, type(self), self.log_queue):
+                ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
+            if not isinstance(error, ValueError):
+                raise
+            raise ValueError(
+                f"{self.instance_name}: {error}. The call has no effect; the instance is still usable."
+            ) from error
+
+    return call
 
 
 class TableSlave(Fmi2Slave):
@@ -43,11 +79,21 @@ class TableSlave(Fmi2Slave):
         self.default_experiment = DefaultExperiment(0.0, 1.0, step_size, None)
         self._table = tuple(variables)
         self._number = {v.name: number for number, v in enumerate(self._table)}
+        self._references = {
+            kind: frozenset(number for number, v in enumerate(self._table) if v.kind == kind)
+            for kind in (*_FMI_CLASS, "String")
+        }
         self._values: list[Any] = [_start_value(v) for v in self._table]
         self._initialised = False
         self._stale = True
         for number, variable in enumerate(self._table):
             self.register_variable(self._declare(number, variable), nested=False)
+        _end_glue_early(Path(kwargs["resources"]).parent / "binaries" / "linux64" / f"{self.modelName}.so")
+
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        for name in _HOST_CALLS:
+            setattr(cls, name, _survives_errors(getattr(cls, name)))
 
     # -- what a subclass provides --------------------------------------------------------------
 
@@ -101,16 +147,20 @@ class TableSlave(Fmi2Slave):
         """See ``set_real``."""
         self._set(vrs, [bool(v) for v in values], "Boolean")
 
+    def get_string(self, vrs: list[int]) -> list[str]:
+        """There are no strings."""
+        return self._get(vrs, "String")
+
+    def set_string(self, vrs: list[int], values: list[str]) -> None:
+        """There are no strings."""
+        self._set(vrs, values, "String")
+
     def _get(self, vrs: list[int], kind: str) -> list[Any]:
+        self._check_references(vrs, kind)
         if self._stale:
             self._refresh()
         values = self._values
-        try:
-            if kind != "Real":  # the hot path, one Real call per step, skips the check of types
-                self._check_references(vrs, kind)
-            return [values[vr] for vr in vrs]
-        except IndexError:
-            self.refuse(f"there is no {kind} variable with value reference {max(vrs)}")
+        return [values[vr] for vr in vrs]
 
     def _refresh(self) -> None:
         outputs = self.compute_outputs()
@@ -127,14 +177,14 @@ class TableSlave(Fmi2Slave):
         self._stale = True
         try:
             self.accept_settings()
-        except ValueError as error:
+        except BaseException:
             self._values = before
-            self.refuse(str(error))
+            raise
 
     def _check_references(self, vrs: list[int], kind: str) -> None:
-        for vr in vrs:
-            if not 0 <= vr < len(self._table) or self._table[vr].kind != kind:
-                self.refuse(f"there is no {kind} variable with value reference {vr}")
+        if not self._references[kind].issuperset(vrs):
+            unknown = min(set(vrs) - self._references[kind]) % 2**32  # the glue hands over a signed number
+            self.refuse(f"there is no {kind} variable with value reference {unknown}")
 
     def _check_settable(self, variable: Variable, value: Any) -> None:
         if variable.causality == "output":
@@ -145,27 +195,36 @@ class TableSlave(Fmi2Slave):
         if reason:
             self.refuse(reason)
 
-    def refuse(self, reason: str) -> Any:
-        """Fail this call with a sentence; the instance itself stays as it was.
-
-        pythonfmu's glue drops its references to the instance, its class and its log when a call
-        raises, and drops them again when the instance is freed. Taking one more of each keeps the
-        instance alive and the host from crashing.
-        """
-        for held in (self, type(self), self.log_queue):
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
-        raise ValueError(f"{self.instance_name}: {reason}. The call has no effect; the instance is still usable.")
+    def refuse(self, reason: str) -> NoReturn:
+        """Fail this call with a sentence in the FMI log; the instance stays as it was."""
+        raise ValueError(reason)
 
     # -- state ---------------------------------------------------------------------------------
 
     def _get_fmu_state(self) -> dict[str, Any]:
-        return {"values": list(self._values), "initialised": self._initialised, "state": self.save_state()}
+        return {
+            "guid": str(self.guid),
+            "values": list(self._values),
+            "initialised": self._initialised,
+            "state": self.save_state(),
+        }
 
-    def _set_fmu_state(self, state: dict[str, Any]) -> None:
+    def _set_fmu_state(self, state: dict[str, Any] | None) -> None:
+        if state is None or state.get("guid") != str(self.guid):
+            self.refuse("this is not a state that this FMU saved")
+        self.load_state(state["state"])
         self._values = list(state["values"])
         self._initialised = state["initialised"]
-        self.load_state(state["state"])
         self._stale = True
+
+    @staticmethod
+    def _fmu_state_from_bytes(state: bytes) -> dict[str, Any] | None:
+        """None for what cannot be read: only setting the state can refuse it without harm to the instance."""
+        try:
+            content = json.loads(state)
+        except ValueError:
+            return None
+        return content if isinstance(content, dict) else None
 
     # -- model description ---------------------------------------------------------------------
 
@@ -219,6 +278,23 @@ class TableSlave(Fmi2Slave):
 def read_manifest(resources: Path) -> dict[str, Any]:
     """The FMU's own facts, written when it was built: GUID, version, and what its model needs."""
     return json.loads((resources / "manifest.json").read_text(encoding="utf-8"))
+
+
+@cache
+def _end_glue_early(library: Path) -> None:
+    """Make the glue library end its interpreter state before the process runs its exit handlers.
+
+    It frees that state in a static destructor and again in a library destructor: a use after free
+    that now and then aborts the host when all its work is done. Its own finaliser, called first,
+    leaves both nothing to free.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    try:
+        glue = ctypes.CDLL(str(library), mode=os.RTLD_NOW | os.RTLD_NOLOAD)
+    except OSError:  # not loaded: the FMU is being built
+        return
+    atexit.register(glue.finalizePythonInterpreter)
 
 
 _INITIAL = {"parameter": "exact", "output": "calculated"}

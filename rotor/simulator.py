@@ -20,6 +20,9 @@ TICKS_PER_SECOND = 2.0**36
 # A master that calls a step from another time than the rotor stands at has lost track of it.
 _SAME_TIME = 1e-6
 
+# Thirty years, seven orders of magnitude above any settling time; the clock's arithmetic stays finite.
+_LAST_TIME = 1e9
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -85,7 +88,9 @@ class RotorSimulator:
         self._frequency_hz = force_frequency
 
     def start_at(self, time: float) -> None:
-        """Set the clock [s] of a rotor that has not moved yet."""
+        """Set the clock [s] of a rotor that has not moved yet. Raises ValueError for a time beyond its range."""
+        if not abs(time) <= _LAST_TIME:
+            raise ValueError(f"the start time must lie within {_LAST_TIME:g} s of zero, got {time} s")
         self._ticks = round(time * TICKS_PER_SECOND)
 
     def advance(self, time: float, step: float) -> None:
@@ -97,6 +102,8 @@ class RotorSimulator:
             raise ValueError(f"the communication step must be finite, got {step} s at {time} s")
         if step <= 0:
             raise ValueError(f"the communication step must be positive, got {step} s")
+        if max(abs(time), abs(time + step)) > _LAST_TIME:
+            raise ValueError(f"a step to {time + step:g} s leaves the clock's range of {_LAST_TIME:g} s")
         if abs(time - self.time) > _SAME_TIME * step + 1e-9 * max(1.0, abs(time)):
             raise ValueError(f"a step from {time} s was asked for, but the rotor stands at {self.time} s")
         end = round((time + step) * TICKS_PER_SECOND)

@@ -32,7 +32,7 @@ def detect(samples: FloatArray, samples_per_period: int) -> Phasors:
     samples_per_period : at least 8, so that three harmonics and a residual fit
     """
     N = len(samples)
-    if samples_per_period < 8 or N % samples_per_period:
+    if samples_per_period < 8 or N == 0 or N % samples_per_period:
         raise ValueError(f"{N} samples are not whole periods of {samples_per_period} (at least 8) samples")
     phase = 2 * np.pi * np.arange(N) / samples_per_period
     basis = np.exp(-1j * np.outer(HARMONICS, phase))  # (n_harmonics, N)

@@ -75,7 +75,7 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
 
     Parameters
     ----------
-    run : a run with phase; lines within +-8 half-power bandwidths are used
+    run : a run with phase; lines within +-8 half-power bandwidths are used, but none nearer to another resonance
     near_hz : the line with the highest response, or close to it
 
     Raises
@@ -83,10 +83,11 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
     ModalFitError : fewer than 8 lines round it
     """
     centre, width = half_power_band(run.frequency_hz, _displacement_size(run), near_hz)
-    use = np.abs(run.frequency_hz - centre) <= _BANDWIDTHS * width
+    reach = min(_BANDWIDTHS * width, _half_way_to_neighbour(run, near_hz))
+    use = np.abs(run.frequency_hz - centre) <= reach
     if np.count_nonzero(use) < 8:
         raise ModalFitError(
-            f"run {run.name!r}: only {np.count_nonzero(use)} lines within {_BANDWIDTHS * width:.3g} Hz of the resonance "
+            f"run {run.name!r}: only {np.count_nonzero(use)} lines within {reach:.3g} Hz of the resonance "
             f"at {centre:.3f} Hz, 8 are needed; its half-power band is {width:.3g} Hz wide: refine the lines there"
         )
     moving = np.abs(run.H[use]).max(axis=0) > 1e-9 * np.abs(run.H[use]).max()
@@ -115,6 +116,12 @@ def half_power_band(frequency_hz: FloatArray, magnitude: FloatArray, near_hz: fl
     offset = float(np.clip(-b / (2 * a), x.min(), x.max()))
     lowest = max(c - b**2 / (4 * a), 1e-3 * abs(c))
     return near_hz + offset, 2 * float(np.sqrt(lowest / a))
+
+
+def _half_way_to_neighbour(run: Run, near_hz: float) -> float:
+    """Half the distance from a resonance to the next one [Hz]; inf where it is the only one."""
+    distances = np.sort(np.abs(np.array(resonances(run.frequency_hz, _displacement_size(run))) - near_hz))
+    return float(distances[1]) / 2 if len(distances) > 1 else np.inf
 
 
 def _displacement_size(run: Run) -> FloatArray:

@@ -6,6 +6,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +23,7 @@ from fmpy.fmi2 import (
     fmi2Real,
     fmi2ValueReference,
 )
+from fmpy.model_description import ModelDescription
 
 from sim.campaign import FloatArray
 
@@ -58,12 +60,13 @@ class FmuSession:
         self._log: list[str] = []
         self._folder = _unpack(Path(fmu))
         try:
-            self.description = read_model_description(self._folder)
+            self.description = _describe(fmu, self._folder)
             self._variables = {v.name: v for v in self.description.modelVariables}
             self._fmu = self._instantiate()
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
+        self._open = True
         self.time = 0.0
         self._fresh = True
 
@@ -76,9 +79,11 @@ class FmuSession:
         self.close()
 
     def close(self) -> None:
-        """Free the instance and delete the unpacked files."""
-        self._fmu.freeInstance()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        """Free the instance and delete the unpacked files; closing again does nothing."""
+        if self._open:  # freeing an instance twice is a segmentation fault
+            self._open = False
+            self._fmu.freeInstance()
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     @property
     def variables(self) -> list[str]:
@@ -140,6 +145,7 @@ class FmuSession:
         -------
         (n, n_outputs) values; the instance then stands n - 1 steps later
         """
+        self._require_open()
         size = len(outputs)
         references = (fmi2ValueReference * size)(*(self._variable(o).valueReference for o in outputs))
         values = np.empty((n, size))
@@ -153,6 +159,10 @@ class FmuSession:
             raise self._error(error) from error
         self.time = start + (n - 1) * h
         return values
+
+    def _require_open(self) -> None:
+        if not self._open:  # a call on a freed instance is a segmentation fault
+            raise FmuError(f"the session of {self.description.modelName} is closed; open a new one")
 
     def _variable(self, name: str) -> Any:
         if name not in self._variables:
@@ -168,12 +178,13 @@ class FmuSession:
             freeMemory=defaultCallbacks.freeMemory,
         )
         try:
-            fmu = FMU2Slave(
-                guid=self.description.guid,
-                unzipDirectory=str(self._folder),
-                modelIdentifier=self.description.coSimulation.modelIdentifier,
-                instanceName=self.description.modelName,
-            )
+            with chdir(Path.cwd()):  # fmpy stays in the FMU's own folder when its library does not load
+                fmu = FMU2Slave(
+                    guid=self.description.guid,
+                    unzipDirectory=str(self._folder),
+                    modelIdentifier=self.description.coSimulation.modelIdentifier,
+                    instanceName=self.description.modelName,
+                )
             fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
         except Exception as error:  # fmpy raises bare Exception here
             raise self._error(error) from error
@@ -183,6 +194,7 @@ class FmuSession:
         self._log.append(message.decode("utf-8", errors="replace"))
 
     def _call(self, function: Any, *arguments: Any, **options: Any) -> Any:
+        self._require_open()
         try:
             return function(*arguments, **options)
         except FMICallException as error:
@@ -204,3 +216,10 @@ def _unpack(fmu: Path) -> Path:
         shutil.rmtree(folder)
         raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error
     return Path(folder)
+
+
+def _describe(fmu: str | Path, folder: Path) -> ModelDescription:
+    try:
+        return read_model_description(folder)
+    except Exception as error:  # fmpy raises bare Exception, lxml and the operating system their own
+        raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -27,7 +28,7 @@ class NotSettledError(RuntimeError):
 class SweepPlan:
     """What to sweep and how well.
 
-    A line is settled when what is left of the transient, estimated from three windows
+    A line is settled when what is left of the transient, estimated from five windows
     ``settle_time`` apart, is below ``settling_tolerance`` of the line's value in every channel.
     """
 
@@ -93,6 +94,9 @@ class Sweep:
 
 # Changes of a phasor this small are round-off of the FMU's propagator, not a decaying transient.
 _ROUND_OFF = 1e-7
+
+# Windows from which a transient is estimated.
+_WINDOWS = 5
 
 Progress = Callable[[int], None]
 
@@ -216,7 +220,7 @@ class _Measurement:
         while len(history) < self._plan.max_windows:
             self._session.step(self._plan.settle_time)
             history.append(_per_force(detect(self._window(frequency, periods=1), self._plan.samples_per_period)))
-            estimate = _remaining_transient(history[-3:])
+            estimate = _remaining_transient(history)
             if len(history) >= 3 and estimate <= self._plan.settling_tolerance:
                 return self._line(frequency, self._window(frequency, self._plan.periods), history, estimate)
         raise NotSettledError(
@@ -240,7 +244,7 @@ class _Measurement:
         return Line(
             frequency_hz=frequency,
             response=phasors.amplitude,
-            std=np.hypot(phasors.std, estimate * np.abs(phasors.amplitude[0])),
+            std=np.hypot(phasors.std, min(estimate, 1.0) * np.abs(phasors.amplitude[0])),
             transient=estimate,
             drift_per_period=_relative_change(history[-2], history[-1]) / periods,
             windows=len(history),
@@ -258,20 +262,25 @@ def _per_force(phasors: Phasors) -> Phasors:
 def _relative_change(before: Phasors, after: Phasors) -> float:
     """Largest change over channels, relative to the channel, or to 1e-3 of the largest channel."""
     size = np.abs(after.amplitude[0])
+    if not size.any():  # the force sits on a rigidly held node
+        return 0.0
     reference = np.maximum(size, 1e-3 * size.max())
     return float(np.max(np.abs(after.amplitude[0] - before.amplitude[0]) / reference))
 
 
 def _remaining_transient(windows: list[Phasors]) -> float:
-    """What is left of the transient after the last of three equally spaced windows.
+    """What is left of the transient after the last of equally spaced windows, inf where it is not known.
 
-    A transient that decays by the factor r from window to window changes the phasor by d1, then by
-    d2 = r d1; what is left after the last window is at most d2 r / (1 - r).
+    A transient that decays by the factor r from window to window changes the phasor by d, then by
+    r d; what is left after the last window is at most d r / (1 - r), with d the last change. Modes
+    beat with the force and with each other, so that a change may be small by chance: of the last
+    three changes the largest counts, of their decays the slowest, which takes five windows. Where
+    nothing but round-off changes, three windows do.
     """
-    if len(windows) < 3:
+    changes = [_relative_change(*pair) for pair in itertools.pairwise(windows[-_WINDOWS:])]
+    if len(changes) >= 2 and max(changes[-2:]) <= _ROUND_OFF:
+        return max(changes[-2:])
+    if len(changes) < _WINDOWS - 1:
         return np.inf
-    first, second = _relative_change(*windows[-3:-1]), _relative_change(*windows[-2:])
-    if max(first, second) <= _ROUND_OFF:
-        return second
-    ratio = second / first
-    return np.inf if ratio >= 1 else second * ratio / (1 - ratio)
+    ratio = max(after / before for before, after in itertools.pairwise(changes))
+    return np.inf if ratio >= 1 else max(changes[1:]) * ratio / (1 - ratio)

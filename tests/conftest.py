@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,3 +38,20 @@ def _process_state_is_left_alone() -> Iterator[None]:
     if changed:
         os.chdir(before["the working directory"])
         pytest.fail(f"the test changed {' and '.join(changed)}", pytrace=False)
+
+
+@pytest.fixture(scope="session")
+def rotor_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``RotorRig.fmu`` of the shipped rig, built once for all tests."""
+    from build_fmu import build_rotor_fmu
+    from rotor.rig import load_rig
+
+    return build_rotor_fmu(load_rig("nit-rourkela"), tmp_path_factory.mktemp("rotor_fmu"))
+
+
+@pytest.fixture(scope="session")
+def estimator_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``StiffnessEstimator.fmu`` around the shipped network, built once for all tests."""
+    from build_fmu import build_estimator_fmu
+
+    return build_estimator_fmu(tmp_path_factory.mktemp("estimator_fmu"))

@@ -1,0 +1,35 @@
+"""``rigtwin build``: the FMUs of a rig."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from build_fmu import ESTIMATOR_FMU, build_estimator_fmu
+from rigtwin.console import note, say
+from rigtwin.fmus import SHIPPED_RIG, build_rotor, is_shipped
+from rotor.rig import load_rig
+
+
+def build_fmus(source: str, out: Path, *, train: bool) -> None:
+    """Build RotorRig.fmu of a rig, and the estimator FMU where there is a network for it."""
+    rig = load_rig(source)
+    if is_shipped(rig):
+        say(str(build_rotor(rig, out)))
+        say(str(build_estimator_fmu(out)))
+    elif train:
+        _trained(source, out)
+    else:
+        say(str(build_rotor(rig, out)))
+        note(
+            f"{ESTIMATOR_FMU} is not built: the shipped network knows the rig {SHIPPED_RIG} only; "
+            f"--train trains one for {rig.name} (some minutes)"
+        )
+
+
+def _trained(source: str, out: Path) -> None:
+    from rigtwin.training import TrainingPlan, train
+
+    result = train(TrainingPlan(rig=source, out=out / "training"))
+    for path in (result.rotor_fmu, result.estimator_fmu):
+        say(shutil.copy(path, out / path.name))

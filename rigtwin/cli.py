@@ -1,0 +1,202 @@
+"""The commands and their options; what they do stands in one module each, imported when it is called."""
+
+from __future__ import annotations
+
+import logging
+import os
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigtwin.exits import GATE_FAILED, CommandGroup, UserError
+
+app = typer.Typer(
+    name="rigtwin",
+    cls=CommandGroup,
+    help="A rotor test rig and its digital twin: FMUs, virtual measurements, bearing stiffness.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    invoke_without_command=True,
+)
+
+
+class Support(StrEnum):
+    """How the rotor is held."""
+
+    rigid = "rigid"
+    bearing = "bearing"
+
+
+class Plane(StrEnum):
+    """Plane of the force."""
+
+    y = "y"
+    z = "z"
+
+
+class Quantity(StrEnum):
+    """What the numbers of a measured run are."""
+
+    receptance = "receptance"
+    mobility = "mobility"
+    accelerance = "accelerance"
+    acceleration = "acceleration"
+
+
+RIG = "nit-rourkela"
+JSON = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+
+
+@app.callback()
+def start(
+    context: typer.Context,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more on stderr.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    """Set up logging; print help where no command is given."""
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="rigtwin: %(levelname)s: %(message)s")
+    if version:
+        from importlib.metadata import version as version_of
+
+        print(version_of("rigtwin"))
+    elif context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the result page.")] = Path("runs/demo"),
+    fmus: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("dist"),
+) -> None:
+    """Everything from nothing: both FMUs, virtual tests, the paper's own numbers, one result page."""
+    from rigtwin.demo import run_demo
+
+    run_demo(out, fmus)
+
+
+@app.command()
+def build(
+    rig: Annotated[str, typer.Argument(help="A rig TOML, or the name of a shipped rig.")] = RIG,
+    out: Annotated[Path, typer.Option(help="Folder for the FMUs.")] = Path("dist"),
+    train: Annotated[bool, typer.Option(help="Train an estimator for a rig of your own (some minutes).")] = False,
+) -> None:
+    """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
+    from rigtwin.build import build_fmus
+
+    build_fmus(rig, out, train=train)
+
+
+@app.command()
+def sweep(
+    source: Annotated[str, typer.Argument(metavar="FMU_or_RIG", help="RotorRig.fmu, a rig TOML or a shipped rig.")] = RIG,
+    support: Annotated[Support, typer.Option(help="How the rotor is held.")] = Support.bearing,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="FMU parameter, name=value; repeat.")] = None,
+    f_min: Annotated[float, typer.Option(help="Lowest frequency [Hz].")] = 20.0,
+    f_max: Annotated[float, typer.Option(help="Highest frequency [Hz].")] = 400.0,
+    lines: Annotated[int, typer.Option(help="Evenly spaced lines; more are added at resonances.")] = 201,
+    force: Annotated[float, typer.Option(help="Force amplitude [N], peak.")] = 1.0,
+    excitation_node: Annotated[int | None, typer.Option(min=1, help="Node of the force; default the rig's.")] = None,
+    plane: Annotated[Plane, typer.Option(help="Plane of the force.")] = Plane.y,
+    spin_rpm: Annotated[float, typer.Option(help="Spin [rev/min].")] = 0.0,
+    noise: Annotated[float, typer.Option(min=0.0, help="Sensor noise, relative to each line.")] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .h5 or .mat.")] = None,
+    as_json: JSON = False,
+) -> None:
+    """Measure one stepped-sine run on the virtual rig and fit its modes."""
+    from rigtwin.sweep import SweepRequest, plan_of, run_sweep
+
+    plan, given = plan_of(f_min, f_max, lines, force), tuple(settings or ())
+    run_sweep(
+        SweepRequest(
+            source, support.value, given, plan, noise, seed, excitation_node, plane.value, spin_rpm, out, as_json
+        )
+    )
+
+
+@app.command()
+def train(
+    rig: Annotated[str, typer.Option(help="A rig TOML, or the name of a shipped rig.")] = RIG,
+    rigs: Annotated[int, typer.Option(help="Number of training rigs.")] = 512,
+    calibration_rigs: Annotated[int, typer.Option(help="Number of calibration rigs.")] = 128,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the training rigs.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for data, network and FMUs.")] = Path("runs/train"),
+    from_data: Annotated[bool, typer.Option("--from-data", help="Measure nothing: train on the shipped data.")] = False,
+) -> None:
+    """Measure rigs through the FMU and train the estimator; started again, it goes on where it stopped."""
+    from rigtwin.training import TrainingPlan, print_trained, train, train_from_data
+
+    plan = TrainingPlan(rig, rigs, seed, calibration_rigs, out)
+    if from_data and (rig, rigs, seed, calibration_rigs) != (RIG, 512, 1, 128):
+        raise UserError("--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed")
+    print_trained(train_from_data(out) if from_data else train(plan))
+
+
+@app.command()
+def estimate(
+    paths: Annotated[
+        list[Path] | None, typer.Argument(metavar="[RIGID_FILE BEARING_FILE | CAMPAIGN_DIR]", help="What was measured.")
+    ] = None,
+    delta_f1: Annotated[float | None, typer.Option(help="Shift of mode 1, rigid minus bearing [Hz].")] = None,
+    delta_f2: Annotated[float | None, typer.Option(help="Shift of mode 2 [Hz].")] = None,
+    amplitude_ratio: Annotated[float | None, typer.Option(help="A1/A0 of mode 1, bearing over rigid [-].")] = None,
+    delta_f1_std: Annotated[float | None, typer.Option(help="Standard error [Hz].")] = None,
+    delta_f2_std: Annotated[float | None, typer.Option(help="Standard error [Hz].")] = None,
+    amplitude_ratio_std: Annotated[float | None, typer.Option(help="Standard error [-].")] = None,
+    excitation_node: Annotated[int | None, typer.Option(min=1, help="Node of the force, where files do not say.")] = None,
+    quantity: Annotated[Quantity | None, typer.Option(help="What the files hold, where they do not say.")] = None,
+    estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
+    as_json: JSON = False,
+) -> None:
+    """Bearing stiffness from two measured runs, a campaign folder, or numbers."""
+    from rigtwin.estimate import Numbers, print_answers, run_settings
+    from rigtwin.estimate import estimate as answer
+
+    numbers = Numbers(delta_f1, delta_f2, amplitude_ratio, delta_f1_std, delta_f2_std, amplitude_ratio_std)
+    settings = run_settings(excitation_node, quantity.value if quantity else None)
+    print_answers(answer(paths or [], numbers, settings, estimator), as_json=as_json)
+
+
+@app.command()
+def check(
+    fmu: Annotated[Path, typer.Argument(help="RotorRig.fmu, StiffnessEstimator.fmu, or another FMI 2.0 FMU.")],
+    expect_k_b: Annotated[float | None, typer.Option(help="The rig must give back this stiffness [N/m].")] = None,
+    tolerance: Annotated[float, typer.Option(help="Largest relative error of it.")] = 0.05,
+    estimator: Annotated[Path | None, typer.Option(help="Estimator FMU; default the one beside it.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write a JUnit report.")] = None,
+    as_json: JSON = False,
+) -> None:
+    """Gate for CI: does the FMU comply, replay, refuse, and give back a known stiffness? Exit 3 when not."""
+    from rigtwin.check import Expectation, check_fmu
+
+    for option, value in (("--expect-k-b", expect_k_b), ("--tolerance", tolerance)):
+        if value is not None and not 0 < value < float("inf"):
+            raise UserError(f"{option} {value}: give a positive number")
+    expectation = Expectation(expect_k_b, tolerance, estimator) if expect_k_b else None
+    if not check_fmu(fmu, expectation, junit, as_json=as_json):
+        raise typer.Exit(GATE_FAILED)
+
+
+@app.command()
+def report(
+    paths: Annotated[list[Path] | None, typer.Argument(metavar="[DIR | FILES]", help="A campaign folder, or runs.")] = None,
+    rigid: Annotated[list[Path] | None, typer.Option(help="A run on rigid supports; repeat.")] = None,
+    bearing: Annotated[list[Path] | None, typer.Option(help="A run on bearings; repeat.")] = None,
+    out: Annotated[Path, typer.Option(help="The page.")] = Path("page.html"),
+    estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
+) -> None:
+    """One HTML page of measured runs: responses, fitted modes, and k_b where both supports are there."""
+    from rigtwin.report import Sources, write_report
+
+    write_report(Sources(tuple(paths or ()), tuple(rigid or ()), tuple(bearing or ())), out, estimator)
+
+
+def main() -> None:
+    """The ``rigtwin`` command."""
+    # The matrices are small: one BLAS thread per process is several times faster than many.
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    app(prog_name="rigtwin")

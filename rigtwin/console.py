@@ -1,0 +1,74 @@
+"""What commands print: tables and text on stdout, progress bars on stderr, JSON for machines."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+# Where the output is not a terminal, its width is nobody's business; tables then get this.
+_WIDTH = 120
+
+
+def output() -> Console:
+    """The console on stdout."""
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _WIDTH)
+
+
+def say(text: str = "") -> None:
+    """Print text as it is, whatever its length."""
+    output().print(text, soft_wrap=True)
+
+
+def note(text: str) -> None:
+    """A remark beside the result, on stderr."""
+    print(f"rigtwin: {text}", file=sys.stderr)
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> None:
+    """Print a table; the first column is left-aligned, the others right-aligned."""
+    grid = Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    for place, name in enumerate(header):
+        grid.add_column(name, justify="right" if place else "left")
+    for row in rows:
+        grid.add_row(*row)
+    output().print(grid)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON document."""
+    print(to_json(value))
+
+
+def to_json(value: Any) -> str:
+    """JSON text; what is not a finite number becomes null."""
+    return json.dumps(_finite(value), indent=2, ensure_ascii=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    return [_finite(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar while the block runs; yields what to call with the count so far.
+
+    Nothing is drawn where stderr is not a terminal. A count may pass ``total``, which then grows.
+    """
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda count: bar.update(task, completed=count, total=max(total, count))

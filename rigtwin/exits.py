@@ -1,0 +1,70 @@
+"""Exit codes, and what a user sees when something goes wrong.
+
+0 done; 1 our fault, with a traceback; 2 the user's input is wrong, one message; 3 a gate failed;
+130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any
+
+from typer.core import TyperGroup
+from typer.exceptions import Abort, TyperException
+
+OUR_FAULT, WRONG_INPUT, GATE_FAILED, INTERRUPTED = 1, 2, 3, 130
+
+# Errors that say in a sentence what is wrong with the input. An exception of one of these classes
+# can only be there when its module has been loaded, so none is loaded for asking.
+_SENTENCES = {
+    "rotor.rig": ("RigError",),
+    "sim.campaign": ("MeasurementError",),
+    "sim.session": ("FmuError",),
+    "sim.stepped_sine": ("NotSettledError",),
+}
+
+
+class UserError(Exception):
+    """The user's input is wrong; the message says what, where, and what to do."""
+
+
+class CommandGroup(TyperGroup):
+    """Turns every exception of a command into a message and an exit code."""
+
+    def main(self, args: Sequence[str] | None = None, *other: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+        """Run and exit; ``standalone_mode`` is what Typer's test runner passes."""
+        try:
+            code = super().main(args, *other, standalone_mode=False, **extra)
+        except TyperException as error:
+            code = complain(error.format_message() + " See rigtwin COMMAND --help.", error.exit_code)
+        except (Abort, KeyboardInterrupt):
+            code = INTERRUPTED
+        except BrokenPipeError:  # the reader of a pipe has had enough
+            sys.stderr.close()
+            code = OUR_FAULT
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            code = complain(f"{where}{error.strerror or error}", WRONG_INPUT)
+        except Exception as error:
+            code = complain(str(error), WRONG_INPUT) if isinstance(error, _user_errors()) else _own_fault()
+        if code == INTERRUPTED:
+            complain("interrupted", code)
+        sys.exit(code or 0)
+
+
+def complain(message: str, code: int) -> int:
+    """Print one message on stderr; returns the exit code."""
+    print(f"rigtwin: {message}", file=sys.stderr)
+    return code
+
+
+def _user_errors() -> tuple[type[Exception], ...]:
+    loaded = ((sys.modules.get(module), names) for module, names in _SENTENCES.items())
+    return (UserError, *(getattr(module, name) for module, names in loaded if module for name in names))
+
+
+def _own_fault() -> int:
+    traceback.print_exc()
+    return complain("this is a fault of rigtwin, not of your input; please report it with the lines above", OUR_FAULT)

@@ -1,0 +1,154 @@
+"""FMUs as the commands need them: found or built, opened, asked."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from build_fmu import ESTIMATOR_FMU, BuildError, build_estimator_fmu, build_rotor_fmu
+from estimator.features import FEATURE_NAMES, Features
+from estimator.runtime import Estimate, StiffnessEstimator
+from rigtwin.exits import UserError
+from rotor.rig import Rig, load_rig
+from sim.session import FmuError, FmuSession
+
+SHIPPED_RIG = "nit-rourkela"
+
+Estimator = Callable[[Features], Estimate]
+
+_ANSWERS = ("k_b", "k_b_std", "k_b_low", "k_b_high", "valid")
+
+
+def build_rotor(rig: Rig, folder: Path, **options: Any) -> Path:
+    """Build RotorRig.fmu; a rig that cannot be built is the user's error unless it is the shipped one."""
+    try:
+        return build_rotor_fmu(rig, folder, **options)
+    except (BuildError, ValueError) as error:
+        if is_shipped(rig):
+            raise
+        raise UserError(f"rig {rig.name}: no FMU can be built of it: {error}") from error
+
+
+def is_shipped(rig: Rig) -> bool:
+    """Whether this is the rig that the shipped estimator knows."""
+    return rig == load_rig(SHIPPED_RIG)
+
+
+@contextmanager
+def rotor_fmu(source: str) -> Iterator[Path]:
+    """RotorRig.fmu: the file itself, or built of a rig for as long as the block runs."""
+    if source.lower().endswith(".fmu"):
+        yield existing(Path(source))
+        return
+    rig = load_rig(source)
+    with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder:
+        yield build_rotor(rig, Path(folder))
+
+
+def existing(path: Path) -> Path:
+    """The path, when there is such a file. Raises UserError."""
+    if not path.is_file():
+        raise UserError(f"{path}: no such file; check its name and folder")
+    return path
+
+
+def manifest(fmu: Path) -> dict[str, Any]:
+    """What rigtwin wrote into an FMU when it built it; empty for other tools' FMUs.
+
+    Raises UserError where the file is no FMU at all.
+    """
+    try:
+        with zipfile.ZipFile(existing(fmu)) as archive:
+            if "modelDescription.xml" not in archive.namelist():
+                raise UserError(f"{fmu}: not an FMU, it holds no modelDescription.xml")
+            return json.loads(archive.read("resources/manifest.json"))
+    except zipfile.BadZipFile as error:
+        raise UserError(f"{fmu}: not an FMU ({error})") from error
+    except KeyError:
+        return {}
+
+
+@contextmanager
+def open_estimator(path: Path | None = None) -> Iterator[tuple[Estimator, dict[str, Any]]]:
+    """An estimator to be asked, and its model card.
+
+    Parameters
+    ----------
+    path : StiffnessEstimator.fmu or an ONNX file of ``rigtwin train``; default the shipped network
+    """
+    if path is None or path.suffix.lower() != ".fmu":
+        network = _network(path)
+        yield lambda features: network.estimate(features.as_array()), network.card
+        return
+    card = fmu_card(path)
+    with FmuSession(existing(path)) as session:
+        yield lambda features: ask(session, features), card
+
+
+def ask(session: FmuSession, features: Features) -> Estimate:
+    """What an open StiffnessEstimator FMU says."""
+    session.start(dict(zip(FEATURE_NAMES, features.as_array().tolist(), strict=True)))
+    *numbers, valid = session.get(_ANSWERS)
+    return Estimate(*numbers, bool(valid))
+
+
+def fmu_card(fmu: Path) -> dict[str, Any]:
+    """Model card of the network in StiffnessEstimator.fmu. Raises UserError for other FMUs."""
+    manifest(fmu)
+    with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder, zipfile.ZipFile(fmu) as archive:
+        try:
+            model = archive.extract("resources/estimator.onnx", folder)
+        except KeyError:
+            raise UserError(f"{fmu}: not a {ESTIMATOR_FMU}, it holds no network") from None
+        return StiffnessEstimator(Path(model)).card
+
+
+def _network(path: Path | None) -> StiffnessEstimator:
+    if path is None:
+        return StiffnessEstimator()
+    try:
+        network = StiffnessEstimator(existing(path))
+        network.card  # noqa: B018 - a network without a card is not ours
+    except UserError:
+        raise
+    except Exception as error:  # onnxruntime has no common base class
+        raise UserError(f"{path}: not a network of rigtwin train ({str(error).splitlines()[0]})") from error
+    return network
+
+
+def estimator_for(rotor: Path, given: Path | None, folder: Path) -> Path:
+    """The estimator FMU that goes with a rotor FMU.
+
+    In this order: the one given, the one beside the rotor FMU or in dist/ that was trained for its
+    rig, one built into ``folder`` when the rig is the shipped one. Raises UserError.
+    """
+    rig = manifest(rotor).get("rig", SHIPPED_RIG)
+    if given:
+        return given
+    for candidate in (rotor.with_name(ESTIMATOR_FMU), Path("dist") / ESTIMATOR_FMU):
+        if candidate.is_file() and trained_rig(fmu_card(candidate)) == rig:
+            return candidate
+    if rig == SHIPPED_RIG:
+        return build_estimator_fmu(folder)
+    raise UserError(
+        f"{rotor} is of the rig {rig}, and no estimator trained for it lies beside it; "
+        "give one with --estimator, or train one: rigtwin train --rig RIG.toml"
+    )
+
+
+def trained_rig(card: dict[str, Any]) -> str:
+    """Name of the rig a network was trained for."""
+    return card.get("rig", SHIPPED_RIG)
+
+
+def excitation_node(session: FmuSession) -> int:
+    """The FMU's own excitation node. Raises FmuError where it has none."""
+    starts = {v.name: v.start for v in session.description.modelVariables}
+    if "excitation_node" not in starts:
+        raise FmuError(f"{session.description.modelName} is not a RotorRig FMU: it has no excitation_node")
+    return int(starts["excitation_node"])

@@ -1,0 +1,202 @@
+"""``rigtwin train``: measure rigs through the FMU, train the estimator's network, build its FMU."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import tempfile
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from build_fmu import build_estimator_fmu
+from estimator.dataset import FEATURE_PLAN, Dataset, feature_plan, measure_rigs, read_dataset, write_dataset
+from estimator.prior import PRIOR, Prior, prior_for
+from estimator.runtime import StiffnessEstimator
+from rigtwin.console import note, progress, say
+from rigtwin.exits import UserError
+from rigtwin.fmus import SHIPPED_RIG, build_rotor, is_shipped, trained_rig
+from rotor.assembly import assemble
+from rotor.rig import Rig, load_rig
+from sim.campaign import MeasurementError
+
+if TYPE_CHECKING:
+    from sim.stepped_sine import SweepPlan
+
+# The calibration rigs are others than the training rigs, and of a finer mesh.
+CALIBRATION_RIGS, CALIBRATION_SEED, CALIBRATION_ELEMENTS = 128, 2, 4
+NETWORK_SEED = 0
+
+# The order of sums, and with it the optimiser's path, depends on the number of threads.
+_THREADS = 2
+
+TRAINING_CSV, CALIBRATION_CSV, NETWORK = "training.csv", "calibration.csv", "stiffness.onnx"
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """What to train; the defaults give the shipped network."""
+
+    rig: str = SHIPPED_RIG
+    rigs: int = 512
+    seed: int = 1
+    calibration_rigs: int = CALIBRATION_RIGS
+    out: Path = Path("runs/train")
+
+
+@dataclass(frozen=True)
+class Trained:
+    """Where everything is that a training made."""
+
+    network: Path
+    rotor_fmu: Path
+    estimator_fmu: Path
+    card: dict[str, Any]
+
+
+def train(plan: TrainingPlan) -> Trained:
+    """Measure what is not measured yet, train, calibrate, export, build the estimator FMU."""
+    _need_torch()
+    if min(plan.rigs, plan.calibration_rigs) < 16:
+        raise UserError(f"--rigs {min(plan.rigs, plan.calibration_rigs)}: at least 16 are needed")
+    rig = load_rig(plan.rig)
+    prior, sweep_plan = PRIOR, FEATURE_PLAN
+    if not is_shipped(rig):
+        structure = assemble(rig)
+        prior = prior_for(structure, rig.k_b.start_N_per_m)
+        sweep_plan = feature_plan(structure, prior)
+    rotor_fmu = build_rotor(rig, plan.out)
+    with tempfile.TemporaryDirectory(prefix="rigtwin_") as scratch, workers() as executor:
+        fine = build_rotor(rig, Path(scratch), elements_between_nodes=CALIBRATION_ELEMENTS)
+        bench = _Bench(executor, prior, sweep_plan, plan.out)
+        training = bench.measure("training", rotor_fmu, plan.rigs, plan.seed)
+        calibration = bench.measure("calibration", fine, plan.calibration_rigs, CALIBRATION_SEED)
+    network, card = _fit(training, calibration, prior, _about(rig, sweep_plan), plan.out)
+    return Trained(network, rotor_fmu, build_estimator_fmu(plan.out, network), card)
+
+
+def train_from_data(out: Path) -> Trained:
+    """Train on the data sets that come with rigtwin; nothing is measured."""
+    _need_torch()
+    rig = load_rig(SHIPPED_RIG)
+    training, calibration = (read_dataset(shipped_data(name)) for name in (TRAINING_CSV, CALIBRATION_CSV))
+    network, card = _fit(training, calibration, PRIOR, _about(rig, FEATURE_PLAN), out)
+    return Trained(network, build_rotor(rig, out), build_estimator_fmu(out, network), card)
+
+
+def shipped_data(name: str) -> Path:
+    """A data set that comes with rigtwin. Raises UserError where it was left out."""
+    import estimator
+
+    path = Path(estimator.__path__[0]) / "data" / name
+    if not path.is_file():
+        raise UserError(f"{path}: the shipped data set is missing; measure one: rigtwin train without --from-data")
+    return path
+
+
+def _need_torch() -> None:
+    from importlib.util import find_spec
+
+    missing = [name for name in ("torch", "onnx", "onnxscript") if find_spec(name) is None]
+    if missing:
+        raise UserError(f"training needs {', '.join(missing)}; install them with: pip install 'rigtwin[train]'")
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """Where, how and of what data sets are measured."""
+
+    executor: Executor
+    prior: Prior
+    plan: SweepPlan
+    out: Path
+
+    def measure(self, name: str, fmu: Path, n: int, seed: int) -> Dataset:
+        """Measure one data set; what OUT/measured holds of it is not measured again."""
+        store = self.out / "measured"
+        with progress(f"measuring {name} rigs", n) as count:
+            try:
+                rigs = self.prior.draw(n, seed)
+                data = measure_rigs(fmu, rigs, self.executor, plan=self.plan, progress=count, store=store)
+            except MeasurementError as error:
+                raise UserError(f"a {name} rig shows no usable resonances: {error}") from error
+        write_dataset(data, self.out / f"{name}.csv")
+        return data
+
+
+def _about(rig: Rig, plan: SweepPlan) -> dict[str, Any]:
+    """What the model card says of the rig; the shipped rig's network says it in words already."""
+    if is_shipped(rig):
+        return {}
+    return {
+        "rig": rig.name,
+        "excitation_node": rig.excitation_node,
+        "band_hz": [plan.f_min_hz, plan.f_max_hz],
+        "limits_of_use": f"one rotor geometry: the rig {rig.name} with the force and the accelerometer "
+        f"at node {rig.excitation_node}",
+    }
+
+
+def _fit(
+    training: Dataset, calibration: Dataset, prior: Prior, about: dict[str, Any], out: Path
+) -> tuple[Path, dict[str, Any]]:
+    import torch
+
+    from estimator.training import export
+    from estimator.training import train as fit
+
+    out.mkdir(parents=True, exist_ok=True)
+    note(f"fitting the network to {len(training)} rigs, calibrating it on {len(calibration)}")
+    torch.set_num_threads(_THREADS)
+    network, card = fit(training, calibration, NETWORK_SEED, prior)
+    card = {**card, **about}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # torch's exporter, about itself
+        export(network, card, out / NETWORK)
+    return out / NETWORK, card
+
+
+@contextmanager
+def workers() -> Iterator[Executor]:
+    """One process for each core; an interrupt cancels what has not begun."""
+    executor = ProcessPoolExecutor(
+        os.cpu_count(), mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts_to_the_parent
+    )
+    try:
+        yield executor
+    except KeyboardInterrupt:
+        note("finishing the rigs under way; what is measured is kept, the same command goes on from there")
+        raise
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def print_trained(trained: Trained) -> None:
+    """Say what came out, and how it compares with the shipped network where both know the same rig."""
+    curve1, curve2 = trained.card["curve_errors_in_log_k_b"]
+    say(f"error of k_b from Δf1 alone {100 * curve1:.2g} %, from Δf2 alone {100 * curve2:.2g} % (calibration rigs, no noise)")
+    if trained_rig(trained.card) == SHIPPED_RIG:
+        difference = _difference_from_shipped(trained.network)
+        say(f"its k_b differs from the shipped network's by at most {100 * difference:.2g} %")
+    for path in (trained.network, trained.estimator_fmu, trained.rotor_fmu):
+        say(str(path))
+
+
+def _difference_from_shipped(network: Path) -> float:
+    """Largest relative difference of k_b over the shipped calibration rigs that both call valid."""
+    tests = read_dataset(shipped_data(CALIBRATION_CSV)).features.copy()  # (n, 6)
+    tests[:, 3:] = 1e-3 * tests[:, :3]
+    ours, shipped = StiffnessEstimator(network)(tests), StiffnessEstimator()(tests)
+    both = (ours[:, 4] > 0) & (shipped[:, 4] > 0)
+    return float(np.max(np.abs(ours[both, 0] / shipped[both, 0] - 1), initial=0.0))

@@ -1,0 +1,68 @@
+"""Numbers as they are printed."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+_NO_BREAK = "\u00a0"
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|Hz|mm|MN/m|N)\b|%|±)|(?<=±) |(?<=N) (?=s/m)")
+
+# A standard error below this share of its value is round-off, not noise, and is not printed.
+_EXACT = 1e-8
+
+
+def with_error(value: float, std: float) -> str:
+    """'25.0 ± 2.1': the error with two significant digits, the value with as many decimals."""
+    if not math.isfinite(value) or not std > _EXACT * abs(value):
+        return f"{value:.7g}"
+    if not math.isfinite(std):
+        return f"{value:.7g} ± ?"
+    decimals = max(0, 1 - math.floor(math.log10(std)))
+    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+
+
+def stiffness(k_b: float) -> str:
+    """'1.300', in MN/m."""
+    return f"{k_b / 1e6:#.4g}" if math.isfinite(k_b) else "none"
+
+
+def stiffness_with_error(k_b: float, std: float) -> str:
+    """'1.302 ± 0.013', in MN/m."""
+    return with_error(k_b / 1e6, std / 1e6)
+
+
+def interval(low: float, high: float) -> str:
+    """'1.28 to 1.32', in MN/m, with two digits of its own width."""
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "none"
+    decimals = 6 if high <= low else max(0, 1 - math.floor(math.log10((high - low) / 1e6)))
+    return f"{low / 1e6:.{decimals}f} to {high / 1e6:.{decimals}f}"
+
+
+def exponent(value: float) -> str:
+    """'1e7' of 1e+07."""
+    mantissa, power = f"{value:.2e}".split("e")
+    return f"{float(mantissa):g}e{int(power)}"
+
+
+def percent(share: float) -> str:
+    """'+0.42 %'."""
+    return f"{100 * share:+.2g} %".replace("-", "−")
+
+
+def listed(words: Sequence[str]) -> str:
+    """'a, b and c'."""
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def unbroken(text: str) -> str:
+    """The text with no line break between a number and its unit or its error."""
+    return _BEFORE_UNIT.sub(_NO_BREAK, text)
+
+
+def yes_no(flag: bool) -> str:
+    """'yes' or 'no'."""
+    return "yes" if flag else "no"

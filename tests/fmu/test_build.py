@@ -1,0 +1,140 @@
+"""The same sources give the same file; other content gives another GUID."""
+
+from __future__ import annotations
+
+import ast
+import sys
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import build_fmu
+from fmu_src import staging
+from fmu_src.staging import Bundle
+from rotor.rig import load_rig
+from tests.fmu.child import in_child
+
+
+def guid(fmu: Path) -> str:
+    with zipfile.ZipFile(fmu) as archive:
+        return ElementTree.fromstring(archive.read("modelDescription.xml")).attrib["guid"]
+
+
+def build_both(folder: str) -> list[str]:
+    from pathlib import Path
+
+    from build_fmu import build_estimator_fmu, build_rotor_fmu
+    from rotor.rig import load_rig
+
+    return [str(build_rotor_fmu(load_rig("nit-rourkela"), Path(folder))), str(build_estimator_fmu(Path(folder)))]
+
+
+def test_a_build_is_reproducible_byte_for_byte(rotor_fmu, estimator_fmu, tmp_path):
+    """In another process, with another hash seed, from another working directory."""
+    again = in_child(build_both, tmp_path / "again", PYTHONHASHSEED="7", TZ="Asia/Kolkata")
+    for path, first in zip(again, (rotor_fmu, estimator_fmu), strict=True):
+        assert Path(path).read_bytes() == first.read_bytes()
+
+
+def test_another_rig_gives_another_guid(rotor_fmu, larger_disks_fmu):
+    assert guid(rotor_fmu) != guid(larger_disks_fmu)
+
+
+def test_rotor_and_estimator_have_different_guids(rotor_fmu, estimator_fmu):
+    assert guid(rotor_fmu) != guid(estimator_fmu)
+
+
+@pytest.fixture
+def bundle_of(monkeypatch, tmp_path) -> Callable[[str], Bundle]:
+    """What the build functions put together for an FMU, without building it."""
+    staged = []
+    monkeypatch.setattr(build_fmu, "_build", lambda bundle, *rest: staged.append(bundle))
+
+    def bundle(name: str) -> Bundle:
+        if name == "rotor_fmu":
+            build_fmu.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path)
+        else:
+            build_fmu.build_estimator_fmu(tmp_path)
+        return staged.pop()
+
+    return bundle
+
+
+@pytest.mark.parametrize("name", ["rotor_fmu", "estimator_fmu"])
+def test_the_guid_is_derived_from_the_bundle(bundle_of, name, request):
+    assert f"{bundle_of(name).guid}" == guid(request.getfixturevalue(name))
+
+
+@pytest.mark.parametrize("name", ["rotor_fmu", "estimator_fmu"])
+def test_a_change_of_any_bundled_source_changes_the_guid(bundle_of, name, monkeypatch):
+    bundle = bundle_of(name)
+    guids = {bundle.guid}
+    source = staging._source
+    for changed in (bundle.script, *bundle.modules):
+        monkeypatch.setattr(staging, "_source", lambda m, c=changed: source(m) + ("\n# changed" if m == c else ""))
+        guids.add(bundle.guid)
+    assert len(guids) == 1 + 1 + len(bundle.modules)
+
+
+@pytest.mark.parametrize("name", ["rotor_fmu", "estimator_fmu"])
+def test_a_change_of_any_bundled_data_changes_the_guid(bundle_of, name):
+    bundle = bundle_of(name)
+    assert bundle.data
+    guids = {replace(bundle, data={**bundle.data, file: bundle.data[file] + b"\0"}).guid for file in bundle.data}
+    assert len(guids | {bundle.guid}) == 1 + len(bundle.data)
+
+
+def test_a_finer_mesh_gives_another_guid(rotor_fmu, monkeypatch, tmp_path):
+    staged = []
+    monkeypatch.setattr(build_fmu, "_build", lambda bundle, *rest: staged.append(bundle))
+    build_fmu.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path, elements_between_nodes=2)
+    assert f"{staged[0].guid}" != guid(rotor_fmu)
+
+
+NEEDED_ON_THE_TARGET = {"rotor_fmu": {"numpy", "scipy"}, "estimator_fmu": {"numpy", "onnxruntime"}}
+
+
+def imported_packages(source: str) -> set[str]:
+    """First names of all absolute imports; those of an ``if TYPE_CHECKING`` count too."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.add(str(node.module).split(".")[0])
+    return found
+
+
+@pytest.mark.parametrize("name", ["rotor_fmu", "estimator_fmu"])
+def test_bundled_sources_import_only_each_other_and_what_the_target_has(name, request):
+    """Every bundled package carries a hash: no plain ``rotor``, ``fmu_src``, ``estimator`` or ``pythonfmu``."""
+    with zipfile.ZipFile(request.getfixturevalue(name)) as archive:
+        sources = {n: archive.read(n).decode() for n in archive.namelist() if n.endswith(".py")}
+    own = {path.split("/")[1].removesuffix(".py") for path in sources}
+    digest = {package.rsplit("_", 1)[1] for package in own}
+    assert len(digest) == 1
+    used = set().union(*(imported_packages(source) for source in sources.values()))
+    assert used - set(sys.stdlib_module_names) - own <= NEEDED_ON_THE_TARGET[name]
+
+
+def test_a_failed_build_leaves_the_older_file_as_it_was(monkeypatch, tmp_path):
+    older = tmp_path / build_fmu.ROTOR_FMU
+    older.write_bytes(b"older")
+    monkeypatch.setattr(build_fmu, "validate_fmu", lambda path: ["something is wrong"])
+    with pytest.raises(build_fmu.BuildError, match=r"RotorRig\.fmu is not a valid FMU: something is wrong"):
+        build_fmu.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [build_fmu.ROTOR_FMU]
+    assert older.read_bytes() == b"older"
+
+
+def test_the_matrices_in_the_fmu_are_those_of_the_rig(rotor_fmu, structure, tmp_path):
+    with zipfile.ZipFile(rotor_fmu) as archive:
+        archive.extract("resources/structure.npz", tmp_path)
+    with np.load(tmp_path / "resources/structure.npz") as arrays:
+        for name in ("M", "K", "G", "x", "support_stiffness"):
+            np.testing.assert_array_equal(arrays[name], getattr(structure, name))

@@ -154,7 +154,8 @@ def _validity_section(ask: _EstimatorFmu, clean: Dataset, outside: list[Dataset]
         ("relative errors above 0.3", ask(_too_uncertain(clean))[:, 4], "not valid"),
     ]
     table = "\n".join(
-        f"| {name} | {len(v)} | {wanted} | {np.mean(v if wanted == 'valid' else 1 - v):.1%} |" for name, v, wanted in rows
+        f"| {name} | {len(v)} | {wanted} | {np.mean(v if wanted == 'valid' else 1 - v):.1%} |"
+        for name, v, wanted in rows
     )
     return f"""## `valid`
 

@@ -107,7 +107,9 @@ def _time_sampled_sine(fmu: Path, run: Run, settle: float = 16.0, rate: float = 
     seconds = []
     for f in (60.0, 100.0, 350.0):
         t = np.arange(0.0, settle, 1 / rate)
-        signal = np.array(list(zip(t, np.sin(2 * np.pi * f * t), strict=True)), dtype=[("time", float), ("force", float)])
+        signal = np.array(
+            list(zip(t, np.sin(2 * np.pi * f * t), strict=True)), dtype=[("time", float), ("force", float)]
+        )
         instance.reset()
         start = time.perf_counter()
         simulate_fmu(
@@ -126,13 +128,16 @@ def _time_sampled_sine(fmu: Path, run: Run, settle: float = 16.0, rate: float = 
 
 
 def _page(
-    accuracies: list[Accuracy], seconds: float, sweeps: list[Sweep], hasty: float, from_rest: float, per_line: list[float]
+    accuracies: list[Accuracy],
+    seconds: float,
+    sweeps: list[Sweep],
+    hasty: float,
+    from_rest: float,
+    per_line: list[float],
 ) -> str:
     lines = [len(s.lines) for s in sweeps]
     sampled = float(np.median(per_line)) * sum(lines)
-    rows = "\n".join(
-        f"| {a.support} | {a.k_b:.0e} | {a.lines} | {a.judged} | {a.worst:.1e} |" for a in accuracies
-    )
+    rows = "\n".join(f"| {a.support} | {a.k_b:.0e} | {a.lines} | {a.judged} | {a.worst:.1e} |" for a in accuracies)
     worst = max(a.worst for a in accuracies)
     drift = max(line.drift_per_period for s in sweeps for line in s.lines)
     windows = sum(line.windows for s in sweeps for line in s.lines)

@@ -49,6 +49,7 @@ def measure_rigs(
     executor: Executor,
     *,
     plan: SweepPlan = FEATURE_PLAN,
+    excitation_node: int = 2,
     progress: Callable[[int], None] | None = None,
     store: Path | None = None,
 ) -> Dataset:
@@ -60,11 +61,13 @@ def measure_rigs(
     rigs : what to set in it
     executor : where the work runs; the result does not depend on it
     plan : lines, settling, noise; the noise differs from rig to rig
+    excitation_node : where the force acts and the amplitude ratio is read
     progress : called with the number of rigs measured so far
     store : folder that keeps what is measured; what it has of the same FMU, rigs and plan is not measured again
     """
-    guid = read_model_description(str(fmu)).guid
-    tasks = [_task(fmu, guid, rigs, start, plan, store) for start in range(0, len(rigs), _CHUNK)]
+    guid = str(read_model_description(str(fmu)).guid)
+    bench = _Bench(str(fmu), guid, plan, excitation_node, store)
+    tasks = [_Task(bench, _part(rigs, start), start) for start in range(0, len(rigs), _CHUNK)]
     rows: list[np.ndarray] = []
     for part in executor.map(_measure_chunk, tasks):
         rows.extend(part)
@@ -73,43 +76,59 @@ def measure_rigs(
     return Dataset(rigs, np.array(rows))
 
 
-class _Task(NamedTuple):
-    """Some rigs to be measured by one instance of an FMU."""
+class _Bench(NamedTuple):
+    """What all rigs of a data set have in common."""
 
     fmu: str
+    guid: str
+    plan: SweepPlan
+    excitation_node: int
+    store: Path | None
+
+
+class _Task(NamedTuple):
+    """Some rigs to be measured by one instance of the FMU."""
+
+    bench: _Bench
     rigs: Rigs
     start: int  # number of the first of them
-    plan: SweepPlan
-    kept: Path | None  # where their features are kept
+
+    def kept(self) -> Path | None:
+        """Where their features are kept: a name for the FMU, the plan and the rigs together."""
+        bench = self.bench
+        if bench.store is None:
+            return None
+        rigs = [values.tolist() for values in astuple(self.rigs)]
+        said = repr((bench.guid, bench.plan, bench.excitation_node, self.start, rigs))
+        return bench.store / f"{hashlib.sha256(said.encode()).hexdigest()[:20]}.npy"
 
 
-def _task(fmu: Path, guid: str, rigs: Rigs, start: int, plan: SweepPlan, store: Path | None) -> _Task:
-    part = Rigs(*(getattr(rigs, name)[start : start + _CHUNK] for name in RIG_NAMES))
-    said = repr((guid, start, plan, [values.tolist() for values in astuple(part)]))
-    kept = store / f"{hashlib.sha256(said.encode()).hexdigest()[:20]}.npy" if store else None
-    return _Task(str(fmu), part, start, plan, kept)
+def _part(rigs: Rigs, start: int) -> Rigs:
+    return Rigs(*(getattr(rigs, name)[start : start + _CHUNK] for name in RIG_NAMES))
 
 
 def _measure_chunk(task: _Task) -> np.ndarray:
     """(n, 6) features, from the store or from the rig."""
-    if task.kept and task.kept.exists():
-        return np.load(task.kept)
-    with FmuSession(task.fmu) as session:
-        rows = [_measure_one(session, task.rigs, i, task.start + i, task.plan) for i in range(len(task.rigs))]
-    if task.kept:
-        task.kept.parent.mkdir(parents=True, exist_ok=True)
-        beside = task.kept.with_suffix(f".{os.getpid()}.npy")
-        np.save(beside, np.array(rows))
-        os.replace(beside, task.kept)
-    return np.array(rows)
+    kept = task.kept()
+    if kept and kept.exists():
+        return np.load(kept)
+    with FmuSession(task.bench.fmu) as session:
+        rows = np.array([_measure_one(session, task, i) for i in range(len(task.rigs))])
+    if kept:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        beside = kept.with_suffix(f".{os.getpid()}.npy")
+        np.save(beside, rows)
+        os.replace(beside, kept)
+    return rows
 
 
-def _measure_one(session: FmuSession, rigs: Rigs, i: int, number: int, plan: SweepPlan) -> np.ndarray:
-    parameters = {name: float(getattr(rigs, name)[i]) for name in RIG_NAMES}
-    noise = replace(plan.noise, seed=plan.noise.seed * 1_000_003 + number)
+def _measure_one(session: FmuSession, task: _Task, i: int) -> np.ndarray:
+    parameters = {name: float(getattr(task.rigs, name)[i]) for name in RIG_NAMES}
+    plan, node = task.bench.plan, task.bench.excitation_node
+    noise = replace(plan.noise, seed=plan.noise.seed * 1_000_003 + task.start + i)
     own = replace(plan, noise=noise)
-    rigid = sweep(session, Rig("rigid", parameters=parameters), own).run
-    bearing = sweep(session, Rig("bearing", parameters=parameters), own).run
+    rigid = sweep(session, Rig("rigid", node, parameters=parameters), own).run
+    bearing = sweep(session, Rig("bearing", node, parameters=parameters), own).run
     return features_of_runs(rigid, bearing).as_array()
 
 

@@ -7,9 +7,12 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from sim.campaign import MeasurementError, PeakList, Run
-from sim.modal_fit import driving_point, fit_modes
+from sim.modal_fit import Mode, driving_point, fit_modes
 
 FEATURE_NAMES = ("delta_f1", "delta_f2", "amplitude_ratio", "delta_f1_std", "delta_f2_std", "amplitude_ratio_std")
+
+# Powers of omega between a quantity's amplitude and acceleration.
+_TO_ACCELERATION = {"receptance": 2, "mobility": 1, "accelerance": 0, "acceleration": 0}
 
 
 @dataclass(frozen=True)
@@ -40,15 +43,15 @@ def features_of_runs(rigid: Run, bearing: Run) -> Features:
     MeasurementError : the supports are mixed up, the runs were driven differently, the driving
         point was not measured, or a run does not show two resonances
     """
-    if (rigid.support, bearing.support) != ("rigid", "bearing"):
-        raise MeasurementError(f"need a rigid and a bearing run, got {rigid.support!r} and {bearing.support!r}")
+    _check_supports(rigid, bearing, "run")
     if (rigid.excitation_node, rigid.excitation_plane) != (bearing.excitation_node, bearing.excitation_plane):
         raise MeasurementError("the two runs were driven at different places: their amplitudes cannot be compared")
     (r1, r2), (b1, b2) = fit_modes(rigid, 2), fit_modes(bearing, 2)
-    place = rigid.excitation_node, rigid.excitation_plane
-    (a0, a0_std), (a1, a1_std) = driving_point(rigid, r1, *place), driving_point(bearing, b1, *place)
+    (a0, a0_std), (a1, a1_std) = _resonance_acceleration(rigid, r1), _resonance_acceleration(bearing, b1)
     if a0 == 0:
-        raise MeasurementError(f"node {place[0]} does not move in mode 1 on rigid supports: there is no amplitude ratio")
+        raise MeasurementError(
+            f"node {rigid.excitation_node} does not move in mode 1 on rigid supports: there is no amplitude ratio"
+        )
     return Features(
         delta_f1=r1.frequency_hz - b1.frequency_hz,
         delta_f2=r2.frequency_hz - b2.frequency_hz,
@@ -59,10 +62,31 @@ def features_of_runs(rigid: Run, bearing: Run) -> Features:
     )
 
 
-def features_of_peaks(rigid: PeakList, bearing: PeakList, amplitude_ratio: float, amplitude_ratio_std: float) -> Features:
-    """Features of two lists of resonances, the first two of each being modes 1 and 2."""
+def _check_supports(rigid: Run | PeakList, bearing: Run | PeakList, what: str) -> None:
+    if (rigid.support, bearing.support) != ("rigid", "bearing"):
+        raise MeasurementError(f"need a rigid and a bearing {what}, got {rigid.support!r} and {bearing.support!r}")
+
+
+def _resonance_acceleration(run: Run, mode: Mode) -> tuple[float, float]:
+    """Resonance acceleration of a mode at the driving point, with its standard error, whatever the run measures."""
+    factor = (2 * np.pi * mode.frequency_hz) ** _TO_ACCELERATION[run.quantity]
+    value, std = driving_point(run, mode, run.excitation_node, run.excitation_plane)
+    return factor * value, factor * std
+
+
+def features_of_peaks(
+    rigid: PeakList, bearing: PeakList, amplitude_ratio: float, amplitude_ratio_std: float
+) -> Features:
+    """Features of two lists of resonances, the first two of each being modes 1 and 2.
+
+    Raises
+    ------
+    MeasurementError : the supports are mixed up, or a list has fewer than two resonances
+    """
+    _check_supports(rigid, bearing, "peak list")
     if len(rigid.frequencies_hz) < 2 or len(bearing.frequencies_hz) < 2:
         raise MeasurementError("two resonances on each support are needed")
     shift = rigid.frequencies_hz[:2] - bearing.frequencies_hz[:2]
     std = np.hypot(rigid.std_hz[:2], bearing.std_hz[:2])
-    return Features(float(shift[0]), float(shift[1]), amplitude_ratio, float(std[0]), float(std[1]), amplitude_ratio_std)
+    (df1, df2), (df1_std, df2_std) = shift.tolist(), std.tolist()
+    return Features(df1, df2, amplitude_ratio, df1_std, df2_std, amplitude_ratio_std)

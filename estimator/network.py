@@ -33,6 +33,9 @@ class Limits:
 class Curve(nn.Module):
     """A smooth map from a few normalised inputs to one number."""
 
+    mean: Tensor
+    scale: Tensor
+
     def __init__(self, mean: Tensor, scale: Tensor, width: int = 16):
         super().__init__()
         self.register_buffer("mean", mean)
@@ -50,6 +53,11 @@ class Curve(nn.Module):
 
 class StiffnessNetwork(nn.Module):
     """(n, 6) features with errors -> (n, 5): k_b, k_b_std, k_b_low, k_b_high [N/m], valid (0 or 1)."""
+
+    floor: Tensor
+    quantile: Tensor
+    contradiction: Tensor
+    ratio_floor: Tensor
 
     def __init__(self, curves: tuple[Curve, Curve], ratio_bound: Curve, limits: Limits):
         super().__init__()

@@ -103,7 +103,7 @@ def _resonance_acceleration(system: LinearSystem, node: int) -> float:
     eigenvalue, V = np.linalg.eig(state_matrix(system))
     inputs = np.concatenate([np.zeros(system.n), np.linalg.solve(system.M, force)])
     residue = (force @ V[: system.n]) * np.linalg.solve(V, inputs.astype(complex))  # (2n,)
-    oscillating = eigenvalue.imag > 1e-9 * np.abs(eigenvalue).max()
+    oscillating = np.imag(eigenvalue) > 1e-9 * np.abs(eigenvalue).max()
     first = eigenvalue[oscillating][np.argmin(np.abs(eigenvalue[oscillating]))]
     R = residue[np.abs(eigenvalue - first) < 1e-6 * np.abs(first)].sum()
     omega, zeta = np.abs(first), -first.real / np.abs(first)

@@ -54,7 +54,8 @@ class StiffnessEstimator:
         -------
         (n, 5) k_b, k_b_std, k_b_low, k_b_high [N/m], valid (0 or 1)
         """
-        return self._session.run(None, {"features": np.asarray(features, dtype=np.float32)})[0].astype(float)
+        outputs = self._session.run(None, {"features": np.asarray(features, dtype=np.float32)})
+        return np.asarray(outputs[0], dtype=float)
 
     def estimate(self, features: np.ndarray) -> Estimate:
         """Estimate of one test; features is (6,)."""

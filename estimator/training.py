@@ -29,7 +29,10 @@ _REPEATS = 40
 _DECADES = range(-6, -1)  # of relative errors
 
 
-def train(training: Dataset, calibration: Dataset, seed: int, prior: Prior = PRIOR) -> tuple[StiffnessNetwork, dict[str, Any]]:
+Card = dict[str, Any]
+
+
+def train(training: Dataset, calibration: Dataset, seed: int, prior: Prior = PRIOR) -> tuple[StiffnessNetwork, Card]:
     """Train on one set, calibrate on another (made with a finer mesh).
 
     Parameters
@@ -133,7 +136,7 @@ def draw_errors(clean: np.ndarray, repeats: int, decade: int, rng: np.random.Gen
     return np.hstack([values + std * rng.standard_normal(values.shape), std])
 
 
-def _card(network: StiffnessNetwork, training: Dataset, calibration: Dataset, seed: int, prior: Prior) -> dict[str, Any]:
+def _card(network: StiffnessNetwork, training: Dataset, calibration: Dataset, seed: int, prior: Prior) -> Card:
     middle = int(np.argmin(np.abs(np.log(training.rigs.k_b / 1e7)) + (training.rigs.bearing_damping > 0)))
     values = [float(f"{value:.4g}") for value in training.features[middle, :3]]
     example = [*values, *(float(f"{1e-3 * value:.2g}") for value in values)]
@@ -164,7 +167,7 @@ def data_digest(dataset: Dataset) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def export(network: StiffnessNetwork, card: dict[str, Any], path: Path) -> None:
+def export(network: StiffnessNetwork, card: Card, path: Path) -> None:
     """Write the network as ONNX (float32), beside and renamed, with its card in the metadata."""
     # The exporter announces every optional package it does not find.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib
@@ -115,9 +116,23 @@ def draw_rotor(axes: Axes, rig: Rig) -> None:
         _draw_support(axes, 1e3 * rig.nodes_m[support.node - 1], half, bearing=support.stiffness == "k_b")
     for number, x in enumerate(rig.nodes_m, start=1):
         axes.plot(1e3 * x, 0, ".", color="k", ms=4)
-        axes.annotate(str(number), (1e3 * x, 0.15 * half), ha="center", va="bottom", fontsize=9, color="w" if _on_disk(rig, number) else "k")
+        axes.annotate(
+            str(number),
+            (1e3 * x, 0.15 * half),
+            ha="center",
+            va="bottom",
+            fontsize=9,
+            color="w" if _on_disk(rig, number) else "k",
+        )
     x = 1e3 * rig.nodes_m[rig.excitation_node - 1]
-    axes.annotate("F", (x, 0.25 * half), (x, 1.05 * half), ha="center", color="#a01010", arrowprops={"arrowstyle": "->", "color": "#a01010"})
+    axes.annotate(
+        "F",
+        (x, 0.25 * half),
+        (x, 1.05 * half),
+        ha="center",
+        color="#a01010",
+        arrowprops={"arrowstyle": "->", "color": "#a01010"},
+    )
     axes.set_xlim(-0.06e3 * rig.length, 1.06e3 * rig.length)
     axes.set_ylim(-1.3 * half, 1.3 * half)
     axes.set_xlabel("x [mm]")
@@ -134,7 +149,11 @@ def _draw_support(axes: Axes, x: float, half: float, *, bearing: bool) -> None:
         zigzag = [(0.0, -0.20), (0.12, -0.30), (-0.12, -0.42), (0.12, -0.54), (-0.12, -0.66), (0.0, -0.76)]
         axes.plot([x + half * a * 0.5 for a, _ in zigzag], [half * b for _, b in zigzag], color=_BEARING, lw=1.5)
     else:
-        axes.add_patch(Polygon([(x, -0.2 * half), (x - 0.2 * half, -0.76 * half), (x + 0.2 * half, -0.76 * half)], fc="none", ec="k"))
+        axes.add_patch(
+            Polygon(
+                [(x, -0.2 * half), (x - 0.2 * half, -0.76 * half), (x + 0.2 * half, -0.76 * half)], fc="none", ec="k"
+            )
+        )
     axes.plot([x - 0.25 * half, x + 0.25 * half], [-0.78 * half] * 2, color="k", lw=2)
 
 
@@ -144,7 +163,7 @@ def estimator_picture() -> bytes:
     axes = figure.subplots()
     layers = (3, 5, 1)
     points = [[(i, (j - (n - 1) / 2)) for j in range(n)] for i, n in enumerate(layers)]
-    for here, after in zip(points[:-1], points[1:], strict=True):
+    for here, after in pairwise(points):
         for x0, y0 in here:
             for x1, y1 in after:
                 axes.plot([x0, x1], [y0, y1], color=_STEEL, lw=0.8, zorder=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,15 @@ from estimator.runtime import StiffnessEstimator as Network
 from fmu_src.slave import TableSlave
 from fmu_src.variables import estimator_variables
 
+# A reset makes a new instance, and loading the network into each would pile up memory.
+_network = lru_cache(maxsize=1)(Network)
+
 
 class StiffnessEstimator(TableSlave):
     """Frequency shifts and amplitude ratio in, bearing stiffness with its interval out."""
 
     def __init__(self, **kwargs: Any):
-        self._network = Network(Path(kwargs["resources"]) / "estimator.onnx")
+        self._network = _network(Path(kwargs["resources"]) / "estimator.onnx")
         super().__init__(
             estimator_variables(self._network.card["example_inputs"]),
             description="Bearing stiffness from the frequency shifts and the amplitude ratio of a stepped-sine test",

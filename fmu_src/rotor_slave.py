@@ -13,7 +13,6 @@ from fmu_src.variables import RotorFacts, rotor_variables
 from rotor.simulator import RotorSimulator, Settings
 from rotor.structure import from_arrays
 
-
 _SETTINGS = tuple(f.name for f in fields(Settings))
 _FORCE = ("force", "force_amplitude", "force_frequency")
 

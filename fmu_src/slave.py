@@ -71,12 +71,12 @@ class TableSlave(Fmi2Slave):
 
     def __init__(self, variables: Sequence[Variable], description: str, step_size: float, **kwargs: Any):
         super().__init__(**kwargs)
-        manifest = read_manifest(Path(self.resources))
+        manifest = read_manifest(Path(kwargs["resources"]))
         self.guid = UUID(manifest["guid"])
         self.version = manifest["version"]
         self.license = "MIT"
         self.description = description
-        self.default_experiment = DefaultExperiment(0.0, 1.0, step_size, None)
+        self.default_experiment = DefaultExperiment(start_time=0.0, stop_time=1.0, step_size=step_size)
         self._table = tuple(variables)
         self._number = {v.name: number for number, v in enumerate(self._table)}
         self._references = {

@@ -14,8 +14,6 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 from fmpy import read_model_description
 
-
-
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 _SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
@@ -43,7 +41,9 @@ def write_ssp(rotor_fmu: Path, estimator_fmu: Path, target: Path, nodes: Sequenc
     _add_connectors(system, [(name, kind, fmi_type) for name, kind, fmi_type in ports])
     elements = SubElement(system, f"{{{_SSD}}}Elements")
     for rig in RIGS:
-        outputs = [(f"node_{n}.acceleration_y", "output", "Real") for n in nodes] + [("force_applied", "output", "Real")]
+        outputs = [(f"node_{n}.acceleration_y", "output", "Real") for n in nodes] + [
+            ("force_applied", "output", "Real")
+        ]
         component = _component(elements, rig, rotor_fmu.name, [("force", "input", "Real"), *outputs])
         _bind(component, {"rigid_support": rig == "rigid"})
     _component(elements, "estimator", estimator_fmu.name, _estimator_ports(estimator_fmu))
@@ -114,5 +114,3 @@ def _bind(component: Element, values: dict[str, bool]) -> None:
     for name, value in values.items():
         parameter = SubElement(parameters, f"{{{_SSV}}}Parameter", {"name": name})
         SubElement(parameter, f"{{{_SSV}}}Boolean", {"value": str(value).lower()})
-
-

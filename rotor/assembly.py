@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -64,7 +65,7 @@ def _mesh(rig: Rig, elements_between_nodes: int) -> FloatArray:
     stops = list(rig.nodes_m)
     stops += [b for b in borders if min(abs(b - s) for s in rig.nodes_m) > SAME_PLACE_M]
     stops.sort()
-    cuts = [np.linspace(a, b, elements_between_nodes + 1)[:-1] for a, b in zip(stops[:-1], stops[1:], strict=True)]
+    cuts = [np.linspace(a, b, elements_between_nodes + 1)[:-1] for a, b in pairwise(stops)]
     return np.append(np.concatenate(cuts), stops[-1])
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rotor.structure import FloatArray
 from rotor.system import LinearSystem
 
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 
 def dynamic_stiffness(system: LinearSystem, omega: FloatArray, spin_speed: float = 0.0) -> ComplexArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,8 @@ _MOVES_IN_PLANE = {1: (0, 3), 2: (1, 2)}
 class DampedModes:
     """Oscillating modes of the damped, spinning rotor; one of each conjugate pair."""
 
-    eigenvalue: NDArray[np.complex128]  # (m,) lambda [1/s], imaginary part positive
-    shape: NDArray[np.complex128]  # (n, m) displacement shapes
+    eigenvalue: NDArray[np.complexfloating[Any, Any]]  # (m,) lambda [1/s], imaginary part positive
+    shape: NDArray[np.complexfloating[Any, Any]]  # (n, m) displacement shapes
 
     @property
     def frequency_hz(self) -> FloatArray:
@@ -63,7 +64,7 @@ def damped_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:
     DampedModes sorted by frequency; overdamped (real) eigenvalues are left out
     """
     eigenvalue, vectors = np.linalg.eig(state_matrix(system, spin_speed))
-    keep = eigenvalue.imag > 1e-9 * np.abs(eigenvalue).max()
+    keep = np.imag(eigenvalue) > 1e-9 * np.abs(eigenvalue).max()
     order = np.argsort(np.abs(eigenvalue[keep]))
     return DampedModes(eigenvalue[keep][order], vectors[: system.n, keep][:, order])
 
@@ -82,4 +83,6 @@ def campbell_hz(system: LinearSystem, spin_speeds: FloatArray, n_modes: int = 4)
     -------
     (n_speeds, n_modes) whirl frequencies [Hz], ascending at each speed
     """
-    return np.array([np.sort(np.abs(damped_modes(system, s).eigenvalue.imag))[:n_modes] / (2 * np.pi) for s in spin_speeds])
+    return np.array(
+        [np.sort(np.abs(damped_modes(system, s).eigenvalue.imag))[:n_modes] / (2 * np.pi) for s in spin_speeds]
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -190,7 +191,7 @@ class Rig(_Table):
     @model_validator(mode="after")
     def _consistent(self) -> Rig:
         x = self.nodes_m
-        if any(b - a <= SAME_PLACE_M for a, b in zip(x[:-1], x[1:], strict=True)):
+        if any(b - a <= SAME_PLACE_M for a, b in pairwise(x)):
             raise ValueError("nodes_m must increase")
         if abs(x[0]) > SAME_PLACE_M or abs(x[-1] - self.length) > SAME_PLACE_M:
             raise ValueError(
@@ -217,7 +218,9 @@ class Rig(_Table):
 
 def shipped_rigs() -> list[str]:
     """Names of the rigs that come with rigtwin."""
-    return sorted(p.name.removesuffix(".toml") for p in files("rotor").joinpath("rigs").iterdir() if p.name.endswith(".toml"))
+    return sorted(
+        p.name.removesuffix(".toml") for p in files("rotor").joinpath("rigs").iterdir() if p.name.endswith(".toml")
+    )
 
 
 def load_rig(source: str | Path) -> Rig:

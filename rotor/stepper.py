@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 from rotor.structure import FloatArray, IntArray
 from rotor.system import LinearSystem, undamped_modes
 
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 # Steady response above which the rotor counts as undamped at a resonance, in units of b / omega:
 # subtracting a steady state so much larger than the motion would cost its digits.

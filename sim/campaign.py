@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+FloatArray = NDArray[np.floating[Any]]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 SupportKind = Literal["rigid", "bearing"]
 Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
@@ -67,7 +67,8 @@ class Run:
         """(n_freq,) response of one channel. Raises MeasurementError when it was not measured."""
         wanted = Channel(node, plane)
         if wanted not in self.channels:
-            raise MeasurementError(f"run {self.name!r} has no channel {wanted}; it has {', '.join(map(str, self.channels))}")
+            there = ", ".join(map(str, self.channels))
+            raise MeasurementError(f"run {self.name!r} has no channel {wanted}; it has {there}")
         return self.H[:, self.channels.index(wanted)]
 
 

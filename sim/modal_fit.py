@@ -93,7 +93,9 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
     moving = np.abs(run.H[use]).max(axis=0) > 1e-9 * np.abs(run.H[use]).max()
     problem = _Problem(run, use, moving)
     start = np.array([1.0, np.log(max(width / (2 * centre), 1e-6))])
-    solution = least_squares(lambda p: problem.residual(p, centre), start, x_scale=[width / centre, 1.0], xtol=1e-13, ftol=1e-13, gtol=1e-13)
+    solution = least_squares(
+        lambda p: problem.residual(p, centre), start, x_scale=[width / centre, 1.0], xtol=1e-13, ftol=1e-13, gtol=1e-13
+    )
     return problem.mode(solution.x, centre, solution.jac, solution.cost)
 
 

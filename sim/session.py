@@ -170,7 +170,7 @@ class FmuSession:
         return self._variables[name]
 
     def _instantiate(self) -> FMU2Slave:
-        if self.description.coSimulation is None or not self.description.fmiVersion.startswith("2"):
+        if self.description.coSimulation is None or self.description.fmiVersion != "2.0":
             raise FmuError(f"{self.description.modelName} is not an FMI 2.0 co-simulation FMU")
         self._callbacks = fmi2CallbackFunctions(
             logger=fmi2CallbackLoggerTYPE(self._take_log),

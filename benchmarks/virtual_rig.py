@@ -155,21 +155,22 @@ error relative to each line's own value, over all moving nodes, where the line i
 |---|---|---|---|---|
 {rows}
 
-Bar: 1e-4. Largest: **{worst:.1e}**. The same lines with a tenth of the settling time and the check switched off: {hasty:.1e}.
+Bar: 1e-4. Largest: **{worst:.1e}**. The same lines with a tenth of the settling time and the check switched off:
+{hasty:.1e}.
 
 ## Speed
 
-Two supports, {lines[0]} + {lines[1]} lines, 7 nodes, from rest, {PLAN.settle_time:g} s between windows, {windows} windows in
-all, largest drift {drift:.0e} per period: **{seconds:.2f} s** (bar: 2 s).
+Two supports, {lines[0]} + {lines[1]} lines, 7 nodes, from rest, {PLAN.settle_time:g} s between windows, {windows}
+windows in all, largest drift {drift:.0e} per period: **{seconds:.2f} s** (bar: 2 s).
 
 | how | time, s | ratio |
 |---|---|---|
 | virtual rig, each line settled from the one before | {seconds:.2f} | 1 |
 | virtual rig, every line settled from rest on a reset instance | {from_rest:.2f} | {from_rest / seconds:.1f} |
-| `fmpy.simulate_fmu`, 20 kHz sampled sine on `force`, 16 s a line ({np.median(per_line):.2f} s a line, extrapolated) | {sampled:.0f} | {sampled / seconds:.0f} |
+| `fmpy.simulate_fmu`, 20 kHz sampled sine on `force` | {sampled:.0f} | {sampled / seconds:.0f} |
 
-The sampled sine is held between samples, so its result also carries a phase error of half a sample and more
-(see the FMU's documentation).
+The last row is extrapolated from three lines of 16 s, {np.median(per_line):.2f} s each. The sampled sine is
+held between samples, so its result also carries a phase error of half a sample and more (see the FMU's documentation).
 """
 
 

@@ -209,7 +209,7 @@ def _unpack(fmu: Path) -> Path:
     folder = tempfile.mkdtemp(prefix="rigtwin_fmu_")
     if not _SAFE_PATH.fullmatch(folder):
         shutil.rmtree(folder)
-        raise FmuError(f"the folder for temporary files, {folder}, has characters that FMU loaders cannot read; set TMPDIR")
+        raise FmuError(f"the folder for temporary files, {folder}, has characters FMU loaders cannot read; set TMPDIR")
     try:
         extract(str(fmu), unzipdir=folder)
     except Exception as error:

@@ -43,7 +43,7 @@ class SweepPlan:
     settle_time: float = 30.0  # [s], between windows
     settling_tolerance: float = 1e-5
     max_windows: int = 60
-    noise: SensorNoise = SensorNoise()
+    noise: SensorNoise = field(default_factory=SensorNoise)
 
     def base_lines(self) -> FloatArray:
         """(n_lines,) evenly spaced frequencies before refinement [Hz]."""
@@ -122,9 +122,7 @@ def sweep(session: FmuSession, rig: Rig, plan: SweepPlan, progress: Progress | N
     return measurement.result()
 
 
-def measure_lines(
-    session: FmuSession, rig: Rig, plan: SweepPlan, frequency_hz: Sequence[float] | FloatArray
-) -> Sweep:
+def measure_lines(session: FmuSession, rig: Rig, plan: SweepPlan, frequency_hz: Sequence[float] | FloatArray) -> Sweep:
     """Measure exactly these lines, from rest, in increasing order."""
     measurement = _Measurement(session, rig, plan, None)
     measurement.at(np.asarray(frequency_hz, dtype=float))
@@ -225,7 +223,7 @@ class _Measurement:
                 return self._line(frequency, self._window(frequency, self._plan.periods), history, estimate)
         raise NotSettledError(
             f"{frequency:.4f} Hz: {estimate:.1e} of the response is still transient after "
-            f"{len(history) * self._plan.settle_time:.0f} s; raise settle_time, or the damping if it is not wanted this low",
+            f"{len(history) * self._plan.settle_time:.0f} s; raise settle_time, or the damping if it is too low",
             frequency_hz=frequency,
             estimate=estimate,
         )

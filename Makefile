@@ -1,5 +1,6 @@
 # make demo   everything from nothing: .venv, both FMUs in dist/, the virtual rig, the result page
 # make test   the whole test suite
+# make reproduction, benchmark-rig, benchmark-estimator   the figures in docs/, measured again
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 # The matrices are small: one BLAS thread per process is several times faster than many.
@@ -7,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus train reproduction benchmark clean
+.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -28,6 +29,12 @@ train: $(VENV)/installed
 
 reproduction: $(VENV)/installed
 	$(PYTHON) -m benchmarks.reproduction
+
+benchmark-rig: $(VENV)/installed
+	$(PYTHON) -m benchmarks.virtual_rig
+
+benchmark-estimator: $(VENV)/installed
+	$(PYTHON) -m benchmarks.estimator_accuracy
 
 clean:
 	rm -rf dist build runs

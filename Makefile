@@ -14,7 +14,7 @@ demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
 
 test: $(VENV)/installed
-	$(PYTHON) -m pytest
+	$(PYTHON) -m pytest -n 2 --dist loadfile
 
 lint: $(VENV)/installed
 	$(VENV)/bin/ruff check .

@@ -19,6 +19,7 @@ from estimator.prior import Prior, Rigs
 from rotor.modal import natural_frequencies_hz
 from rotor.structure import Structure
 from rotor.system import Condition, build_system
+from sim.formats.atomic import replacing
 from sim.sensors import SensorNoise
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, SweepPlan, sweep
@@ -147,14 +148,12 @@ def noisy(plan: SweepPlan, relative: float, seed: int) -> SweepPlan:
 
 def write_dataset(dataset: Dataset, path: Path) -> None:
     """Write a data set as CSV, beside and renamed."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    with beside.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*RIG_NAMES, *FEATURE_NAMES])
         columns = [getattr(dataset.rigs, name) for name in RIG_NAMES]
         for row in np.column_stack([*columns, dataset.features]):
             writer.writerow([repr(float(value)) for value in row])
-    os.replace(beside, path)
 
 
 def read_dataset(path: Path) -> Dataset:

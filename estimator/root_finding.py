@@ -47,14 +47,16 @@ class StiffnessFinder:
         def miss(log_k: float) -> float:
             return float(self.shifts(float(np.exp(log_k)))[mode - 1] - shift_hz)
 
-        if miss(low) * miss(high) > 0:
+        if not miss(low) * miss(high) <= 0:  # neither of one sign nor nan
             return float("nan")
         return float(np.exp(brentq(miss, low, high, xtol=1e-12)))  # type: ignore[arg-type]
 
     def fused(self, features: Features) -> float:
-        """Both shifts' answers, averaged in log k_b by their errors [N/m]."""
+        """Both shifts' answers, averaged in log k_b by their errors [N/m]; nan where one has none."""
         shifts, stds = (features.delta_f1, features.delta_f2), (features.delta_f1_std, features.delta_f2_std)
         answers = np.log([self.from_shift(mode, shift) for mode, shift in zip((1, 2), shifts, strict=True)])
+        if np.isnan(answers).any():
+            return float("nan")
         slopes = [self._slope(mode, k) for mode, k in zip((1, 2), answers, strict=True)]
         weights = [(slope / max(std, 1e-9)) ** 2 for slope, std in zip(slopes, stds, strict=True)]
         return float(np.exp(np.average(answers, weights=weights)))

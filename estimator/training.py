@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import logging
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from estimator.features import FEATURE_NAMES
 from estimator.network import Curve, Limits, StiffnessNetwork
 from estimator.prior import PRIOR, Prior
 from estimator.runtime import CARD_KEY
+from sim.formats.atomic import replacing
 
 OUTPUT_NAMES = ("k_b", "k_b_std", "k_b_low", "k_b_high", "valid")
 UNITS = {"delta_f": "Hz", "amplitude_ratio": "1", "k_b": "N/m"}
@@ -173,7 +174,7 @@ def export(network: StiffnessNetwork, card: Card, path: Path) -> None:
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     example = torch.tensor([list(card["example_inputs"].values())] * 2, dtype=torch.float32)
     program = torch.onnx.export(
-        network.float().eval(),
+        copy.deepcopy(network).float().eval(),
         (example,),
         dynamo=True,
         input_names=["features"],
@@ -193,9 +194,8 @@ def export(network: StiffnessNetwork, card: Card, path: Path) -> None:
         entry.key, entry.value = key, value
     _strip_traces(model)
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    onnx.save(model, beside)
-    os.replace(beside, path)
+    with replacing(path) as beside:
+        onnx.save(model, beside)
 
 
 def _strip_traces(model: onnx.ModelProto) -> None:

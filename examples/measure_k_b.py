@@ -35,7 +35,9 @@ def main() -> float:
             session.start(dict(zip(FEATURE_NAMES, features.as_array().tolist(), strict=True)))
             k_b, std, valid = session.get(["k_b", "k_b_std", "valid"])
 
-    print(f"shifts {features.delta_f1:.4f} and {features.delta_f2:.4f} Hz, amplitude ratio {features.amplitude_ratio:.4f}")
+    print(
+        f"shifts {features.delta_f1:.4f} and {features.delta_f2:.4f} Hz, amplitude ratio {features.amplitude_ratio:.4f}"
+    )
     print(f"k_b = {k_b:.4g} +- {std:.1g} N/m, true {TRUE_K_B:g} N/m, valid: {bool(valid)}")
     # The network itself is good to a few 1e-4; 1 % noise on every line adds less.
     assert valid

@@ -42,8 +42,9 @@ def _survives_errors(method: Callable[..., Any]) -> Callable[..., Any]:
 
     pythonfmu's glue drops its references to the instance, its class and its log when a call
     raises, and drops them again when the instance is freed. Taking one more of each keeps the
-    instance alive and the host from crashing, whatever was raised: a refused value, Ctrl-C, or a
-    warning that the host turned into an error.
+    instance alive and the host from crashing: for a refused value, for a warning that the host
+    turned into an error, and for most of Ctrl-C (an interrupt at the very entry is raised before
+    this can see it).
     """
 
     @wraps(method)

@@ -32,4 +32,4 @@ def _trained(source: str, out: Path) -> None:
 
     result = train(TrainingPlan(rig=source, out=out / "training"))
     for path in (result.rotor_fmu, result.estimator_fmu):
-        say(shutil.copy(path, out / path.name))
+        say(str(shutil.copy(path, out / path.name)))

@@ -187,7 +187,7 @@ def replays(fmu: Path) -> str:
     """From a restored state every output is the same to the last bit."""
     with _open(fmu) as session:
         interface = session.description.coSimulation
-        if not (interface.canGetAndSetFMUstate and interface.canSerializeFMUstate):
+        if not (interface and interface.canGetAndSetFMUstate and interface.canSerializeFMUstate):
             raise NotRun("the FMU does not offer to save its state")
         _record(session)
         try:
@@ -205,10 +205,11 @@ def replays(fmu: Path) -> str:
 def refuses(fmu: Path) -> str:
     """A value below a variable's own minimum is refused in words, and the FMU then still steps."""
     with _open(fmu) as session:
-        limited = [v for v in session.description.modelVariables if v.min is not None and v.type == "Real"]
-        if not limited:
+        minima = [(v.name, v.min) for v in session.description.modelVariables if v.type == "Real" and v.min]
+        if not minima:
             raise NotRun("no Real variable states a minimum")
-        name, bad = limited[0].name, float(limited[0].min) - 1.0
+        name, minimum = minima[0]
+        bad = float(minimum) - 1.0
         try:
             session.set({name: bad})
         except FmuError as error:

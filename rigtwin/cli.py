@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from enum import StrEnum
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated
 
@@ -57,7 +59,9 @@ def start(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
 ) -> None:
     """Set up logging; print help where no command is given."""
-    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="rigtwin: %(levelname)s: %(message)s")
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.WARNING, format="rigtwin: %(levelname)s: %(message)s"
+    )
     if version:
         from importlib.metadata import version as version_of
 
@@ -66,7 +70,7 @@ def start(
         print(context.get_help())
 
 
-@app.command()
+@app.command(short_help="Everything from nothing to the result page.")
 def demo(
     out: Annotated[Path, typer.Option(help="Folder of the result page.")] = Path("runs/demo"),
     fmus: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("dist"),
@@ -77,7 +81,7 @@ def demo(
     run_demo(out, fmus)
 
 
-@app.command()
+@app.command(short_help="Build the FMUs of a rig.")
 def build(
     rig: Annotated[str, typer.Argument(help="A rig TOML, or the name of a shipped rig.")] = RIG,
     out: Annotated[Path, typer.Option(help="Folder for the FMUs.")] = Path("dist"),
@@ -89,9 +93,11 @@ def build(
     build_fmus(rig, out, train=train)
 
 
-@app.command()
+@app.command(short_help="Measure a run on the virtual rig, fit its modes.")
 def sweep(
-    source: Annotated[str, typer.Argument(metavar="FMU_or_RIG", help="RotorRig.fmu, a rig TOML or a shipped rig.")] = RIG,
+    source: Annotated[
+        str, typer.Argument(metavar="FMU_or_RIG", help="RotorRig.fmu, a rig TOML or a shipped rig.")
+    ] = RIG,
     support: Annotated[Support, typer.Option(help="How the rotor is held.")] = Support.bearing,
     settings: Annotated[list[str] | None, typer.Option("--set", help="FMU parameter, name=value; repeat.")] = None,
     f_min: Annotated[float, typer.Option(help="Lowest frequency [Hz].")] = 20.0,
@@ -117,7 +123,7 @@ def sweep(
     )
 
 
-@app.command()
+@app.command(short_help="Measure rigs through the FMU, train the estimator.")
 def train(
     rig: Annotated[str, typer.Option(help="A rig TOML, or the name of a shipped rig.")] = RIG,
     rigs: Annotated[int, typer.Option(help="Number of training rigs.")] = 512,
@@ -131,11 +137,13 @@ def train(
 
     plan = TrainingPlan(rig, rigs, seed, calibration_rigs, out)
     if from_data and (rig, rigs, seed, calibration_rigs) != (RIG, 512, 1, 128):
-        raise UserError("--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed")
+        raise UserError(
+            "--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed"
+        )
     print_trained(train_from_data(out) if from_data else train(plan))
 
 
-@app.command()
+@app.command(short_help="Bearing stiffness from measured runs or numbers.")
 def estimate(
     paths: Annotated[
         list[Path] | None, typer.Argument(metavar="[RIGID_FILE BEARING_FILE | CAMPAIGN_DIR]", help="What was measured.")
@@ -146,7 +154,9 @@ def estimate(
     delta_f1_std: Annotated[float | None, typer.Option(help="Standard error [Hz].")] = None,
     delta_f2_std: Annotated[float | None, typer.Option(help="Standard error [Hz].")] = None,
     amplitude_ratio_std: Annotated[float | None, typer.Option(help="Standard error [-].")] = None,
-    excitation_node: Annotated[int | None, typer.Option(min=1, help="Node of the force, where files do not say.")] = None,
+    excitation_node: Annotated[
+        int | None, typer.Option(min=1, help="Node of the force, where files do not say.")
+    ] = None,
     quantity: Annotated[Quantity | None, typer.Option(help="What the files hold, where they do not say.")] = None,
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
     as_json: JSON = False,
@@ -160,7 +170,7 @@ def estimate(
     print_answers(answer(paths or [], numbers, settings, estimator), as_json=as_json)
 
 
-@app.command()
+@app.command(short_help="Gate for CI: compliance, replay, known stiffness.")
 def check(
     fmu: Annotated[Path, typer.Argument(help="RotorRig.fmu, StiffnessEstimator.fmu, or another FMI 2.0 FMU.")],
     expect_k_b: Annotated[float | None, typer.Option(help="The rig must give back this stiffness [N/m].")] = None,
@@ -180,9 +190,11 @@ def check(
         raise typer.Exit(GATE_FAILED)
 
 
-@app.command()
+@app.command(short_help="One HTML page of measured runs.")
 def report(
-    paths: Annotated[list[Path] | None, typer.Argument(metavar="[DIR | FILES]", help="A campaign folder, or runs.")] = None,
+    paths: Annotated[
+        list[Path] | None, typer.Argument(metavar="[DIR | FILES]", help="A campaign folder, or runs.")
+    ] = None,
     rigid: Annotated[list[Path] | None, typer.Option(help="A run on rigid supports; repeat.")] = None,
     bearing: Annotated[list[Path] | None, typer.Option(help="A run on bearings; repeat.")] = None,
     out: Annotated[Path, typer.Option(help="The page.")] = Path("page.html"),
@@ -199,4 +211,7 @@ def main() -> None:
     # The matrices are small: one BLAS thread per process is several times faster than many.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without "±" must not stop a command
     app(prog_name="rigtwin")

@@ -21,6 +21,7 @@ from rigtwin.sweep import MODE_HEADER, mode_record, mode_row
 from rigtwin.wording import exponent, interval, listed, percent, stiffness, stiffness_with_error, with_error, yes_no
 from rotor.assembly import assemble
 from rotor.rig import load_rig
+from rotor.structure import Structure
 from sim.campaign import Campaign, Channel, Run
 from sim.campaign_folder import save_campaign
 from sim.formats.atomic import replacing
@@ -123,11 +124,11 @@ def _result(demo: Demo) -> str:
     """The result in a sentence or two."""
     worst = max(abs(found.error) for found in demo.found)
     names = listed([f"{found.truth.k_b / 1e6:g}" for found in demo.found])
-    estimate = demo.paper.estimate
+    estimate, printed = demo.paper.estimate, demo.paper.printed_k_b
     return (
         f"Through the two FMUs, with {_NOISE} sensor noise, bearings of {names} MN/m are found again within "
         f"{100 * worst:.2g} %. The paper's own measured shifts and amplitude ratio give "
-        f"{stiffness_with_error(estimate.k_b, estimate.k_b_std)} MN/m; the paper says {demo.paper.printed_k_b / 1e6:g} MN/m."
+        f"{stiffness_with_error(estimate.k_b, estimate.k_b_std)} MN/m; the paper says {printed / 1e6:g} MN/m."
     )
 
 
@@ -204,45 +205,61 @@ def _write_page(demo: Demo, path: Path) -> Path:
     rig = load_rig(SHIPPED_RIG)
     structure = assemble(rig)
     paper, (rigid, bearing) = demo.paper, demo.runs
-    marks = [Mark(f.estimate.k_b, f.estimate.k_b_std, f.frequencies_hz) for f in demo.found]
-    on_bearings = (paper.peaks[2].measured, paper.peaks[3].measured)
-    modes = [(run.support, str(n), *mode_row(run, mode)) for run in demo.runs for n, mode in enumerate(fit_modes(run), 1)]
     return write_page(
         "demo.html",
         path,
         result=_result(demo),
+        noise=_NOISE,
         rig=rig,
         picture=rotor_picture(rig),
-        noise=_NOISE,
         frf=frf_figure([Curve(rigid, "rigid support", NODE), Curve(bearing, "bearings, 10 MN/m", NODE)]),
-        band_note=" The standard error of each line, 1 %, is thinner than the curves.",
         mode_header=("support", *MODE_HEADER),
-        mode_rows=modes,
+        mode_rows=_mode_rows(demo),
         rig_header=_FOUND_HEADER,
         rig_rows=_found_rows(demo),
         misses=_misses(demo),
-        frequencies=frequency_figure(
-            structure,
-            {
-                "the three rigs, measured": marks,
-                "the paper's rig": [Mark(paper.estimate.k_b, paper.estimate.k_b_std, on_bearings)],
-            },
-        ),
+        frequencies=frequency_figure(structure, _marks(demo)),
         paper=paper,
         readings=readings_figure(
             [(r.source, r.k_b, r.low, r.high) for r in paper.readings], ("the paper's answer", paper.printed_k_b)
         ),
         verdict=verdict(paper),
         peak_header=("peak", "measured, Hz", "model, Hz", "difference"),
-        peak_rows=[(p.name, with_error(p.measured, p.std), f"{p.model:.2f}", percent(p.difference)) for p in paper.peaks],
+        peak_rows=_peak_rows(paper),
         table_1_header=("k_b, N/m", "f1, paper", "f1, ours", "difference", "f2, paper", "f2, ours", "difference"),
-        table_1_rows=[
-            (exponent(row.k_b), *(cell for pair in zip(row.printed, row.ours, strict=True) for cell in _compared(*pair)))
-            for row in table_1(structure)
-        ],
+        table_1_rows=_table_1_rows(structure),
         table_2=f"{100 * table_2_largest_difference(structure):.1f} %",
         provenance=provenance(demo.fmus),
     )
+
+
+def _mode_rows(demo: Demo) -> list[tuple[str, ...]]:
+    return [
+        (run.support, str(place), *mode_row(run, mode))
+        for run in demo.runs
+        for place, mode in enumerate(fit_modes(run), start=1)
+    ]
+
+
+def _marks(demo: Demo) -> dict[str, list[Mark]]:
+    """Measured resonances at the stiffness they give."""
+    paper = demo.paper
+    on_bearings = (paper.peaks[2].measured, paper.peaks[3].measured)
+    return {
+        "the three rigs, measured": [Mark(f.estimate.k_b, f.estimate.k_b_std, f.frequencies_hz) for f in demo.found],
+        "the paper's rig": [Mark(paper.estimate.k_b, paper.estimate.k_b_std, on_bearings)],
+    }
+
+
+def _peak_rows(paper: PaperReading) -> list[tuple[str, ...]]:
+    return [(p.name, with_error(p.measured, p.std), f"{p.model:.2f}", percent(p.difference)) for p in paper.peaks]
+
+
+def _table_1_rows(structure: Structure) -> list[tuple[str, ...]]:
+    return [
+        (exponent(row.k_b), *_compared(row.printed[0], row.ours[0]), *_compared(row.printed[1], row.ours[1]))
+        for row in table_1(structure)
+    ]
 
 
 def _compared(printed: float, ours: float) -> tuple[str, str, str]:

@@ -15,7 +15,7 @@ from rigtwin.console import note, print_json, say, table
 from rigtwin.exits import UserError
 from rigtwin.fmus import SHIPPED_RIG, existing, open_estimator, trained_rig
 from rigtwin.wording import interval, stiffness_with_error, with_error
-from sim.campaign import Campaign, MeasurementError, Quantity, Run
+from sim.campaign import Campaign, MeasurementError, Quantity, Run, SupportKind
 from sim.campaign_folder import load_campaign
 from sim.formats import read_run
 
@@ -100,6 +100,8 @@ def _tests(
 ) -> list[tuple[str, Features]]:
     if len(paths) == 2:
         return list(_pairs(_read_pair(paths, settings), card))
+    if len(paths) == 1 and paths[0].is_file():
+        raise UserError(f"{paths[0]}: one file alone; give two, first the run on rigid supports, then that on bearings")
     if len(paths) == 1:
         campaign = load_campaign(paths[0])
         _check_rig(campaign.rig, card)
@@ -113,10 +115,19 @@ def _read_pair(paths: Sequence[Path], settings: dict[str, Any]) -> list[Run]:
     for path in paths:
         if path.is_dir():
             raise UserError(f"{path}: a folder; give two run files, or one campaign folder alone")
-        existing(path)
-    return [
-        read_run(path, support=support, **settings) for path, support in zip(paths, ("rigid", "bearing"), strict=True)
-    ]
+    supports: tuple[SupportKind, SupportKind] = ("rigid", "bearing")
+    return [_read(existing(path), support, settings) for path, support in zip(paths, supports, strict=True)]
+
+
+def _read(path: Path, support: SupportKind, settings: dict[str, Any]) -> Run:
+    """A run on this support; a file that says another one is refused, for the two may be mixed up."""
+    try:
+        said = read_run(path, **settings).support
+    except MeasurementError:  # it says none, as no CSV does, or it is wrong and the next line says how
+        said = support
+    if said != support:
+        raise UserError(f"{path}: a run on {said} support; give first the run on rigid supports, then that on bearings")
+    return read_run(path, support=support, **settings)
 
 
 def run_settings(excitation_node: int | None, quantity: Quantity | None) -> dict[str, Any]:
@@ -164,7 +175,7 @@ def _ratio(numbers: Numbers) -> Ratio:
     std = numbers.amplitude_ratio_std
     if std is None:
         std = RATIO_TRUST * numbers.amplitude_ratio
-        note(f"--amplitude-ratio-std is not given; {RATIO_TRUST:.0%} of the ratio is taken")
+        note(f"--amplitude-ratio-std is not given; {100 * RATIO_TRUST:g} % of the ratio is taken")
     return Ratio(_finite("--amplitude-ratio", numbers.amplitude_ratio), _finite("--amplitude-ratio-std", std))
 
 

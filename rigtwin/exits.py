@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -25,6 +26,9 @@ _SENTENCES = {
     "sim.stepped_sine": ("NotSettledError",),
 }
 
+# What pythonfmu's glue makes of a refusal: "... ValueError('RotorRig: k_b must be ... .')".
+_FMU_WORDS = re.compile(r"""ValueError\((['"])(.+?)(?: The call has no effect; .*)?\1\)""")
+
 
 class UserError(Exception):
     """The user's input is wrong; the message says what, where, and what to do."""
@@ -41,14 +45,11 @@ class CommandGroup(TyperGroup):
             code = complain(error.format_message() + " See rigtwin COMMAND --help.", error.exit_code)
         except (Abort, KeyboardInterrupt):
             code = INTERRUPTED
-        except BrokenPipeError:  # the reader of a pipe has had enough
-            sys.stderr.close()
-            code = OUR_FAULT
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             code = complain(f"{where}{error.strerror or error}", WRONG_INPUT)
         except Exception as error:
-            code = complain(str(error), WRONG_INPUT) if isinstance(error, _user_errors()) else _own_fault()
+            code = complain(in_a_sentence(error), WRONG_INPUT) if isinstance(error, _user_errors()) else _own_fault()
         if code == INTERRUPTED:
             complain("interrupted", code)
         sys.exit(code or 0)
@@ -58,6 +59,13 @@ def complain(message: str, code: int) -> int:
     """Print one message on stderr; returns the exit code."""
     print(f"rigtwin: {message}", file=sys.stderr)
     return code
+
+
+def in_a_sentence(error: Exception) -> str:
+    """An error's message in one line; of an FMU's, its own words without the host's wrapping."""
+    text = " ".join(str(error).split())
+    words = _FMU_WORDS.search(text)
+    return words.group(2) if words else text
 
 
 def _user_errors() -> tuple[type[Exception], ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from rotor.rig import Rig
 from rotor.structure import Structure
 from rotor.system import Condition
-from sim.campaign import Channel, FloatArray, Quantity, Run
+from sim.campaign import Channel, FloatArray, Run
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#8a8f98"
@@ -23,7 +23,7 @@ _BEARING_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE)
 # A band of standard errors thinner than this share of its curve cannot be seen.
 _VISIBLE_BAND = 0.03
 
-_UNIT: dict[Quantity, str] = {
+_UNIT: dict[str, str] = {
     "accelerance": "acceleration per force, (m/s²)/N",
     "acceleration": "acceleration, m/s²",
     "mobility": "velocity per force, (m/s)/N",
@@ -105,7 +105,7 @@ def _band(f: FloatArray, size: FloatArray, std: FloatArray, colour: str) -> go.S
     )
 
 
-def frequency_figure(structure: Structure, marks: dict[str, Sequence[Mark]]) -> go.Figure:
+def frequency_figure(structure: Structure, marks: Mapping[str, Sequence[Mark]]) -> go.Figure:
     """The paper's Fig. 2: the first two bending frequencies over bearing stiffness, with measured rigs on it."""
     from rigtwin.paper import two_frequencies_hz
 
@@ -154,7 +154,14 @@ def readings_figure(readings: Sequence[tuple[str, float, float, float]], printed
     name, value = printed
     figure.add_vline(x=value / 1e6, line={"color": VERMILION, "dash": "dash", "width": 2})
     figure.add_annotation(
-        x=value / 1e6, y=1, yref="paper", text=name, showarrow=False, xanchor="left", xshift=6, font={"color": VERMILION}
+        x=value / 1e6,
+        y=1,
+        yref="paper",
+        text=name,
+        showarrow=False,
+        xanchor="left",
+        xshift=6,
+        font={"color": VERMILION},
     )
     figure.update_xaxes(title="bearing stiffness k_b, MN/m")
     figure.update_yaxes(autorange="reversed", showgrid=False)

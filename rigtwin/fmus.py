@@ -93,8 +93,8 @@ def open_estimator(path: Path | None = None) -> Iterator[tuple[Estimator, dict[s
 def ask(session: FmuSession, features: Features) -> Estimate:
     """What an open StiffnessEstimator FMU says."""
     session.start(dict(zip(FEATURE_NAMES, features.as_array().tolist(), strict=True)))
-    *numbers, valid = session.get(_ANSWERS)
-    return Estimate(*numbers, bool(valid))
+    k_b, std, low, high, valid = session.get(_ANSWERS)
+    return Estimate(k_b, std, low, high, bool(valid))
 
 
 def fmu_card(fmu: Path) -> dict[str, Any]:
@@ -148,7 +148,7 @@ def trained_rig(card: dict[str, Any]) -> str:
 
 def excitation_node(session: FmuSession) -> int:
     """The FMU's own excitation node. Raises FmuError where it has none."""
-    starts = {v.name: v.start for v in session.description.modelVariables}
-    if "excitation_node" not in starts:
-        raise FmuError(f"{session.description.modelName} is not a RotorRig FMU: it has no excitation_node")
-    return int(starts["excitation_node"])
+    for variable in session.description.modelVariables:
+        if variable.name == "excitation_node":
+            return int(variable.start or 1)
+    raise FmuError(f"{session.description.modelName} is not a RotorRig FMU: it has no excitation_node")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -138,7 +138,7 @@ def _from_shift(finder: StiffnessFinder, mode: int, shift: float, std: float) ->
     return Reading(f"Δf{mode} alone, finite elements", k_b, low, high)
 
 
-def _peaks(structure: Structure, k_b: float, measured: dict[str, tuple[FloatArray, FloatArray]]) -> Sequence[Peak]:
+def _peaks(structure: Structure, k_b: float, measured: dict[str, tuple[FloatArray, FloatArray]]) -> Iterator[Peak]:
     for support, (frequencies, stds) in measured.items():
         model = two_frequencies_hz(structure, Condition(k_b=k_b, rigid_support=support == "rigid"))
         for mode in (0, 1):
@@ -153,26 +153,47 @@ def two_frequencies_hz(structure: Structure, condition: Condition) -> FloatArray
 
 def verdict(paper: PaperReading) -> list[str]:
     """The reading in plain sentences."""
-    f, k_b = paper.features, paper.estimate.k_b
-    first, second, fused = paper.readings
+    return [_which_stiffness(paper), _the_printed_one(paper), _the_ratio(paper), _the_peaks(paper)]
+
+
+def _which_stiffness(paper: PaperReading) -> str:
+    f, estimate = paper.features, paper.estimate
+    first, second, fused = (f"{stiffness(reading.k_b)} MN/m" for reading in paper.readings)
+    trusted = f"with a 90 % interval of {interval(estimate.k_b_low, estimate.k_b_high)} MN/m"
+    return (
+        f"The first shift alone, {f.delta_f1:g} ± {f.delta_f1_std:.1f} Hz, gives {first}; the second alone, "
+        f"{f.delta_f2:g} ± {f.delta_f2_std:.1f} Hz, gives {second}; the estimator, given both and the ratio "
+        f"{f.amplitude_ratio:g}, gives {fused} {trusted if estimate.valid else 'and calls it not valid'}. "
+        f"{'One' if paper.agree else 'No one'} stiffness fits all three."
+    )
+
+
+def _the_printed_one(paper: PaperReading) -> str:
+    first, second = paper.shifts_at_printed
     one, two = paper.deviations_at_printed()
-    peaks = paper.peaks
-    return [
-        f"The first shift alone, {f.delta_f1:g} ± {f.delta_f1_std:.1f} Hz, gives {stiffness(first.k_b)} MN/m; the second alone, "
-        f"{f.delta_f2:g} ± {f.delta_f2_std:.1f} Hz, gives {stiffness(second.k_b)} MN/m; the estimator, given both and the ratio "
-        f"{f.amplitude_ratio:g}, gives {stiffness(fused.k_b)} MN/m"
-        + (f" with a 90 % interval of {interval(paper.estimate.k_b_low, paper.estimate.k_b_high)} MN/m." if paper.estimate.valid else ", and calls it not valid.")
-        + (" One stiffness fits all three." if paper.agree else " No one stiffness fits all three."),
-        f"The paper says {paper.printed_k_b / 1e6:g} MN/m. There our model has shifts of {paper.shifts_at_printed[0]:.1f} and "
-        f"{paper.shifts_at_printed[1]:.1f} Hz, so the measured ones are {one:+.1f} and {two:+.1f} standard errors away: "
-        f"on our model that bearing is too {'stiff' if fused.k_b < paper.printed_k_b else 'soft'} for the measured shifts.",
-        f"The amplitude ratio needs damping in the bearings: without any it would be {paper.undamped_ratio:.1f} at this "
-        f"stiffness, and {paper.bearing_damping:.0f} N s/m in each bearing bring it down to {f.amplitude_ratio:g}. It says "
-        "more about damping than about stiffness.",
-        f"The peaks themselves lie below the model even on rigid supports, where no bearing can be blamed: "
-        f"{_against(peaks[0])} and {_against(peaks[1])}; on the bearings {_against(peaks[2])} and {_against(peaks[3])}. "
-        "Shifts cancel part of such an error, not all of it; what is left is in none of these intervals.",
-    ]
+    stiff_or_soft = "stiff" if paper.estimate.k_b < paper.printed_k_b else "soft"
+    return (
+        f"The paper says {paper.printed_k_b / 1e6:g} MN/m. There our model has shifts of {first:.1f} and {second:.1f} "
+        f"Hz, so the measured ones are {one:+.1f} and {two:+.1f} standard errors away: on our model that bearing is "
+        f"too {stiff_or_soft} for the measured shifts."
+    )
+
+
+def _the_ratio(paper: PaperReading) -> str:
+    return (
+        f"The amplitude ratio needs damping in the bearings: without any it would be {paper.undamped_ratio:.1f} at "
+        f"this stiffness, and {paper.bearing_damping:.0f} N s/m in each bearing bring it down to "
+        f"{paper.features.amplitude_ratio:g}. It says more about damping than about stiffness."
+    )
+
+
+def _the_peaks(paper: PaperReading) -> str:
+    rigid_1, rigid_2, bearing_1, bearing_2 = map(_against, paper.peaks)
+    return (
+        "The peaks themselves lie below the model even on rigid supports, where no bearing can be blamed: "
+        f"{rigid_1} and {rigid_2}; on the bearings {bearing_1} and {bearing_2}. Shifts cancel part of such an error, "
+        "not all of it; what is left is in none of these intervals."
+    )
 
 
 def _against(peak: Peak) -> str:

@@ -15,7 +15,7 @@ from rigtwin.fmus import excitation_node, rotor_fmu
 from rigtwin.wording import with_error
 from sim.campaign import Plane, Run, SupportKind
 from sim.formats import SUFFIXES, write_run
-from sim.modal_fit import Mode, ModalFitError, driving_point, fit_modes
+from sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, Sweep, SweepPlan
 from sim.stepped_sine import sweep as measure
@@ -56,7 +56,7 @@ def run_sweep(request: SweepRequest) -> None:
         rig = _rig(session, request)
         with progress(f"{request.support} support", plan.n_lines) as count:
             result = measure(session, rig, plan, count)
-        guid = session.description.guid
+        guid = str(session.description.guid)
     if request.out:
         write_run(result.run, request.out)
     modes, why_none = _modes(result.run)

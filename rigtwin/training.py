@@ -75,7 +75,7 @@ def train(plan: TrainingPlan) -> Trained:
     rotor_fmu = build_rotor(rig, plan.out)
     with tempfile.TemporaryDirectory(prefix="rigtwin_") as scratch, workers() as executor:
         fine = build_rotor(rig, Path(scratch), elements_between_nodes=CALIBRATION_ELEMENTS)
-        bench = _Bench(executor, prior, sweep_plan, plan.out)
+        bench = _Bench(executor, prior, sweep_plan, rig.excitation_node, plan.out)
         training = bench.measure("training", rotor_fmu, plan.rigs, plan.seed)
         calibration = bench.measure("calibration", fine, plan.calibration_rigs, CALIBRATION_SEED)
     network, card = _fit(training, calibration, prior, _about(rig, sweep_plan), plan.out)
@@ -116,15 +116,16 @@ class _Bench:
     executor: Executor
     prior: Prior
     plan: SweepPlan
+    excitation_node: int
     out: Path
 
     def measure(self, name: str, fmu: Path, n: int, seed: int) -> Dataset:
         """Measure one data set; what OUT/measured holds of it is not measured again."""
-        store = self.out / "measured"
+        how = {"plan": self.plan, "excitation_node": self.excitation_node, "store": self.out / "measured"}
         with progress(f"measuring {name} rigs", n) as count:
             try:
                 rigs = self.prior.draw(n, seed)
-                data = measure_rigs(fmu, rigs, self.executor, plan=self.plan, progress=count, store=store)
+                data = measure_rigs(fmu, rigs, self.executor, progress=count, **how)
             except MeasurementError as error:
                 raise UserError(f"a {name} rig shows no usable resonances: {error}") from error
         write_dataset(data, self.out / f"{name}.csv")
@@ -185,7 +186,8 @@ def _leave_interrupts_to_the_parent() -> None:
 def print_trained(trained: Trained) -> None:
     """Say what came out, and how it compares with the shipped network where both know the same rig."""
     curve1, curve2 = trained.card["curve_errors_in_log_k_b"]
-    say(f"error of k_b from Δf1 alone {100 * curve1:.2g} %, from Δf2 alone {100 * curve2:.2g} % (calibration rigs, no noise)")
+    from_each = f"from Δf1 alone {100 * curve1:.2g} %, from Δf2 alone {100 * curve2:.2g} %"
+    say(f"error of k_b on the calibration rigs, without noise: {from_each}")
     if trained_rig(trained.card) == SHIPPED_RIG:
         difference = _difference_from_shipped(trained.network)
         say(f"its k_b differs from the shipped network's by at most {100 * difference:.2g} %")

@@ -1,0 +1,291 @@
+"""The commands: what they find, what they refuse and how, what a machine can read of it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from numpy.testing import assert_allclose
+
+from rotor.assembly import assemble
+from rotor.modal import damped_modes
+from rotor.rig import load_rig
+from rotor.system import Condition, build_system
+from sim.formats import SUFFIXES, read_run, run_file
+from tests.rigtwin.conftest import run, run_json
+
+OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
+PAPER = OWN_ROTOR.with_name("nit-rourkela-paper")
+COMMANDS = ("demo", "build", "sweep", "train", "estimate", "check", "report")
+
+# What the modal fit of a noise-free virtual run is worth: neighbouring modes, not the rig.
+FIT = 1e-6
+# The network's own error of k_b, and what 1 % noise on every line adds to it.
+ESTIMATE = 2e-3
+
+NUMBERS = ("--delta-f1", 4.036, "--delta-f2", 26.0, "--amplitude-ratio", 1.228)
+ERRORS = ("--delta-f1-std", 0.004, "--delta-f2-std", 0.026, "--amplitude-ratio-std", 0.0012)
+
+
+# --- start -----------------------------------------------------------------------------------------
+
+
+def test_help_names_every_command():
+    text = run("--help").stdout
+    assert [name for name in COMMANDS if name not in text] == []
+    assert run().stdout == text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_its_options(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert "--help" in result.stdout
+
+
+def test_the_command_starts_without_loading_anything_heavy():
+    watch = "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr)); "
+    script = watch + "from rigtwin.cli import main; sys.argv = ['rigtwin', '--help']; main()"
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    heavy = {"numpy", "scipy", "fmpy", "torch", "onnxruntime", "plotly", "matplotlib", "jinja2", "pydantic"}
+    loaded = {name.split(".")[0] for name in result.stderr.split()}
+    assert "typer" in loaded
+    assert loaded & heavy == set()
+
+
+# --- sweep -----------------------------------------------------------------------------------------
+
+
+def test_sweep_finds_the_modes_of_the_finite_element_model(rotor_fmu):
+    condition = Condition(k_b=4e6, bearing_damping=10.0)
+    settings = {"k_b": condition.k_b, "bearing_damping": condition.bearing_damping}
+    options = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
+    found = run_json("sweep", rotor_fmu, "--lines", 96, *options)
+    expected = damped_modes(build_system(assemble(load_rig("nit-rourkela")), condition))
+    assert_allclose([m["frequency_hz"] for m in found["modes"]], expected.frequency_hz[[0, 2]], rtol=FIT)
+    assert_allclose([m["damping_ratio"] for m in found["modes"]], expected.damping_ratio[[0, 2]], rtol=1e-4)
+    assert found["parameters"] == settings
+
+
+def test_sweep_takes_a_rig_in_place_of_an_fmu():
+    found = run_json("sweep", "nit-rourkela", "--support", "rigid", "--f-min", 90, "--f-max", 110, "--lines", 12)
+    assert_allclose(found["modes"][0]["frequency_hz"], 100.5612, rtol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_sweep_writes_a_run_that_can_be_read_again(rotor_fmu, tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    found = run_json("sweep", rotor_fmu, "--f-min", 90, "--f-max", 100, "--lines", 10, "--excitation-node", 4,
+                     "--plane", "z", "--out", path)  # fmt: skip
+    told = {"support": "bearing", "excitation_node": 4, "excitation_plane": "z"} if suffix == ".csv" else {}
+    again = read_run(path, **told)
+    assert found["file"] == str(path)
+    assert len(again.frequency_hz) == found["lines"]
+    assert (again.excitation_node, again.excitation_plane) == (4, "z")
+
+
+def test_an_interrupt_leaves_no_file_behind(rotor_fmu, tmp_path, monkeypatch):
+    def interrupted(run, path):
+        path.write_text("half of")
+        raise KeyboardInterrupt
+
+    csv = run_file._FORMATS[".csv"]
+    monkeypatch.setitem(run_file._FORMATS, ".csv", csv._replace(write=interrupted))
+    result = run("sweep", rotor_fmu, "--lines", 8, "--f-min", 20, "--f-max", 30, "--out", tmp_path / "run.csv")
+    assert result.exit_code == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- estimate --------------------------------------------------------------------------------------
+
+
+def test_estimate_finds_the_stiffness_of_two_swept_runs(swept):
+    (answer,) = run_json("estimate", swept.rigid, swept.bearing)["estimates"]
+    assert answer["valid"] is True
+    assert answer["why_not_valid"] == []
+    assert_allclose(answer["k_b"], swept.k_b, rtol=ESTIMATE)
+
+
+def test_the_estimator_fmu_answers_as_the_network_it_holds(swept, estimator_fmu):
+    outputs = ("k_b", "k_b_std", "k_b_low", "k_b_high", "valid")
+    (network,) = run_json("estimate", swept.rigid, swept.bearing)["estimates"]
+    (fmu,) = run_json("estimate", swept.rigid, swept.bearing, "--estimator", estimator_fmu)["estimates"]
+    assert [fmu[name] for name in outputs] == [network[name] for name in outputs]
+
+
+def test_estimate_takes_numbers():
+    (answer,) = run_json("estimate", *NUMBERS, *ERRORS)["estimates"]
+    assert answer["valid"] is True
+    assert answer["k_b_low"] < 1e7 < answer["k_b_high"]
+
+
+def test_estimate_says_why_inputs_are_not_valid():
+    contradictory = run("estimate", "--delta-f1", 4.036, "--delta-f2", 60.0, "--amplitude-ratio", 1.228, *ERRORS)
+    outside = run("estimate", "--delta-f1", -3, "--delta-f2", 26, "--amplitude-ratio", 1.228, *ERRORS)
+    vague = run("estimate", *NUMBERS, *ERRORS[:-1], 0.9)
+    assert [r.exit_code for r in (contradictory, outside, vague)] == [0, 0, 0]
+    assert "contradict" in contradictory.stdout
+    assert "delta_f1 = -3 Hz is outside the trained range" in outside.stdout
+    assert "amplitude_ratio_std = 0.9 is not between 0 and 30%" in vague.stdout
+
+
+def test_estimate_takes_a_campaign_of_resonance_lists():
+    (answer,) = run_json("estimate", PAPER, "--amplitude-ratio", 0.78, "--amplitude-ratio-std", 0.08)["estimates"]
+    assert (answer["delta_f1"], answer["delta_f2"]) == (25.0, 130.0)
+    assert answer["k_b_low"] < 1.11e6 < answer["k_b_high"]
+
+
+def test_a_ratio_without_its_error_is_trusted_to_a_tenth_and_says_so():
+    result = run("estimate", PAPER, "--amplitude-ratio", 0.78)
+    assert result.exit_code == 0
+    assert "0.780 ± 0.078" in result.stdout
+    assert "10 % of the ratio is taken" in result.stderr
+
+
+# --- build -----------------------------------------------------------------------------------------
+
+
+def test_build_makes_both_fmus_of_the_shipped_rig(tmp_path):
+    result = run("build", "--out", tmp_path)
+    assert result.stdout.split() == [str(tmp_path / "RotorRig.fmu"), str(tmp_path / "StiffnessEstimator.fmu")]
+    assert all(Path(line).is_file() for line in result.stdout.split())
+
+
+def test_build_of_another_rig_says_that_no_network_knows_it(tmp_path):
+    result = run("build", OWN_ROTOR, "--out", tmp_path)
+    assert result.exit_code == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["RotorRig.fmu"]
+    assert len(result.stderr.splitlines()) == 1
+    assert "--train trains one for stepped-cantilever" in result.stderr
+
+
+# --- what is refused, and how ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("nosuch",), "No such command 'nosuch'"),
+        (("sweep", "--nosuch"), "No such option: --nosuch"),
+        (("sweep", "--support", "soft"), "'soft' is not one of 'rigid', 'bearing'"),
+        (("sweep", "nosuch.fmu"), "nosuch.fmu: no such file"),
+        (("sweep", "nosuch.toml"), "give a rig TOML or one of: nit-rourkela"),
+        (("sweep", "--f-min", 0), "need 0 < f-min < f-max"),
+        (("sweep", "--lines", 3), "at least 8"),
+        (("sweep", "--out", "run.txt"), "--out takes .csv, .uff"),
+        (("sweep", "--out", "nosuch/run.csv"), "the folder nosuch does not exist"),
+        (("build", "nosuch.toml"), "nosuch.toml: cannot be read"),
+        (("estimate",), "give RIGID_FILE BEARING_FILE, a campaign folder, or numbers"),
+        (("estimate", "a.csv", "b.csv", "c.csv"), "3 files given"),
+        (("estimate", "nosuch.csv", "nosuch.uff"), "nosuch.csv: no such file"),
+        (("estimate", "nosuch"), "nosuch: no such folder"),
+        (("estimate", PAPER), "give --amplitude-ratio"),
+        (("estimate", *NUMBERS), "--delta-f1-std, --delta-f2-std, --amplitude-ratio-std missing"),
+        (("estimate", "--delta-f1", "nan", *NUMBERS[2:], *ERRORS), "--delta-f1 nan: give a finite number"),
+        (("estimate", *NUMBERS, *ERRORS, "--estimator", __file__), "not a network of rigtwin train"),
+        (("check", "nosuch.fmu"), "nosuch.fmu: no such file"),
+        (("check", __file__), "not an FMU"),
+        (("check", "nosuch.fmu", "--expect-k-b", -1), "--expect-k-b -1.0: give a positive number"),
+        (("report",), "give a campaign folder, or run files"),
+        (("report", "nosuch"), "nosuch: no such file"),
+        (("report", PAPER, "run.csv"), "a campaign folder is reported alone"),
+        (("train", "--rigs", 3), "at least 16"),
+        (("train", "--from-data", "--rigs", 64), "--from-data trains on the shipped data alone"),
+    ],
+    ids=lambda value: " ".join(map(str, value))[:40] if isinstance(value, tuple) else "",
+)
+def test_wrong_input_gives_one_message_and_exit_code_2(refused, arguments, said):
+    assert said in refused(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--set", "k_b"), "write name=value"),
+        (("--set", "k_b=soft"), "'soft' is not a number"),
+        (("--set", "kb=1e7"), "the FMU has no parameter kb; it has force"),
+        (("--set", "rigid_support=true"), "use --support"),
+        (("--set", "excitation_node=3"), "use --excitation-node"),
+        (("--set", "k_b=-1"), "k_b must be at least 10000 N/m, got -1"),
+        (("--excitation-node", 8), "excitation_node must be at most 7, got 8"),
+    ],
+    ids=lambda value: " ".join(map(str, value)) if isinstance(value, tuple) else "",
+)
+def test_a_wrong_setting_of_the_rig_gives_one_message(refused, rotor_fmu, options, said):
+    assert said in refused("sweep", rotor_fmu, *options)
+
+
+def test_an_estimator_cannot_be_swept(refused, estimator_fmu):
+    assert "is not a RotorRig FMU" in refused("sweep", estimator_fmu)
+
+
+def test_a_broken_fmu_is_the_users_input(refused, tmp_path):
+    (tmp_path / "broken.fmu").write_bytes(b"PK\x05\x06" + bytes(18))
+    assert "broken.fmu" in refused("sweep", tmp_path / "broken.fmu")
+
+
+def test_a_rig_with_a_wrong_key_is_named_with_the_key(refused, tmp_path):
+    text = OWN_ROTOR.read_text(encoding="utf-8").replace("diameter_m = 0.016", "diameter_m = -1")
+    (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+    assert "rig.toml: segment 2 diameter_m" in refused("build", tmp_path / "rig.toml", "--out", tmp_path)
+
+
+def test_a_data_file_with_a_wrong_cell_is_named_with_its_line(refused, swept, tmp_path):
+    lines = swept.rigid.read_text(encoding="utf-8").splitlines()
+    (tmp_path / "wrong.csv").write_text("\n".join([*lines[:5], "x" + lines[5], *lines[6:]]), encoding="utf-8")
+    assert "wrong.csv, line 6, column frequency_Hz" in refused("estimate", tmp_path / "wrong.csv", swept.bearing)
+
+
+def test_runs_in_the_wrong_order_are_refused(refused, swept):
+    assert "bearing.uff: a run on bearing support; give first the run on rigid" in refused(
+        "estimate", swept.bearing, swept.rigid
+    )
+
+
+def test_one_file_alone_is_not_enough(refused, swept):
+    assert "one file alone" in refused("estimate", swept.rigid)
+
+
+def test_a_run_driven_elsewhere_than_in_training_is_refused(refused, swept):
+    message = refused("estimate", swept.rigid, swept.bearing, "--excitation-node", 3)
+    assert "the force at node 2" in message
+
+
+def test_a_campaign_of_another_rig_is_refused(refused, tmp_path):
+    text = (PAPER / "campaign.toml").read_text(encoding="utf-8").replace('"nit-rourkela"', f'"{OWN_ROTOR.as_posix()}"')
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    assert "the estimator was trained for nit-rourkela" in refused("estimate", tmp_path, "--amplitude-ratio", 1)
+
+
+@pytest.mark.parametrize("command", [("build", "--out"), ("demo", "--fmus")], ids=["build", "demo"])
+def test_a_folder_that_cannot_be_made_is_named(refused, tmp_path, command):
+    (tmp_path / "file").touch()
+    assert f"{tmp_path}/file" in refused(*command, tmp_path / "file" / "dist")
+
+
+def test_training_without_torch_says_what_to_install(refused, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "pip install 'rigtwin[train]'" in refused("train", "--from-data")
+
+
+def test_a_fault_of_our_own_shows_its_traceback(monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError("the planted fault")
+
+    monkeypatch.setattr("rigtwin.build.build_fmus", broken)
+    result = run("build")
+    assert result.exit_code == 1
+    assert "Traceback" in result.stderr
+    assert "ZeroDivisionError: the planted fault" in result.stderr
+    assert "this is a fault of rigtwin" in result.stderr.splitlines()[-1]
+
+
+def test_an_interrupted_command_exits_with_130(monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rigtwin.build.build_fmus", interrupted)
+    result = run("build")
+    assert (result.exit_code, result.stderr) == (130, "rigtwin: interrupted\n")

@@ -1,0 +1,100 @@
+"""rigtwin train: what is measured is measured once, and another rig gets its own ranges."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import rigtwin.training as training
+from estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, read_dataset
+from estimator.prior import PRIOR
+from rigtwin.training import TRAINING_CSV, TrainingPlan, shipped_data, train
+
+OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
+
+
+class InThisProcess(Executor):
+    """Runs a task at once."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future: Future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def test_rigs_that_were_measured_before_an_interrupt_are_not_measured_again(rotor_fmu, tmp_path, monkeypatch):
+    monkeypatch.setattr("estimator.dataset._CHUNK", 1)
+    rigs = PRIOR.draw(4, seed=5)
+    with pytest.raises(KeyboardInterrupt):
+        measure_rigs(rotor_fmu, rigs, InThisProcess(), store=tmp_path, progress=_interrupt_at(2))
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert 2 <= len(kept) <= 4
+    resumed = measure_rigs(rotor_fmu, rigs, InThisProcess(), store=tmp_path)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert_array_equal(resumed.features, measure_rigs(rotor_fmu, rigs, InThisProcess()).features)
+
+
+def _interrupt_at(limit):
+    def count(measured):
+        if measured >= limit:
+            raise KeyboardInterrupt
+
+    return count
+
+
+@pytest.mark.parametrize("change", ["rigs", "plan", "node"])
+def test_what_was_measured_otherwise_is_measured_again(rotor_fmu, tmp_path, change):
+    plan = FEATURE_PLAN
+    measure_rigs(rotor_fmu, PRIOR.draw(1, seed=5), InThisProcess(), plan=plan, store=tmp_path)
+    other = {
+        "rigs": {"rigs": PRIOR.draw(1, seed=6)},
+        "plan": {"plan": training.FEATURE_PLAN.__class__(n_lines=120)},
+        "node": {"excitation_node": 3},
+    }[change]
+    asked = {"rigs": PRIOR.draw(1, seed=5), "plan": plan, **other}
+    measure_rigs(rotor_fmu, executor=InThisProcess(), store=tmp_path, **asked)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.fixture
+def asked(monkeypatch) -> list[tuple]:
+    """What a training asks to be measured and fitted; neither is done."""
+    calls: list[tuple] = []
+    shipped = read_dataset(shipped_data(TRAINING_CSV))
+
+    def measured(fmu, rigs, executor, **how):
+        calls.append((fmu.name, rigs, how))
+        return Dataset(rigs, shipped.features[: len(rigs)])
+
+    def fitted(training, calibration, prior, about, out):
+        calls.append((prior, about))
+        return None, {}
+
+    monkeypatch.setattr(training, "measure_rigs", measured)
+    monkeypatch.setattr(training, "_fit", fitted)
+    monkeypatch.setattr(training, "build_estimator_fmu", lambda out, model: out)
+    return calls
+
+
+def test_the_defaults_ask_for_the_data_the_shipped_network_was_trained_on(asked, tmp_path):
+    train(TrainingPlan(out=tmp_path))
+    (_, rigs, how), (_, fine_rigs, _), (prior, about) = asked
+    shipped, calibration = (read_dataset(shipped_data(name)).rigs for name in (TRAINING_CSV, training.CALIBRATION_CSV))
+    assert_array_equal(rigs.k_b, shipped.k_b)
+    assert_array_equal(fine_rigs.k_b, calibration.k_b)
+    assert (how["plan"], how["excitation_node"], prior, about) == (FEATURE_PLAN, 2, PRIOR, {})
+
+
+def test_another_rig_is_trained_in_its_own_range_band_and_driving_point(asked, tmp_path):
+    train(TrainingPlan(rig=str(OWN_ROTOR), rigs=32, out=tmp_path))
+    (_, rigs, how), _, (prior, about) = asked
+    assert prior.k_b == (2e5, 2e7)
+    assert prior.bearing_damping[1] < PRIOR.bearing_damping[1]
+    assert how["excitation_node"] == about["excitation_node"] == 4
+    assert how["plan"].f_min_hz < 30 < 820 < how["plan"].f_max_hz  # modes at 51 to 81 and 422 to 701 Hz
+    assert about["rig"] == "stepped-cantilever"
+    assert np.all((rigs.k_b >= 1.2e5) & (rigs.k_b <= 3.4e7))

@@ -85,7 +85,7 @@ def demo(
 def build(
     rig: Annotated[str, typer.Argument(help="A rig TOML, or the name of a shipped rig.")] = RIG,
     out: Annotated[Path, typer.Option(help="Folder for the FMUs.")] = Path("dist"),
-    train: Annotated[bool, typer.Option(help="Train an estimator for a rig of your own (some minutes).")] = False,
+    train: Annotated[bool, typer.Option(help="Train an estimator for a rig of your own (half an hour or so).")] = False,
 ) -> None:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
     from rigtwin.build import build_fmus
@@ -99,7 +99,9 @@ def sweep(
         str, typer.Argument(metavar="FMU_or_RIG", help="RotorRig.fmu, a rig TOML or a shipped rig.")
     ] = RIG,
     support: Annotated[Support, typer.Option(help="How the rotor is held.")] = Support.bearing,
-    settings: Annotated[list[str] | None, typer.Option("--set", help="FMU parameter, name=value; repeat.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="FMU parameter; repeat.")
+    ] = None,
     f_min: Annotated[float, typer.Option(help="Lowest frequency [Hz].")] = 20.0,
     f_max: Annotated[float, typer.Option(help="Highest frequency [Hz].")] = 400.0,
     lines: Annotated[int, typer.Option(help="Evenly spaced lines; more are added at resonances.")] = 201,

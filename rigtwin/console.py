@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 # Where the output is not a terminal, its width is nobody's business; tables then get this.
-_WIDTH = 120
+_WIDTH = 160
 
 
 def output() -> Console:

@@ -30,7 +30,7 @@ from sim.campaign import MeasurementError
 if TYPE_CHECKING:
     from sim.stepped_sine import SweepPlan
 
-# The calibration rigs are others than the training rigs, and of a finer mesh.
+# The calibration rigs are others than the training rigs, and of a finer mesh: at least this fine.
 CALIBRATION_RIGS, CALIBRATION_SEED, CALIBRATION_ELEMENTS = 128, 2, 4
 NETWORK_SEED = 0
 
@@ -74,7 +74,8 @@ def train(plan: TrainingPlan) -> Trained:
         sweep_plan = feature_plan(structure, prior)
     rotor_fmu = build_rotor(rig, plan.out)
     with tempfile.TemporaryDirectory(prefix="rigtwin_") as scratch, workers() as executor:
-        fine = build_rotor(rig, Path(scratch), elements_between_nodes=CALIBRATION_ELEMENTS)
+        finer = max(CALIBRATION_ELEMENTS, 2 * rig.elements_between_nodes)
+        fine = build_rotor(rig, Path(scratch), elements_between_nodes=finer)
         bench = _Bench(executor, prior, sweep_plan, rig.excitation_node, plan.out)
         training = bench.measure("training", rotor_fmu, plan.rigs, plan.seed)
         calibration = bench.measure("calibration", fine, plan.calibration_rigs, CALIBRATION_SEED)

@@ -105,7 +105,8 @@ def test_a_model_description_against_the_standard_fails_both_readers(estimator_f
     assert "FMU Manipulation Toolbox -check" in failed
 
 
-def test_an_fmu_that_crashes_fails_its_gates_and_the_report_is_written(rotor_fmu, tmp_path):
+def test_an_fmu_that_crashes_fails_its_gates_and_the_report_is_written(rotor_fmu, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # what a crashed process cannot clean up
     crashing = altered(
         rotor_fmu,
         tmp_path / "crashing.fmu",

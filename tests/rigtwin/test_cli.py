@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -289,3 +290,22 @@ def test_an_interrupted_command_exits_with_130(monkeypatch):
     monkeypatch.setattr("rigtwin.build.build_fmus", interrupted)
     result = run("build")
     assert (result.exit_code, result.stderr) == (130, "rigtwin: interrupted\n")
+
+
+# --- the documentation -----------------------------------------------------------------------------
+
+
+def section(command: str) -> str:
+    """What docs/command-line.md says of a command."""
+    text = (OWN_ROTOR.parents[1] / "docs" / "command-line.md").read_text(encoding="utf-8")
+    return text.split(f"## rigtwin {command}\n")[1].split("\n## ")[0]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_documentation_has_an_example_and_every_option_of_a_command(command):
+    text = section(command)
+    assert f"\n$ rigtwin {command}" in text
+    options = set(re.findall(r"^  (?:-\w, )?(--[\w-]+)", run(command, "--help").stdout, re.MULTILINE)) - {"--help"}
+    documented = set(re.findall(r"`(--[\w-]+)", text))
+    assert options == documented & options
+    assert [name for name in re.findall(r"^\| `(--[\w-]+)", text, re.MULTILINE) if name not in options] == []

@@ -36,7 +36,7 @@ def detect(samples: FloatArray, samples_per_period: int) -> Phasors:
         raise ValueError(f"{N} samples are not whole periods of {samples_per_period} (at least 8) samples")
     phase = 2 * np.pi * np.arange(N) / samples_per_period
     basis = np.exp(-1j * np.outer(HARMONICS, phase))  # (n_harmonics, N)
-    amplitude: ComplexArray = 2 / N * (basis @ samples)
+    amplitude = np.asarray(2 / N * (basis @ samples), dtype=complex)
     fitted = samples.mean(axis=0) + (basis.conj().T @ amplitude).real
     freedom = N - 1 - 2 * len(HARMONICS)
     variance = np.sum((samples - fitted) ** 2, axis=0) / freedom

@@ -19,8 +19,8 @@ SHIPPED = RotorFacts(7, 2, 0.001, 0.0, 1e7, 1e4, 1e12)
 
 def _table_row(variable: Variable) -> str:
     row = _rows([variable])[0]
-    cells = [f"`{row['name']}`", *(row[k] for k in ("causality", "variability", "type", "unit", "range", "description"))]
-    return "| " + " | ".join(cells) + " |"
+    columns = ("causality", "variability", "type", "unit", "range", "description")
+    return "| " + " | ".join([f"`{row['name']}`", *(row[column] for column in columns)]) + " |"
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def detect(samples: FloatArray, samples_per_period: int) -> Phasors:
     phase = 2 * np.pi * np.arange(N) / samples_per_period
     basis = np.exp(-1j * np.outer(HARMONICS, phase))  # (n_harmonics, N)
     amplitude = np.asarray(2 / N * (basis @ samples), dtype=complex)
-    fitted = samples.mean(axis=0) + (basis.conj().T @ amplitude).real
+    fitted = samples.mean(axis=0) + np.real(basis.conj().T @ amplitude)
     freedom = N - 1 - 2 * len(HARMONICS)
     variance = np.sum((samples - fitted) ** 2, axis=0) / freedom
     return Phasors(amplitude, 2 * np.sqrt(variance / N))

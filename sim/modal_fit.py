@@ -141,7 +141,9 @@ class _Problem:
         self.factor = (1j * self.omega) ** _ORDER[run.quantity]
         self.order = _ORDER[run.quantity]
         self.known_errors = run.std is not None
-        std = run.std[np.ix_(use, moving)] if run.std is not None else np.ones(self.H.shape)
+        # Without standard errors every line counts alike; their size is the optimiser's unit.
+        alike = np.full(self.H.shape, np.abs(self.H).max())
+        std = run.std[np.ix_(use, moving)] if run.std is not None else alike
         # A line known to 1e-12 would rule the fit; no channel is better than 1e-9 of its largest line.
         self.weight = np.sqrt(2) / np.maximum(std, 1e-9 * np.abs(self.H).max(axis=0))
 

@@ -185,6 +185,20 @@ def test_the_same_response_has_the_same_modes_in_every_quantity(quantity):
         assert_allclose(mode.resonance, other.resonance * w_r ** (ORDER[quantity] - 2), rtol=1e-5)
 
 
+@EVERY_QUANTITY
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e6])
+def test_the_unit_of_the_response_does_not_matter(quantity, unit):
+    """A stiff machine's receptance is 1e-9 m/N: an optimiser with absolute tolerances would stop at once."""
+    found, scaled = (
+        fit_modes(measured([replace(t, residue=factor * np.array(t.residue)) for t in two_modes()], quantity))
+        for factor in (1.0, unit)
+    )
+    for mode, other in zip(found, scaled, strict=True):
+        assert_allclose(other.frequency_hz, mode.frequency_hz, rtol=EXACT_FREQUENCY)
+        assert_allclose(other.damping_ratio, mode.damping_ratio, rtol=EXACT_DAMPING)
+        assert_allclose(other.resonance, unit * mode.resonance, rtol=EXACT_DAMPING)
+
+
 def test_a_channel_that_does_not_move_has_no_part_in_the_mode():
     run = measured([Truth(96.0, 1e-3, [0.0, 0.2, 0.1])])
     (mode,) = fit_modes(run)
@@ -217,6 +231,17 @@ def test_errors_are_as_large_as_stated_with_the_same_noise_on_every_line():
     exact = measured(two_modes())
     fits = [fit_modes(with_errors(exact, 1e-5 * np.abs(exact.H).max(), seed)) for seed in range(SEEDS)]
     z = np.array([z_scores(fit, two_modes()) for fit in fits]).reshape(SEEDS, -1)
+    assert_unit_variance(z)
+    assert_covers_90_per_cent(z)
+
+
+def test_errors_are_as_large_as_stated_where_no_line_lies_on_the_peak():
+    """The resonance is then extrapolated, and its error is that of the damping ratio too."""
+    truth = Truth(96.0, 1e-3, [0.1, 0.2, 0.15])
+    near = 96.0 * (1 + 2e-3 * np.array([-8, -6, -4, -3, -2, -1, 1, 2, 3, 4, 6, 8]))
+    exact = measured([truth], lines=np.unique(np.concatenate([np.linspace(20, 400, 96), near])))
+    fits = [fit_modes(with_errors(exact, 0.01 * np.abs(exact.H), seed)) for seed in range(SEEDS)]
+    z = np.array([z_scores(fit, [truth])[0] for fit in fits])
     assert_unit_variance(z)
     assert_covers_90_per_cent(z)
 

@@ -14,6 +14,7 @@ from rotor.frequency_response import accelerance
 from rotor.modal import damped_modes
 from rotor.system import Condition, LinearSystem, build_system
 from sim.campaign import Channel, Run
+from sim.detection import HARMONICS
 from sim.sensors import SensorNoise
 from sim.session import FmuSession
 from sim.stepped_sine import NotSettledError, Rig, Sweep, SweepPlan, measure_lines, sweep
@@ -250,7 +251,7 @@ def squared_z_scores(values: np.ndarray, exact: np.ndarray, std: np.ndarray) -> 
 @pytest.mark.parametrize("rig", [CONDITIONS["rigid"], CONDITIONS["1e6"]], ids=["rigid", "1e6"])
 def test_errors_are_as_large_as_the_standard_errors_say(session, rig, noise, periods):
     """|error|^2 / std^2 is F(2, nu), nu the samples of a window less the seven that are fitted."""
-    run = sweep(session, rig, replace(PLAN, noise=noise, periods=periods)).run
+    run = sweep(session, rig, replace(PLAN, noise=noise, periods=periods, force_amplitude=2.5)).run
     assert run.std is not None
     z2 = squared_z_scores(run.H, direct(rig, run.frequency_hz), run.std)
     null = stats.f(2, PLAN.samples_per_period * periods - 7)
@@ -310,6 +311,37 @@ def test_with_noise_its_harmonics_are_noise(session):
     for harmonic in run.harmonics.values():
         z2 = squared_z_scores(harmonic, np.zeros_like(harmonic), run.std)
         assert stats.kstest(z2, stats.f(2, 4 * PLAN.samples_per_period - 7).cdf).pvalue > REJECTED
+
+
+class DistortingFmu:
+    """Stands in for a session: an accelerometer that adds harmonics at fixed phases of the force F sin(phi)."""
+
+    variables = ("node_2.acceleration_y", "force_applied")
+    response = np.array([3.0 - 1.0j, 0.5 + 0.2j, -0.1j])  # of e^{i k phi}, k = 1, 2, 3
+
+    def start(self, values: dict[str, float]) -> None:
+        self.force, self.phase = values["force_amplitude"], 0.3
+
+    def set(self, values: dict[str, float]) -> None:
+        self.frequency = values["force_frequency"]
+
+    def step(self, h: float) -> None:
+        self.phase += 2 * np.pi * self.frequency * h
+
+    def sample(self, _outputs: list[str], h: float, n: int) -> np.ndarray:
+        phi = self.phase + 2 * np.pi * self.frequency * h * np.arange(n)
+        self.phase = phi[-1]
+        return np.column_stack([(np.exp(1j * np.outer(phi, HARMONICS)) @ self.response).real, self.force * np.sin(phi)])
+
+
+def test_harmonics_are_referred_to_the_phase_of_the_force():
+    """Whenever a window begins: a force F sin(phi) has the phasor F / i, its k-th power's phase is that of i^-k."""
+    frequencies = [33.3, 71.7, 96.1]
+    plan = SweepPlan(force_amplitude=2.0, settle_time=0.77)
+    run = measure_lines(DistortingFmu(), Rig(), plan, frequencies).run  # pyright: ignore[reportArgumentType]
+    expected = DistortingFmu.response / 2.0 * 1j ** np.array(HARMONICS)
+    for order, values in {1: run.H, **run.harmonics}.items():
+        assert_allclose(values[:, 0], expected[order - 1], rtol=1e-6)
 
 
 # -- what a run says of itself ---------------------------------------------------------------------

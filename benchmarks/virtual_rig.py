@@ -12,9 +12,10 @@ from fmpy import extract, instantiate_fmu, read_model_description, simulate_fmu
 
 from build_fmu import build_rotor_fmu
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.frequency_response import accelerance
+from rotor.model import build_system
 from rotor.rig import load_rig
-from rotor.system import Condition, build_system
 from sim.campaign import Run
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, Sweep, SweepPlan, measure_lines, sweep

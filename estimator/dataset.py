@@ -16,9 +16,10 @@ from fmpy import read_model_description
 
 from estimator.features import FEATURE_NAMES, features_of_runs
 from estimator.prior import Prior, Rigs
+from rotor.condition import Condition
 from rotor.modal import natural_frequencies_hz
+from rotor.model import build_system
 from rotor.structure import Structure
-from rotor.system import Condition, build_system
 from sim.formats.atomic import replacing
 from sim.sensors import SensorNoise
 from sim.session import FmuSession

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
+from rotor.condition import Condition
 from rotor.modal import natural_frequencies_hz
+from rotor.model import build_system
 from rotor.structure import Structure
-from rotor.system import Condition, build_system
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from estimator.features import Features
+from rotor.condition import Condition
 from rotor.modal import damped_modes, state_matrix
+from rotor.model import build_system
 from rotor.structure import Structure
-from rotor.system import Condition, LinearSystem, build_system
+from rotor.system import LinearSystem
 
 # Bearing damping is looked for in these steps [N s/m]; far beyond, the dampers lock the bearings.
 _BEARING_DAMPING = np.concatenate([[0.0], np.geomspace(0.01, 1e5, 141)])

@@ -11,9 +11,10 @@ from build_fmu import build_rotor_fmu
 from estimator.features import features_of_runs
 from estimator.root_finding import StiffnessFinder
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.modal import natural_frequencies_hz
+from rotor.model import build_system
 from rotor.rig import load_rig
-from rotor.system import Condition, build_system
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, SweepPlan, sweep
 

@@ -18,9 +18,10 @@ from matplotlib.patches import Polygon, Rectangle
 from fmu_src.slave import variability
 from fmu_src.variables import RotorFacts, Variable, estimator_variables, rotor_variables
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.modal import natural_frequencies_hz
+from rotor.model import build_system
 from rotor.rig import Rig
-from rotor.system import Condition, build_system
 
 _PAGES = Environment(
     loader=PackageLoader("fmu_src", "templates"), autoescape=select_autoescape(), undefined=StrictUndefined

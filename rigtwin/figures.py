@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
+from rotor.condition import Condition
 from rotor.rig import Rig
 from rotor.structure import Structure
-from rotor.system import Condition
 from sim.campaign import Channel, FloatArray, Run
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.

@@ -19,10 +19,11 @@ from rigtwin.exits import UserError
 from rigtwin.fmus import Estimator
 from rigtwin.wording import interval, percent, stiffness
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.modal import natural_frequencies_hz
+from rotor.model import build_system
 from rotor.rig import load_rig
 from rotor.structure import Structure
-from rotor.system import Condition, build_system
 from sim.campaign import FloatArray
 from sim.campaign_folder import load_campaign
 

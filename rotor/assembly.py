@@ -7,15 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from rotor.elements import ElementType, FloatArray, Section, timoshenko
+from rotor.elements import ElementType, FloatArray, Section, euler_bernoulli, timoshenko
 from rotor.rig import SAME_PLACE_M, Rig
-from rotor.structure import DOF_PER_NODE, Structure
-
-# Coordinates of one element in each plane, as places among its two nodes' eight degrees of
-# freedom, with the sign that turns (w, slope) into (deflection, rotation): slope dy/dx is
-# +theta_z, slope dz/dx is -theta_y.
-_PLANE_PLACES = (np.array([0, 3, 4, 7]), np.array([1, 2, 5, 6]))
-_PLANE_SIGNS = (np.array([1.0, 1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0, -1.0]))
+from rotor.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 
 
 def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_nodes: int | None = None) -> Structure:
@@ -33,10 +27,10 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
     """
     x = _mesh(rig, elements_between_nodes or rig.elements_between_nodes)
     n = DOF_PER_NODE * len(x)
-    M, K, G = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
-    for left in range(len(x) - 1):
-        sections = _sections_at(rig, (x[left] + x[left + 1]) / 2)
-        _add_element(M, K, G, left, sections, x[left + 1] - x[left], element)
+    M, K, G, K_tension = (np.zeros((n, n)) for _ in range(4))
+    sections = [_sections_at(rig, (a + b) / 2) for a, b in pairwise(x)]
+    for left, pair in enumerate(sections):
+        _add_element(M, K, G, K_tension, left, pair, x[left + 1] - x[left], element)
     stations = np.array([int(np.argmin(np.abs(x - position))) for position in rig.nodes_m])
     for disk in rig.disk:
         _add_rigid_body(M, G, stations[disk.node - 1], disk.mass, disk.diametral_inertia, disk.polar_inertia)
@@ -46,8 +40,17 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
         M=M,
         K=K,
         G=G,
+        K_tension=K_tension,
         x=x,
         stations=stations,
+        bending_stiffness=np.array([[s.bending_stiffness for s in pair] for pair in sections]),
+        shear_stiffness=np.array([[_shear_stiffness(s, element) for s in pair] for pair in sections]),
+        diameter=np.array([(64 * pair[0].second_moment / math.pi) ** 0.25 for pair in sections]),
+        disk_node=np.array([stations[d.node - 1] for d in rig.disk], dtype=np.int64),
+        disk_mass=np.array([d.mass for d in rig.disk]),
+        disk_thickness=np.array([d.thickness_m or 0.0 for d in rig.disk]),
+        disk_lumped_diametral=np.array([d.own_diametral_inertia - d.diametral_inertia for d in rig.disk]),
+        disk_lumped_polar=np.array([d.own_polar_inertia - d.polar_inertia for d in rig.disk]),
         support_node=np.array([stations[s.node - 1] for s in rig.support]),
         support_stiffness=np.array([_number(s.stiffness) for s in rig.support]),
         support_tilt_stiffness=np.array([_number(s.tilt_stiffness_Nm_per_rad) for s in rig.support]),
@@ -57,6 +60,10 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
 
 def _number(stiffness: str | float) -> float:
     return {"k_b": math.nan, "rigid": math.inf}[stiffness] if isinstance(stiffness, str) else stiffness
+
+
+def _shear_stiffness(section: Section, element: ElementType) -> float:
+    return math.inf if element is euler_bernoulli else section.shear_stiffness
 
 
 def _mesh(rig: Rig, elements_between_nodes: int) -> FloatArray:
@@ -78,6 +85,7 @@ def _add_element(
     M: FloatArray,
     K: FloatArray,
     G: FloatArray,
+    K_tension: FloatArray,
     left: int,
     sections: tuple[Section, Section],
     length: float,
@@ -85,16 +93,17 @@ def _add_element(
 ) -> None:
     start = DOF_PER_NODE * left
     matrices = [element(section, length) for section in sections]
-    for plane, places, signs in zip(matrices, _PLANE_PLACES, _PLANE_SIGNS, strict=True):
+    for plane, places, signs in zip(matrices, PLANE_PLACES, PLANE_SIGNS, strict=True):
         block = np.ix_(start + places, start + places)
         M[block] += signs[:, None] * plane.mass * signs
         K[block] += signs[:, None] * plane.stiffness * signs
+        K_tension[block] += signs[:, None] * plane.tension * signs
     # Polar second moment = sum of the two planes'; with theta_y = -slope_z the coupling
     # I_p (theta_y'' row) takes +Omega theta_z', the theta_z row -Omega theta_y'.
     polar = matrices[0].tilt_inertia + matrices[1].tilt_inertia
-    y, z = start + _PLANE_PLACES[0], start + _PLANE_PLACES[1]
-    G[np.ix_(z, y)] += _PLANE_SIGNS[1][:, None] * -polar * _PLANE_SIGNS[0]
-    G[np.ix_(y, z)] += _PLANE_SIGNS[0][:, None] * polar * _PLANE_SIGNS[1]
+    y, z = start + PLANE_PLACES[0], start + PLANE_PLACES[1]
+    G[np.ix_(z, y)] += PLANE_SIGNS[1][:, None] * -polar * PLANE_SIGNS[0]
+    G[np.ix_(y, z)] += PLANE_SIGNS[0][:, None] * polar * PLANE_SIGNS[1]
 
 
 def _add_rigid_body(M: FloatArray, G: FloatArray, node: int, mass: float, diametral: float, polar: float) -> None:

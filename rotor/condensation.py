@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotor.structure import DOF_PER_NODE
-from rotor.system import LinearSystem, shaft_damping
+from rotor.system import LinearSystem
 
 
 def condense_tilt(system: LinearSystem) -> LinearSystem:
@@ -19,13 +19,13 @@ def condense_tilt(system: LinearSystem) -> LinearSystem:
 
     Returns
     -------
-    LinearSystem on the free deflections, its shaft damping rebuilt on the condensed matrices
+    LinearSystem on the free deflections; its shaft damping follows from the condensed matrices
     """
-    tilt = system.free % DOF_PER_NODE >= 2
+    tilt = (system.free < system.structure.n) & (system.free % DOF_PER_NODE >= 2)
     kept, dropped = np.flatnonzero(~tilt), np.flatnonzero(tilt)
     T = np.zeros((system.n, len(kept)))
     T[kept, np.arange(len(kept))] = 1.0
     T[dropped] = -np.linalg.solve(system.K[np.ix_(dropped, dropped)], system.K[np.ix_(dropped, kept)])
     names = ("M", "K", "G", "K_shaft", "C_support")
-    condensed = replace(system, free=system.free[kept], **{name: T.T @ getattr(system, name) @ T for name in names})
-    return replace(condensed, C=condensed.C_support + shaft_damping(condensed))
+    matrices = {name: T.T @ getattr(system, name) @ T for name in names}
+    return replace(system, **matrices, free=system.free[kept], plane=system.plane[kept], sensors=system.sensors @ T)

@@ -42,10 +42,14 @@ class Section:
         """E I [N m^2]."""
         return self.youngs_modulus * self.second_moment
 
+    @property
+    def shear_stiffness(self) -> float:
+        """kappa G A [N]."""
+        return self.shear_factor * self.shear_modulus * self.area
+
     def shear_parameter(self, length: float) -> float:
         """Phi = 12 E I / (kappa G A L^2) [-], the shear to bending flexibility of an element."""
-        shear_stiffness = self.shear_factor * self.shear_modulus * self.area
-        return 12.0 * self.bending_stiffness / (shear_stiffness * length**2)
+        return 12.0 * self.bending_stiffness / (self.shear_stiffness * length**2)
 
 
 def cowper_shear_factor(poisson: float, bore_ratio: float = 0.0) -> float:
@@ -64,11 +68,13 @@ class ElementMatrices:
 
     ``tilt_inertia`` is the rotary part of ``mass``, int rho I Ns' Ns dx [kg, kg m, kg m^2]: a
     round shaft's gyroscopic matrix is twice that, since its polar second moment is twice I.
+    ``tension`` is the geometric stiffness per newton of axial tension, int Nw'^T Nw' dx [1/m, 1, m].
     """
 
     stiffness: FloatArray
     mass: FloatArray
     tilt_inertia: FloatArray
+    tension: FloatArray
 
 
 ElementType = Callable[[Section, float], ElementMatrices]
@@ -105,17 +111,35 @@ def shape_functions(xi: float, length: float, shear_parameter: float) -> tuple[F
     return deflection / (1 + phi), rotation / (1 + phi)
 
 
+def slope_functions(xi: float, length: float, shear_parameter: float) -> FloatArray:
+    """(4,) slope dw/dx of the deflection at xi = x/L for unit nodal coordinates [1/m, 1]."""
+    phi, L = shear_parameter, length
+    # fmt: off
+    slope = np.array([
+        (6*xi**2 - 6*xi - phi)/L,
+        1 - 4*xi + 3*xi**2 + phi*(1 - 2*xi)/2,
+        (6*xi - 6*xi**2 + phi)/L,
+        3*xi**2 - 2*xi - phi*(1 - 2*xi)/2,
+    ])
+    # fmt: on
+    return slope / (1 + phi)
+
+
 def _cubic_element(section: Section, length: float, phi: float, rotary_inertia: bool) -> ElementMatrices:
     stiffness = _cubic_stiffness(section.bending_stiffness, length, phi)
     translation = np.zeros((4, 4))
     tilt_inertia = np.zeros((4, 4))
+    tension = np.zeros((4, 4))
     for point, weight in zip(_GAUSS_POINTS, _GAUSS_WEIGHTS, strict=True):
         Nw, Ns = shape_functions((1 + point) / 2, length, phi)  # (4,), (4,)
         dx = weight * length / 2
         translation += section.density * section.area * dx * np.outer(Nw, Nw)
         tilt_inertia += section.density * section.second_moment * dx * np.outer(Ns, Ns)
-    mass = translation + tilt_inertia if rotary_inertia else translation
-    return ElementMatrices(stiffness, mass, tilt_inertia if rotary_inertia else np.zeros((4, 4)))
+        slope = slope_functions((1 + point) / 2, length, phi)  # (4,)
+        tension += dx * np.outer(slope, slope)
+    if not rotary_inertia:
+        tilt_inertia = np.zeros((4, 4))
+    return ElementMatrices(stiffness, translation + tilt_inertia, tilt_inertia, tension)
 
 
 def _cubic_stiffness(EI: float, L: float, phi: float) -> FloatArray:
@@ -150,10 +174,11 @@ def linear_timoshenko(section: Section, length: float) -> ElementMatrices:
     L = length
     curvature = np.array([0.0, -1 / L, 0.0, 1 / L])
     shear = np.array([-1 / L, -0.5, 1 / L, -0.5])  # w' - s in the middle of the element
-    GA = section.shear_factor * section.shear_modulus * section.area
-    stiffness = L * (section.bending_stiffness * np.outer(curvature, curvature) + GA * np.outer(shear, shear))
+    bending, sliding = np.outer(curvature, curvature), np.outer(shear, shear)
+    stiffness = L * (section.bending_stiffness * bending + section.shear_stiffness * sliding)
     line = L / 6 * np.array([[2.0, 1.0], [1.0, 2.0]])
     mass, tilt_inertia = np.zeros((4, 4)), np.zeros((4, 4))
     mass[0::2, 0::2] = section.density * section.area * line
     tilt_inertia[1::2, 1::2] = section.density * section.second_moment * line
-    return ElementMatrices(stiffness, mass + tilt_inertia, tilt_inertia)
+    slope = np.array([-1 / L, 0.0, 1 / L, 0.0])
+    return ElementMatrices(stiffness, mass + tilt_inertia, tilt_inertia, L * np.outer(slope, slope))

@@ -1,4 +1,4 @@
-"""Direct frequency response of the linear rotor."""
+"""Frequency response of the linear rotor."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotor.state_space import StateSpace
 from rotor.structure import FloatArray
 from rotor.system import LinearSystem
 
@@ -78,7 +79,9 @@ def accelerance(
     -------
     (n_freq, n_nodes, 1) accelerance -omega^2 H [(m/s^2)/N]; rows of rigidly held nodes are zero
     """
+    if not system.couples_planes(spin_speed):
+        system = system.in_plane(plane)
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
-    D = dynamic_stiffness(system, omega, spin_speed)
     force = system.unit_vector(excitation_node, plane)[:, None]
-    return -(omega[:, None, None] ** 2) * receptance(D, force, system.read_out(plane))
+    H = StateSpace(system, spin_speed).receptance(omega, force, system.read_out(plane))
+    return -(omega[:, None, None] ** 2) * H

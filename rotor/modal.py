@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotor.structure import DOF_PER_NODE, FloatArray
-from rotor.system import LinearSystem, undamped_modes
-
-# Which of (y, z, theta_y, theta_z) move in plane 1 = y and in plane 2 = z.
-_MOVES_IN_PLANE = {1: (0, 3), 2: (1, 2)}
+from rotor.state_space import StateSpace
+from rotor.structure import FloatArray
+from rotor.system import LinearSystem
 
 
 @dataclass(frozen=True)
@@ -41,12 +39,12 @@ def natural_frequencies_hz(system: LinearSystem, plane: int | None = None) -> Fl
     system : the supported rotor
     plane : 1 = y or 2 = z to list the bending modes of one plane; default both
     """
-    modes = undamped_modes(system)
+    modes = system.modes
     if plane is None:
         return modes.omega / (2 * np.pi)
-    if plane not in _MOVES_IN_PLANE:
+    if plane not in (1, 2):
         raise ValueError(f"plane {plane} does not exist: 1 is y, 2 is z")
-    inside = np.isin(system.free % DOF_PER_NODE, _MOVES_IN_PLANE[plane])
+    inside = system.plane == plane
     kinetic_energy = modes.Phi * (system.M @ modes.Phi)  # (n, n_modes), each column sums to one
     return modes.omega[kinetic_energy[inside].sum(axis=0) > 0.5] / (2 * np.pi)
 
@@ -63,17 +61,12 @@ def damped_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:
     -------
     DampedModes sorted by frequency; overdamped (real) eigenvalues are left out
     """
-    eigenvalue, vectors = np.linalg.eig(state_matrix(system, spin_speed))
+    space = StateSpace(system, spin_speed)
+    eigenvalue, vectors = np.linalg.eig(space.A)
     keep = np.imag(eigenvalue) > 1e-9 * np.abs(eigenvalue).max()
     order = np.argsort(np.abs(eigenvalue[keep]))
-    return DampedModes(eigenvalue[keep][order], vectors[: system.n, keep][:, order])
-
-
-def state_matrix(system: LinearSystem, spin_speed: float = 0.0) -> FloatArray:
-    """(2n, 2n) matrix A of d/dt (q, q') = A (q, q')."""
-    inverse = np.linalg.inv(system.M)
-    damping = system.C + spin_speed * system.G
-    return np.block([[np.zeros_like(system.M), np.eye(system.n)], [-inverse @ system.K, -inverse @ damping]])
+    shape = space.displacement(np.eye(system.n)).astype(complex) @ vectors[:, keep][:, order]
+    return DampedModes(eigenvalue[keep][order], shape)
 
 
 def campbell_hz(system: LinearSystem, spin_speeds: FloatArray, n_modes: int = 4) -> FloatArray:

@@ -116,24 +116,31 @@ class Disk(_Table):
         return self.density_kg_per_m3 * math.pi * (self.diameter_m**2 - self.bore_m**2) / 4 * self.thickness_m
 
     @property
-    def diametral_inertia(self) -> float:
-        """I_d [kg m^2] = m [3 (D^2 + d^2)/4 + t^2] / 12, or as given; zero without ``inertia``."""
-        if not self.inertia:
-            return 0.0
+    def own_diametral_inertia(self) -> float:
+        """I_d [kg m^2] = m [3 (D^2 + d^2)/4 + t^2] / 12, or as given; zero where nothing is known."""
         if self.mass_kg is not None:
             return self.diametral_inertia_kg_m2 or 0.0
         assert self.diameter_m and self.thickness_m
         return self.mass * (3 * (self.diameter_m**2 + self.bore_m**2) / 4 + self.thickness_m**2) / 12
 
     @property
-    def polar_inertia(self) -> float:
-        """I_p [kg m^2] = m (D^2 + d^2)/8, or as given; zero without ``inertia``."""
-        if not self.inertia:
-            return 0.0
+    def own_polar_inertia(self) -> float:
+        """I_p [kg m^2] = m (D^2 + d^2)/8, or as given; by default twice I_d."""
         if self.mass_kg is not None:
-            return self.polar_inertia_kg_m2 if self.polar_inertia_kg_m2 is not None else 2 * self.diametral_inertia
+            polar = self.polar_inertia_kg_m2
+            return polar if polar is not None else 2 * self.own_diametral_inertia
         assert self.diameter_m
         return self.mass * (self.diameter_m**2 + self.bore_m**2) / 8
+
+    @property
+    def diametral_inertia(self) -> float:
+        """I_d in the model [kg m^2]: zero without ``inertia``."""
+        return self.own_diametral_inertia if self.inertia else 0.0
+
+    @property
+    def polar_inertia(self) -> float:
+        """I_p in the model [kg m^2]: zero without ``inertia``."""
+        return self.own_polar_inertia if self.inertia else 0.0
 
 
 class Mass(_Table):

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from rotor.stepper import Drive, ModalStepper
+from rotor.condition import Condition
+from rotor.design import Unbalance
+from rotor.drive import ComplexArray, Drive, Tone
+from rotor.model import Change, build_model
+from rotor.stepper import ModalStepper
 from rotor.structure import FloatArray, Structure
-from rotor.system import Condition, build_system
+
+# A phase at the start and at the end of a step.
+Span = tuple[float, float]
 
 # The clock counts ticks of 2^-36 s (15 ps), so that times add up exactly: a master's step that
 # differs in its last bits from one step to the next meets a propagator that is already there, and
@@ -24,34 +30,23 @@ _SAME_TIME = 1e-6
 _LAST_TIME = 1e9
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What the rotor's equations depend on: parameters and spin speed, SI units."""
-
-    k_b: float = 1e7
-    rigid_support: bool = False
-    bearing_damping: float = 0.0
-    shaft_damping_ratio: float = 0.001
-    excitation_node: int = 2
-    excitation_plane: int = 1
-    spin_speed: float = 0.0
-
-
 class RotorSimulator:
     """Integrates the rotor from rest.
 
     Parameters
     ----------
     structure : the free-free rotor
-    settings : initial settings
+    condition : how it is held, driven and spun at first
+    effects : what reality adds to the nominal rotor
     """
 
-    def __init__(self, structure: Structure, settings: Settings | None = None):
+    def __init__(self, structure: Structure, condition: Condition | None = None, effects: Sequence[Change] = ()):
         self._structure = structure
         self._ticks = 0
         self._cycles = 0.0  # phase of the sine generator, in periods
-        self._drive, self._frequency_hz = Drive(), 0.0
-        self._build(settings or Settings())
+        self._turns = 0.0  # spin angle, in turns
+        self._force, self._amplitude, self._frequency_hz = 0.0, 0.0, 0.0
+        self._build(condition or Condition(), tuple(effects))
         self._state = np.zeros(self._stepper.n_states)
 
     @property
@@ -60,32 +55,41 @@ class RotorSimulator:
         return self._ticks / TICKS_PER_SECOND
 
     @property
-    def settings(self) -> Settings:
-        """What is set now."""
-        return self._settings
+    def condition(self) -> Condition:
+        """The test condition that is set now."""
+        return self._condition
 
-    def configure(self, settings: Settings) -> None:
-        """Change settings; deflections and velocities stay continuous.
+    @property
+    def effects(self) -> tuple[Change, ...]:
+        """The effects that act now."""
+        return self._effects
 
-        Raises ValueError for a setting that is not physical and for a change of ``rigid_support``
-        while the rotor moves; nothing is changed then.
+    def configure(self, condition: Condition, effects: Sequence[Change] = ()) -> None:
+        """Change condition and effects; deflections and velocities stay continuous.
+
+        Raises ValueError for a value that is not physical and for a change of the number of degrees
+        of freedom while the rotor moves; nothing is changed then.
         """
-        if settings == self._settings:
+        effects = tuple(effects)
+        if condition == self._condition and effects == self._effects:
             return
-        if settings.rigid_support != self._settings.rigid_support:
-            if self._ticks or self._state.any():
-                raise ValueError("rigid_support changes the degrees of freedom: set it before the simulation starts")
-            self._build(settings)
-            self._state = np.zeros(self._stepper.n_states)
+        before = self._condition, self._effects
+        free, motion, memory = self._free, self._stepper.motion_of(self._state), self._stepper.memory_of(self._state)
+        self._build(condition, effects)
+        if np.array_equal(free, self._free):
+            self._state = self._stepper.state_of(*motion, memory)
+        elif self._ticks or self._state.any():
+            self._build(*before)
+            raise ValueError(
+                "this changes the degrees of freedom (rigid_support, or an effect with masses or states of its own): "
+                "set it before the simulation starts"
+            )
         else:
-            motion = self._stepper.motion_of(self._state)
-            self._build(settings)
-            self._state = self._stepper.state_of(*motion)
+            self._state = np.zeros(self._stepper.n_states)
 
     def drive(self, *, force: float, force_amplitude: float, force_frequency: float) -> None:
         """Set the held force [N] and the built-in sine [N, Hz]; the sine's phase stays continuous."""
-        self._drive = Drive(force, force_amplitude, 2 * math.pi * force_frequency)
-        self._frequency_hz = force_frequency
+        self._force, self._amplitude, self._frequency_hz = force, force_amplitude, force_frequency
 
     def start_at(self, time: float) -> None:
         """Set the clock [s] of a rotor that has not moved yet. Raises ValueError for a time beyond its range."""
@@ -110,49 +114,80 @@ class RotorSimulator:
         if end <= self._ticks:
             raise ValueError(f"a communication step of {step} s is below the clock's resolution")
         h = (end - self._ticks) / TICKS_PER_SECOND
-        cycles = math.fmod(self._cycles + math.fmod(self._frequency_hz * h, 1.0), 1.0)
-        phases = (2 * math.pi * self._cycles, 2 * math.pi * cycles)
-        self._state = self._stepper.step(self._state, phases, self._drive, h)
-        self._cycles, self._ticks = cycles, end
+        cycles = _advance(self._cycles, self._frequency_hz, h)
+        turns = _advance(self._turns, self._condition.spin_speed / (2 * math.pi), h)
+        tones = self._tones((self._cycles, cycles), (self._turns, turns))
+        self._state = self._stepper.step(self._state, Drive(self._force, tones), h)
+        self._cycles, self._turns, self._ticks = cycles, turns, end
 
     @property
     def force_applied(self) -> float:
-        """Total force at this instant [N]: the input plus the built-in sine."""
-        return self._drive.held + self._drive.amplitude * math.sin(2 * math.pi * self._cycles)
+        """Total force of the exciter at this instant [N]: the input plus the built-in sine."""
+        return self._force + self._amplitude * math.sin(2 * math.pi * self._cycles)
 
     def accelerations(self) -> FloatArray:
         """(2 n_nodes,) accelerations [m/s^2]: y of every node, then z of every node."""
-        return self._stepper.acceleration(self._state, self.force_applied)
+        forces = np.zeros(self._n_inputs)
+        for tone in self._tones((self._cycles, self._cycles), (self._turns, self._turns)):
+            forces += (tone.force * np.exp(1j * tone.start)).imag
+        forces[0] = self.force_applied
+        return self._stepper.acceleration(self._state, forces)
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that is needed to go on from here, in JSON types; floats keep every bit."""
         return {
-            "settings": asdict(self._settings),
-            "force": [self._drive.held, self._drive.amplitude, self._frequency_hz],
+            "force": [self._force, self._amplitude, self._frequency_hz],
             "ticks": self._ticks,
             "cycles": self._cycles,
+            "turns": self._turns,
             "state": self._state.tolist(),
         }
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go back to a snapshot."""
-        settings = Settings(**snapshot["settings"])
-        if settings != self._settings:
-            self._build(settings)
-        held, amplitude, frequency = snapshot["force"]
-        self.drive(force=held, force_amplitude=amplitude, force_frequency=frequency)
-        self._ticks, self._cycles = snapshot["ticks"], snapshot["cycles"]
+    def restore(self, snapshot: dict[str, Any], condition: Condition, effects: Sequence[Change] = ()) -> None:
+        """Go back to a snapshot that was taken under this condition and these effects."""
+        if condition != self._condition or tuple(effects) != self._effects:
+            self._build(condition, tuple(effects))
+        self._force, self._amplitude, self._frequency_hz = snapshot["force"]
+        self._ticks, self._cycles, self._turns = snapshot["ticks"], snapshot["cycles"], snapshot["turns"]
         self._state = np.array(snapshot["state"], dtype=float)
 
-    def _build(self, settings: Settings) -> None:
-        condition = Condition(
-            k_b=settings.k_b,
-            rigid_support=settings.rigid_support,
-            bearing_damping=settings.bearing_damping,
-            shaft_damping_ratio=settings.shaft_damping_ratio,
-        )
-        system = build_system(self._structure, condition)
-        force = system.unit_vector(settings.excitation_node, settings.excitation_plane)
+    def _build(self, condition: Condition, effects: tuple[Change, ...]) -> None:
+        """Everything that follows from condition and effects; nothing is changed where it fails."""
+        model = build_model(self._structure, condition, effects)
+        system = model.system
+        exciter = system.unit_vector(condition.excitation_node, condition.excitation_plane)
+        inputs = np.array([exciter, *(row for u in model.unbalances for row in u.patterns)]).T  # (n, n_inputs)
         read_out = np.vstack([system.read_out(1), system.read_out(2)])
-        self._stepper = ModalStepper(system, force, read_out, settings.spin_speed)
-        self._settings = settings
+        stepper = ModalStepper(system, inputs, read_out, condition.spin_speed)
+        self._stepper, self._free, self._n_inputs = stepper, system.free, inputs.shape[1]
+        self._spinning_force = _spinning_force(model.unbalances, condition.spin_speed, self._n_inputs)
+        self._condition, self._effects = condition, effects
+
+    def _tones(self, cycles: Span, turns: Span) -> tuple[Tone, ...]:
+        """The sine generator and the unbalance between two phases and two spin angles, in periods and turns."""
+        tones = []
+        if self._amplitude:
+            force = np.zeros(self._n_inputs, dtype=complex)
+            force[0] = self._amplitude
+            tones.append(Tone(2 * math.pi * self._frequency_hz, *_radians(cycles), force))
+        if self._spinning_force.any():
+            tones.append(Tone(self._condition.spin_speed, *_radians(turns), self._spinning_force))
+        return tuple(tones)
+
+
+def _radians(span: Span) -> Span:
+    return 2 * math.pi * span[0], 2 * math.pi * span[1]
+
+
+def _advance(periods: float, frequency_hz: float, h: float) -> float:
+    """Phase after h seconds, in periods, less whole ones."""
+    return math.fmod(periods + math.fmod(frequency_hz * h, 1.0), 1.0)
+
+
+def _spinning_force(unbalances: Sequence[Unbalance], spin_speed: float, n_inputs: int) -> ComplexArray:
+    """(n_inputs,) phasors with f = Im[phasor e^{i spin angle}]: cosine along y, sine along z; the exciter's is zero."""
+    force = np.zeros(n_inputs, dtype=complex)
+    for k, unbalance in enumerate(unbalances):
+        pull = unbalance.moment * spin_speed**2 * np.exp(1j * unbalance.phase)
+        force[1 + 2 * k : 3 + 2 * k] = 1j * pull, pull
+    return force

@@ -1,14 +1,13 @@
-"""Exact time stepping of the linear rotor under a sine and a held force.
+"""Exact time stepping of the linear rotor under tones and a held force.
 
-In modal coordinates q = Phi eta the state is x = (s eta, eta'), scaled by s = omega so that the
-undamped part is skew: x' = A x + b (u + F sin phi). The steady response to the sine is
-x_p(phi) = Im[(i omega - A)^-1 b F e^{i phi}], and what differs from it decays freely, so that a
-communication step of any length is one matrix product,
+The rotor is x' = A x + B f in the scaled modal state of ``state_space``, in which the undamped part
+is skew. The steady response to a tone is x_p(phi) = Im[(i omega - A)^-1 B F e^{i phi}], and what
+differs from it decays freely, so that a communication step of any length is one matrix product,
 
     x(t + h) = x_p(phi + omega h) + e^{hA} [x(t) - x_p(phi)] + int_0^h e^{sA} ds b u.
 
 A rotor that has settled stays settled exactly, however long the step. An undamped rotor driven at a
-resonance has no steady response; there the sine becomes two more states of the exponential.
+resonance has no steady response; there the tone becomes two more states of the exponential.
 """
 
 from __future__ import annotations
@@ -23,8 +22,10 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 
+from rotor.drive import Drive, Tone
+from rotor.state_space import StateSpace
 from rotor.structure import FloatArray, IntArray
-from rotor.system import LinearSystem, undamped_modes
+from rotor.system import LinearSystem
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
@@ -37,114 +38,112 @@ _CACHE_SIZE = 64
 
 
 @dataclass(frozen=True)
-class Drive:
-    """Force during a step: a held value [N] and F sin(phi) with phi' = 2 pi f."""
+class Block:
+    """States that couple with each other; others are stepped without them."""
 
-    held: float = 0.0
-    amplitude: float = 0.0
-    omega: float = 0.0
+    places: IntArray  # (m,) indices of this block in the state
+    A: FloatArray  # (m, m)
+    B: FloatArray  # (m, n_inputs)
 
+    def reached_by(self, drive: Drive) -> bool:
+        """Whether the drive's forces act on these states."""
+        held = drive.held != 0.0 and bool(self.B[:, 0].any())
+        return held or any(self.hears(tone) for tone in drive.tones)
 
-@dataclass(frozen=True)
-class _Block:
-    """Modes that couple with each other; others are stepped without them."""
-
-    places: IntArray  # (2m,) indices of this block in the state
-    A: FloatArray  # (2m, 2m)
-    b: FloatArray  # (2m,) effect of a unit force
-
-    @property
-    def forced(self) -> bool:
-        """Whether the force reaches these modes."""
-        return bool(self.b.any())
+    def hears(self, tone: Tone) -> bool:
+        """Whether a tone acts on these states."""
+        return bool((self.B[:, tone.force != 0] != 0).any())
 
 
 class ModalStepper:
-    """Steps the modal state of one system under one force pattern.
+    """Steps the modal state of one system.
 
     Parameters
     ----------
     system : the supported rotor, n degrees of freedom
-    force_pattern : (n,) where the force acts
+    inputs : (n, n_inputs) where forces act
     read_out : (n_out, n) deflections whose accelerations are wanted
     spin_speed : Omega [rad/s]
     """
 
-    def __init__(self, system: LinearSystem, force_pattern: FloatArray, read_out: FloatArray, spin_speed: float = 0.0):
-        modes = undamped_modes(system)
-        self._M, self._Phi = system.M, modes.Phi
-        self._scale = np.where(modes.omega > 1e-6 * modes.omega.max(), modes.omega, 1.0)
-        damping = modes.Phi.T @ (system.C + spin_speed * system.G) @ modes.Phi
-        m = len(modes.omega)
-        A = np.zeros((2 * m, 2 * m))
-        A[:m, m:] = np.diag(self._scale)
-        A[m:, :m] = -np.diag(modes.omega**2 / self._scale)
-        A[m:, m:] = -damping
-        b = np.concatenate([np.zeros(m), modes.Phi.T @ force_pattern])
-        self._output = read_out @ modes.Phi @ A[m:]  # (n_out, 2m) acceleration from the state
-        self.feedthrough = read_out @ modes.Phi @ b[m:]  # (n_out,) acceleration per newton
-        self._blocks = _decoupled_blocks(A, b)
+    def __init__(self, system: LinearSystem, inputs: FloatArray, read_out: FloatArray, spin_speed: float = 0.0):
+        self._space = StateSpace(system, spin_speed)
+        A, B = self._space.A, self._space.input(inputs)
+        velocity = self._space.velocity(read_out)
+        self._output = velocity @ A  # (n_out, n_states) acceleration from the state
+        self.feedthrough = velocity @ B  # (n_out, n_inputs) acceleration per newton
+        self._blocks = decoupled_blocks(A, B)
         self._cache: OrderedDict[tuple[Any, ...], Any] = OrderedDict()
 
     @property
     def n_states(self) -> int:
-        """Length of the state vector, twice the number of degrees of freedom."""
-        return 2 * len(self._scale)
+        """Length of the state vector."""
+        return self._space.n_states
 
-    def state_of(self, q: FloatArray, velocity: FloatArray) -> FloatArray:
-        """(2n,) modal state of deflections q [m] and velocities [m/s], each (n,)."""
-        to_modal = self._Phi.T @ self._M
-        return np.concatenate([self._scale * (to_modal @ q), to_modal @ velocity])
+    def state_of(self, q: FloatArray, velocity: FloatArray, memory: FloatArray | None = None) -> FloatArray:
+        """(n_states,) modal state of deflections q [m] and velocities [m/s], each (n,); there is no memory."""
+        return self._space.state_of(q, velocity)
 
     def motion_of(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n,) deflections [m] and (n,) velocities [m/s] of a modal state."""
-        m = len(self._scale)
-        return self._Phi @ (state[:m] / self._scale), self._Phi @ state[m:]
+        return self._space.motion_of(state)
 
-    def step(self, state: FloatArray, phases: tuple[float, float], drive: Drive, h: float) -> FloatArray:
+    def memory_of(self, state: FloatArray) -> FloatArray:
+        """What a state remembers beside its motion: nothing."""
+        return np.zeros(0)
+
+    def step(self, state: FloatArray, drive: Drive, h: float) -> FloatArray:
         """State after h seconds.
 
         Parameters
         ----------
-        state : (2n,) modal state
-        phases : phase of the sine at the start and at the end of the step [rad]
-        drive : the force during the step
+        state : (n_states,) modal state
+        drive : the forces during the step
         h : step [s]
         """
         after = np.zeros_like(state)
-        forced = drive.amplitude != 0.0 or drive.held != 0.0
         for number, block in enumerate(self._blocks):
             x = state[block.places]
-            if not ((forced and block.forced) or x.any()):
-                continue
-            free, held = self._propagator(number, h)
-            if drive.amplitude == 0.0 or not block.forced:
-                x = free.dot(x)
-            elif (unit := self._steady(number, drive.omega)) is not None:
-                steady = drive.amplitude * unit  # complex phasor
-                x = free.dot(x - (steady * np.exp(1j * phases[0])).imag)
-                x += (steady * np.exp(1j * phases[1])).imag
-            else:
-                sine = (drive.amplitude * np.sin(phases[0]), drive.amplitude * np.cos(phases[0]))
-                x = self._growth(number, drive.omega, h).dot(np.concatenate([x, sine]))
-            after[block.places] = x + held * drive.held
+            if block.reached_by(drive) or x.any():
+                after[block.places] = self._step_block(number, x, drive, h)
         return after
 
-    def acceleration(self, state: FloatArray, force: float) -> FloatArray:
-        """(n_out,) accelerations [m/s^2] at this state under this total force [N]."""
-        return self._output.dot(state) + self.feedthrough * force
+    def acceleration(self, state: FloatArray, forces: FloatArray) -> FloatArray:
+        """(n_out,) accelerations [m/s^2] at this state under these (n_inputs,) forces [N]."""
+        return self._output.dot(state) + self.feedthrough.dot(forces)
+
+    def _step_block(self, number: int, x: FloatArray, drive: Drive, h: float) -> FloatArray:
+        block = self._blocks[number]
+        free, held = self._propagator(number, h)
+        after = held * drive.held
+        for tone in drive.tones:
+            if not block.hears(tone):
+                continue
+            steady = self._steady(number, tone.omega)
+            if steady is None:
+                after = after + self._driven_from_rest(number, tone, h)
+            else:
+                phasor = steady.dot(tone.force)
+                x = x - (phasor * np.exp(1j * tone.start)).imag
+                after = after + (phasor * np.exp(1j * tone.stop)).imag
+        return after + free.dot(x)
+
+    def _driven_from_rest(self, number: int, tone: Tone, h: float) -> FloatArray:
+        """What a tone alone makes of a block at rest, where it has no steady state."""
+        now = tone.force * np.exp(1j * tone.start)  # force = Im now, quarter of a period later: Re now
+        return self._growth(number, tone.omega, h).dot(np.concatenate([now.imag, now.real]))
 
     def _propagator(self, number: int, h: float) -> tuple[FloatArray, FloatArray]:
-        """e^{hA} and int_0^h e^{sA} ds b of one block."""
+        """e^{hA} and int_0^h e^{sA} ds b of one block, b for the first input."""
         return self._remember(("propagator", number, h), lambda: _propagate(self._blocks[number], h))
 
     def _steady(self, number: int, omega: float) -> ComplexArray | None:
-        """Phasor of one block's steady state under a unit sine; None where there is none."""
+        """(m, n_inputs) phasors of one block's steady state under unit tones; None where there is none."""
         return self._remember(("steady", number, omega), lambda: _steady_state(self._blocks[number], omega))
 
     def _growth(self, number: int, omega: float, h: float) -> FloatArray:
-        """(2m, 2m + 2) propagator of one block and the sine and cosine that drive it."""
-        return self._remember(("growth", number, omega, h), lambda: _propagate_driven(self._blocks[number], omega, h))
+        """(m, 2 n_inputs) what sines and cosines make of one block at rest."""
+        return self._remember(("growth", number, omega, h), lambda: _grow(self._blocks[number], omega, h))
 
     def _remember(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
         if key in self._cache:
@@ -156,34 +155,35 @@ class ModalStepper:
         return self._cache[key]
 
 
-def _propagate(block: _Block, h: float) -> tuple[FloatArray, FloatArray]:
+def _propagate(block: Block, h: float) -> tuple[FloatArray, FloatArray]:
     m = len(block.places)
     generator = np.zeros((m + 1, m + 1))
     generator[:m, :m] = block.A
-    generator[:m, m] = block.b
+    generator[:m, m] = block.B[:, 0]
     exponential = expm(h * generator)
     return np.ascontiguousarray(exponential[:m, :m]), exponential[:m, m].copy()
 
 
-def _steady_state(block: _Block, omega: float) -> ComplexArray | None:
+def _steady_state(block: Block, omega: float) -> ComplexArray | None:
     try:
-        phasor = np.linalg.solve(1j * omega * np.eye(len(block.places)) - block.A, block.b.astype(complex))
+        phasors = np.linalg.solve(1j * omega * np.eye(len(block.places)) - block.A, block.B.astype(complex))
     except np.linalg.LinAlgError:
         return None
-    amplification = abs(omega) * np.linalg.norm(phasor) / np.linalg.norm(block.b)
-    return phasor if amplification < _NO_STEADY_STATE else None
+    amplification = abs(omega) * np.linalg.norm(phasors) / np.linalg.norm(block.B)
+    return phasors if amplification < _NO_STEADY_STATE else None
 
 
-def _propagate_driven(block: _Block, omega: float, h: float) -> FloatArray:
-    m = len(block.places)
-    generator = np.zeros((m + 2, m + 2))
+def _grow(block: Block, omega: float, h: float) -> FloatArray:
+    m, k = block.B.shape
+    generator = np.zeros((m + 2 * k, m + 2 * k))
     generator[:m, :m] = block.A
-    generator[:m, m] = block.b
-    generator[m, m + 1], generator[m + 1, m] = omega, -omega
-    return np.ascontiguousarray(expm(h * generator)[:m])
+    generator[:m, m : m + k] = block.B
+    generator[m : m + k, m + k :], generator[m + k :, m : m + k] = omega * np.eye(k), -omega * np.eye(k)
+    return np.ascontiguousarray(expm(h * generator)[:m, m:])
 
 
-def _decoupled_blocks(A: FloatArray, b: FloatArray) -> list[_Block]:
+def decoupled_blocks(A: FloatArray, B: FloatArray) -> list[Block]:
+    """The states in groups that do not act on each other."""
     n_groups, group = connected_components(A != 0, directed=False)
     blocks = [np.flatnonzero(group == g) for g in range(n_groups)]
-    return [_Block(places, A[np.ix_(places, places)], b[places]) for places in blocks]
+    return [Block(places, A[np.ix_(places, places)], B[places]) for places in blocks]

@@ -18,6 +18,12 @@ IntArray = NDArray[np.int64]
 DOF_PER_NODE = 4  # y, z, theta_y, theta_z
 PLANES = ("y", "z")
 
+# Coordinates of one element in each plane, as places among its two nodes' eight degrees of
+# freedom, with the sign that turns (w, slope) into (deflection, rotation): slope dy/dx is
+# +theta_z, slope dz/dx is -theta_y.
+PLANE_PLACES = (np.array([0, 3, 4, 7]), np.array([1, 2, 5, 6]))
+PLANE_SIGNS = (np.array([1.0, 1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0, -1.0]))
+
 
 @dataclass(frozen=True)
 class Structure:
@@ -30,12 +36,26 @@ class Structure:
     M: FloatArray  # (n, n) mass
     K: FloatArray  # (n, n) stiffness of the shaft
     G: FloatArray  # (n, n) gyroscopic, to be multiplied by the spin speed; skew
+    K_tension: FloatArray  # (n, n) geometric stiffness per newton of axial tension [1/m]
     x: FloatArray  # (n_mesh,) positions of the mesh nodes [m]
     stations: IntArray  # (n_nodes,) mesh node of each rig node, counted from 0
+    bending_stiffness: FloatArray  # (n_mesh - 1, 2) E I of each element for bending in y and in z [N m^2]
+    shear_stiffness: FloatArray  # (n_mesh - 1, 2) kappa G A [N]; inf: no shear flexibility
+    diameter: FloatArray  # (n_mesh - 1,) of a round bar with the element's bending stiffness in y [m]
+    disk_node: IntArray  # (n_disks,) mesh node
+    disk_mass: FloatArray  # (n_disks,) [kg]
+    disk_thickness: FloatArray  # (n_disks,) length of the hub [m]; zero where not known
+    disk_lumped_diametral: FloatArray  # (n_disks,) diametral inertia that M leaves out [kg m^2]
+    disk_lumped_polar: FloatArray  # (n_disks,) polar inertia that G leaves out [kg m^2]
     support_node: IntArray  # (n_supports,)
     support_stiffness: FloatArray  # (n_supports,)
     support_tilt_stiffness: FloatArray  # (n_supports,)
     support_damping: FloatArray  # (n_supports,)
+
+    @property
+    def n(self) -> int:
+        """Number of degrees of freedom."""
+        return DOF_PER_NODE * len(self.x)
 
     @property
     def n_nodes(self) -> int:

@@ -9,6 +9,10 @@ ROUND_OFF = 1e-10
 # that factor times the machine's 1e-16, with room to spare.
 EIGENVALUE_ROUND_OFF = 1e-7
 
+# A response summed over eigenvalues: their round-off (1e-16 of the highest, 1e5 rad/s) over the half
+# bandwidth of the lowest mode (0.5 rad/s), times the eigenvectors' condition of a few hundred.
+SPECTRAL = 1e-8
+
 # The stepper's matrix exponential multiplies round-off by up to h * omega_max, about 1e6 for a
 # second of the paper's rotor.
 STEPPER = 1e-9

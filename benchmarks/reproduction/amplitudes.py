@@ -12,7 +12,8 @@ from benchmarks.reproduction.nominal import condition, paper, structure
 from benchmarks.reproduction.page import COLOURS, new_figure, power_of_ten, save_figure, table
 from rotor.frequency_response import FloatArray, accelerance
 from rotor.modal import damped_modes
-from rotor.system import LinearSystem, build_system
+from rotor.model import build_system
+from rotor.system import LinearSystem
 
 RASTERS_HZ = (0.25, 0.5, 1.0, 2.0, 5.0)
 N_OFFSETS = 400

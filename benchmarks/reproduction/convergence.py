@@ -7,9 +7,10 @@ import numpy as np
 from benchmarks.reproduction.nominal import condition, structure
 from benchmarks.reproduction.page import COLOURS, bar, new_figure, save_figure, table
 from rotor.elements import ElementType, FloatArray, euler_bernoulli, timoshenko
+from rotor.model import build_system
 from rotor.rig import load_rig
 from rotor.structure import DOF_PER_NODE
-from rotor.system import LinearSystem, build_system, undamped_modes
+from rotor.system import LinearSystem, undamped_modes
 
 RIGID, BEARING = 1e15, 1e7
 SUPPORTS = {RIGID: "rigid", BEARING: "k_b = 1e7 N/m"}

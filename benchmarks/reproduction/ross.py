@@ -13,9 +13,9 @@ from benchmarks.reproduction.page import bar, power_of_ten, table
 from rotor.assembly import assemble
 from rotor.elements import FloatArray
 from rotor.modal import natural_frequencies_hz
+from rotor.model import build_system
 from rotor.rig import Rig, load_rig
 from rotor.structure import Structure
-from rotor.system import build_system
 
 ELEMENTS_PER_SPAN = 16
 _ANNULUS = {"diameter_m": 0.124, "bore_m": 0.020, "thickness_m": 0.018, "density_kg_per_m3": 7840.0}

@@ -9,8 +9,9 @@ from benchmarks.reproduction.page import bar, power_of_ten, table
 from rotor.assembly import assemble
 from rotor.condensation import condense_tilt
 from rotor.elements import euler_bernoulli, linear_timoshenko
+from rotor.model import build_system
 from rotor.rig import Rig, load_rig
-from rotor.system import LinearSystem, build_system
+from rotor.system import LinearSystem
 
 RIGID = 1e15
 

@@ -27,8 +27,9 @@ from estimator.dataset import (
 from estimator.features import FEATURE_NAMES
 from estimator.prior import PRIOR, Rigs
 from estimator.root_finding import StiffnessFinder
+from rotor.condition import Condition
 from rotor.modal import natural_frequencies_hz
-from rotor.system import Condition, build_system
+from rotor.model import build_system
 from tests.rotor.rigs import paper_structure
 
 # A modal fit takes the neighbouring modes' tails for straight lines; these bearings are damped to 0.5 %.

@@ -11,9 +11,10 @@ from scipy import stats
 
 from estimator.features import FEATURE_NAMES, Features, features_of_peaks, features_of_runs
 from estimator.root_finding import StiffnessFinder
+from rotor.condition import Condition
 from rotor.frequency_response import accelerance
 from rotor.modal import damped_modes
-from rotor.system import Condition, build_system
+from rotor.model import build_system
 from sim.campaign import Channel, MeasurementError, PeakList, Quantity, Run, SupportKind
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, SweepPlan, sweep

@@ -10,9 +10,10 @@ from numpy.testing import assert_allclose
 
 from estimator.features import Features
 from estimator.root_finding import StiffnessFinder
+from rotor.condition import Condition
 from rotor.frequency_response import accelerance
 from rotor.modal import damped_modes
-from rotor.system import Condition, build_system
+from rotor.model import build_system
 from tests.rotor.rigs import paper_structure
 from tests.tolerances import LIGHT_DAMPING
 

@@ -25,7 +25,7 @@ from estimator.prior import PRIOR
 from estimator.root_finding import StiffnessFinder
 from estimator.runtime import StiffnessEstimator, shipped_model
 from estimator.training import OUTPUT_NAMES, data_digest, draw_errors, export, train
-from rotor.system import Condition
+from rotor.condition import Condition
 from tests.rotor.rigs import paper_structure
 
 # Steps of the optimiser: enough for 0.3 % in k_b, a second instead of a minute.

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
+from rotor.condition import Condition
 from rotor.modal import state_matrix
+from rotor.model import build_system
 from rotor.structure import FloatArray, Structure
-from rotor.system import Condition, LinearSystem, build_system
+from rotor.system import LinearSystem
 
 
 def force_column(system: LinearSystem, node: int, plane: int) -> FloatArray:

@@ -11,9 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.modal import damped_modes
+from rotor.model import build_system
 from rotor.rig import load_rig
-from rotor.system import Condition, build_system
 from sim.formats import SUFFIXES, read_run, run_file
 from tests.rigtwin.conftest import run, run_json
 

@@ -13,9 +13,10 @@ from estimator.root_finding import StiffnessFinder
 from rigtwin.fmus import open_estimator
 from rigtwin.paper import PaperReading, printed, read_paper, verdict
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.frequency_response import accelerance
+from rotor.model import build_system
 from rotor.rig import load_rig
-from rotor.system import Condition, build_system
 
 PAPER_TABLES = Path(__file__).resolve().parents[2] / "benchmarks" / "paper_tables.toml"
 

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.elements import ElementType, FloatArray, Section, timoshenko
+from rotor.model import build_system
 from rotor.rig import Rig, load_rig
 from rotor.structure import Structure
-from rotor.system import Condition, LinearSystem, build_system
+from rotor.system import LinearSystem
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 PAPER: dict[str, Any] = tomllib.loads((BENCHMARKS / "paper_tables.toml").read_text(encoding="utf-8"))

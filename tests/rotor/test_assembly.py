@@ -5,11 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.elements import euler_bernoulli
 from rotor.modal import campbell_hz, damped_modes
 from rotor.rig import Rig, load_rig
 from rotor.structure import DOF_PER_NODE
-from rotor.system import Condition
 from tests.rotor import rigs
 from tests.tolerances import FINE_MESH, NEARLY_MASSLESS, ROUND_OFF
 

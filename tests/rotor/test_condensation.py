@@ -5,10 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rotor.condensation import condense_tilt
+from rotor.condition import Condition
 from rotor.modal import damped_modes, natural_frequencies_hz
+from rotor.model import build_system
 from rotor.rig import Rig
 from rotor.structure import DOF_PER_NODE
-from rotor.system import Condition, build_system
 from tests.rotor import rigs
 from tests.tolerances import EIGENVALUE_ROUND_OFF, NEARLY_MASSLESS, ROUND_OFF, TABLE_1_PROGRAM
 

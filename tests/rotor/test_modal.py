@@ -7,10 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rotor.assembly import assemble
+from rotor.condition import Condition
 from rotor.elements import ElementType, euler_bernoulli, linear_timoshenko, timoshenko
 from rotor.modal import campbell_hz, damped_modes, natural_frequencies_hz
+from rotor.model import build_system
 from rotor.rig import Rig
-from rotor.system import Condition, build_system, undamped_modes
+from rotor.system import undamped_modes
 from tests.rotor import rigs
 from tests.tolerances import (
     CONVERGENCE_ORDER,

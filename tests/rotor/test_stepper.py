@@ -1,5 +1,7 @@
 """Exact time stepping against closed forms and against the direct frequency response."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,10 +9,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from rotor.assembly import assemble
+from rotor.condition import Condition
+from rotor.drive import Drive, Tone
 from rotor.frequency_response import dynamic_stiffness, receptance
+from rotor.model import build_system
 from rotor.rig import Rig
-from rotor.stepper import Drive, ModalStepper
-from rotor.system import Condition, LinearSystem, build_system, undamped_modes
+from rotor.stepper import ModalStepper
+from rotor.system import LinearSystem, undamped_modes
 from tests.rotor import rigs
 from tests.tolerances import ROUND_OFF, STEPPER
 
@@ -20,12 +25,21 @@ each_condition = pytest.mark.parametrize("condition", [rigs.RIGID, BEARING], ids
 
 def stepper(system: LinearSystem, spin_speed: float = 0.0, node: int = 2) -> ModalStepper:
     read_out = np.vstack([system.read_out(1), system.read_out(2)])
-    return ModalStepper(system, system.unit_vector(node, 1), read_out, spin_speed)
+    return ModalStepper(system, system.unit_vector(node, 1)[:, None], read_out, spin_speed)
 
 
-def advance(s: ModalStepper, state: np.ndarray, phase: float, drive: Drive, h: float) -> np.ndarray:
+class Force(NamedTuple):
+    """A held force and a sine at the exciter."""
+
+    held: float = 0.0
+    amplitude: float = 0.0
+    omega: float = 0.0
+
+
+def advance(s: ModalStepper, state: np.ndarray, phase: float, force: Force, h: float) -> np.ndarray:
     """One step of a sine that runs through: its phase at the end follows from that at the start."""
-    return s.step(state, (phase, phase + drive.omega * h), drive, h)
+    tone = Tone(force.omega, phase, phase + force.omega * h, np.array([force.amplitude + 0j]))
+    return s.step(state, Drive(force.held, (tone,) if force.amplitude else ()), h)
 
 
 def spinning_system() -> LinearSystem:
@@ -52,7 +66,7 @@ def test_a_step_of_any_length_stays_on_the_direct_steady_response(condition, spi
     s, omega = stepper(system, spin), 2 * np.pi * frequency_hz
     state = s.state_of(*steady_motion(system, omega, 0.3, spin))
     for h in (1e-5, 1e-3, 0.1, 1.7):
-        after = advance(s, state, 0.3, Drive(amplitude=1.0, omega=omega), h)
+        after = advance(s, state, 0.3, Force(amplitude=1.0, omega=omega), h)
         expected = s.state_of(*steady_motion(system, omega, 0.3 + omega * h, spin))
         assert_allclose(after, expected, rtol=0, atol=STEPPER * np.abs(expected).max())
 
@@ -73,7 +87,7 @@ def test_steady_accelerations_are_the_direct_accelerance(condition):
 def test_from_rest_a_long_step_settles_on_the_direct_response():
     system = rigs.paper_system(Condition(k_b=1e6, bearing_damping=200.0, shaft_damping_ratio=0.02))
     s, omega, h = stepper(system), 2 * np.pi * 60.0, 20.0
-    after = advance(s, np.zeros(s.n_states), 0.0, Drive(amplitude=1.0, omega=omega), h)
+    after = advance(s, np.zeros(s.n_states), 0.0, Force(amplitude=1.0, omega=omega), h)
     expected = s.state_of(*steady_motion(system, omega, omega * h, 0.0))
     # The slowest mode has zeta omega above 1.5 1/s: exp(-30) is left of the transient after 20 s.
     assert_allclose(after, expected, rtol=0, atol=STEPPER * np.abs(expected).max())
@@ -85,7 +99,7 @@ def test_from_rest_a_long_step_settles_on_the_direct_response():
 @given(parts=st.integers(2, 40), h=st.floats(1e-5, 0.05), frequency=st.floats(0, 500), held=st.floats(-5, 5))
 def test_one_big_step_is_many_small_ones(condition, spin, parts, h, frequency, held):
     s = stepper(rigs.paper_system(condition), spin)
-    drive = Drive(held=held, amplitude=2.0, omega=2 * np.pi * frequency)
+    drive = Force(held=held, amplitude=2.0, omega=2 * np.pi * frequency)
     big = advance(s, some_state(s), 0.4, drive, h * parts)
     small = some_state(s)
     for i in range(parts):
@@ -101,7 +115,7 @@ def test_a_mode_rings_down_with_its_damping_ratio(zeta):
     shape, decay = modes.Phi[:, 0], 2 * np.pi * 50 * zeta / np.sqrt(1 - zeta**2)
     period = 2 * np.pi / (modes.omega[0] * np.sqrt(1 - zeta**2))
     velocity = -zeta * modes.omega[0] * shape  # the free decay's own, so that a period repeats the motion
-    q, _ = s.motion_of(advance(s, s.state_of(shape, velocity), 0.0, Drive(), 50 * period))
+    q, _ = s.motion_of(advance(s, s.state_of(shape, velocity), 0.0, Force(), 50 * period))
     assert_allclose(q, np.exp(-decay) * shape, rtol=0, atol=STEPPER * np.abs(shape).max())
 
 
@@ -114,14 +128,14 @@ def test_a_held_force_gives_the_closed_form_step_response(h):
     swing = np.cos(omega_d * h) + zeta * modes.omega / omega_d * np.sin(omega_d * h)
     eta = 3.0 * (modes.Phi.T @ system.unit_vector(2, 1)) / modes.omega**2
     expected = modes.Phi @ (eta * (1 - np.exp(-zeta * modes.omega * h) * swing))
-    q, _ = s.motion_of(advance(s, np.zeros(s.n_states), 0.0, Drive(held=3.0), h))
+    q, _ = s.motion_of(advance(s, np.zeros(s.n_states), 0.0, Force(held=3.0), h))
     assert_allclose(q, expected, rtol=0, atol=STEPPER * np.abs(expected).max())
 
 
 def test_a_held_force_ends_in_the_static_deflection():
     system = rigs.paper_system(Condition(k_b=1e6, bearing_damping=500.0, shaft_damping_ratio=0.1))
     s = stepper(system)
-    q, velocity = s.motion_of(advance(s, np.zeros(s.n_states), 0.0, Drive(held=10.0), 30.0))
+    q, velocity = s.motion_of(advance(s, np.zeros(s.n_states), 0.0, Force(held=10.0), 30.0))
     static = 10.0 * np.linalg.solve(system.K, system.unit_vector(2, 1))
     assert_allclose(q, static, rtol=0, atol=STEPPER * np.abs(static).max())
     assert_allclose(velocity, 0, atol=STEPPER * undamped_modes(system).omega[0] * np.abs(static).max())
@@ -129,7 +143,7 @@ def test_a_held_force_ends_in_the_static_deflection():
 
 def test_a_held_force_and_a_sine_superpose():
     s, omega = stepper(rigs.paper_system(BEARING)), 2 * np.pi * 80
-    drives = [Drive(held=2.0, omega=omega), Drive(amplitude=3.0, omega=omega), Drive(2.0, 3.0, omega)]
+    drives = [Force(held=2.0, omega=omega), Force(amplitude=3.0, omega=omega), Force(2.0, 3.0, omega)]
     held, sine, both = (advance(s, np.zeros(s.n_states), 0.2, drive, 0.03) for drive in drives)
     assert_allclose(held + sine, both, rtol=0, atol=STEPPER * np.abs(both).max())
 
@@ -138,7 +152,7 @@ def test_an_undamped_rotor_keeps_its_energy():
     system = rigs.paper_system(Condition(k_b=1e6, shaft_damping_ratio=0.0))
     s = stepper(system)
     energies = []
-    for state in (some_state(s), advance(s, some_state(s), 0.0, Drive(), 5.0)):
+    for state in (some_state(s), advance(s, some_state(s), 0.0, Force(), 5.0)):
         q, v = s.motion_of(state)
         energies.append(q @ system.K @ q + v @ system.M @ v)
     assert_allclose(energies[1], energies[0], rtol=100 * STEPPER)  # 5 s are a million radians of the highest mode
@@ -160,7 +174,7 @@ def test_a_standing_rotor_forced_in_y_never_moves_in_z():
     system = rigs.paper_system(BEARING)
     s, state = stepper(system), np.zeros(2 * system.n)
     for i in range(20):
-        state = advance(s, state, 0.1 * i, Drive(held=1.0, amplitude=1.0, omega=500.0), 1e-3)
+        state = advance(s, state, 0.1 * i, Force(held=1.0, amplitude=1.0, omega=500.0), 1e-3)
         assert not (system.read_out(2) @ s.motion_of(state)[0]).any()
         assert not s.acceleration(state, 1.0)[7:].any()
     assert (system.read_out(1) @ s.motion_of(state)[0]).any()
@@ -171,7 +185,7 @@ def test_reversing_the_spin_mirrors_the_motion_in_z():
     motions = []
     for spin in (400.0, -400.0):
         s = stepper(system, spin)
-        state = advance(s, np.zeros(s.n_states), 0.0, Drive(amplitude=1.0, omega=500.0), 0.2)
+        state = advance(s, np.zeros(s.n_states), 0.0, Force(amplitude=1.0, omega=500.0), 0.2)
         motions.append([system.read_out(plane) @ s.motion_of(state)[0] for plane in (1, 2)])
     (y, z), (y_reversed, z_reversed) = motions
     scale = STEPPER * np.abs(y).max()
@@ -203,7 +217,7 @@ def test_a_rotor_that_swings_freely_drifts_under_a_held_force():
     condition = Condition(rigid_support=True, shaft_damping_ratio=0.01)
     system = build_system(assemble(Rig.model_validate(tables)), condition)
     s, t = stepper(system), 2.0
-    q, _ = s.motion_of(advance(s, np.zeros(s.n_states), 0.0, Drive(held=1.0), t))
+    q, _ = s.motion_of(advance(s, np.zeros(s.n_states), 0.0, Force(held=1.0), t))
     swing = np.zeros(len(system.structure.M))
     swing[0::4], swing[3::4] = system.structure.x, 1.0
     inertia = swing @ system.structure.M @ swing
@@ -219,7 +233,7 @@ def test_an_undamped_rotor_driven_at_its_resonance_grows_without_limit(detuning)
     system = rigs.paper_system(Condition(rigid_support=True, shaft_damping_ratio=0.0))
     modes, s, t = undamped_modes(system), stepper(system), 0.1
     omega = modes.omega[0] * (1 + detuning)
-    q, _ = s.motion_of(advance(s, np.zeros(s.n_states), 0.0, Drive(amplitude=1.0, omega=omega), t))
+    q, _ = s.motion_of(advance(s, np.zeros(s.n_states), 0.0, Force(amplitude=1.0, omega=omega), t))
     driven = np.flatnonzero(np.abs(modes.Phi.T @ system.unit_vector(2, 1)) > 0)[0]
     shape = modes.Phi[:, driven]
     growth = (np.sin(omega * t) - omega * t * np.cos(omega * t)) / (2 * omega**2)
@@ -232,6 +246,6 @@ def test_a_frequency_of_zero_is_a_constant_force_even_for_a_rotor_that_swings_fr
     tables = rigs.tables(support=[{"node": 1, "stiffness": "k_b"}])
     system = build_system(assemble(Rig.model_validate(tables)), Condition(rigid_support=True))
     s = stepper(system)
-    constant = advance(s, np.zeros(s.n_states), np.pi / 2, Drive(amplitude=1.0, omega=0.0), 0.5)
-    held = advance(s, np.zeros(s.n_states), 0.0, Drive(held=1.0), 0.5)
+    constant = advance(s, np.zeros(s.n_states), np.pi / 2, Force(amplitude=1.0, omega=0.0), 0.5)
+    held = advance(s, np.zeros(s.n_states), 0.0, Force(held=1.0), 0.5)
     assert_allclose(constant, held, rtol=0, atol=STEPPER * np.abs(held).max())

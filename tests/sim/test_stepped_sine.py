@@ -10,9 +10,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
+from rotor.condition import Condition
 from rotor.frequency_response import accelerance
 from rotor.modal import damped_modes
-from rotor.system import Condition, LinearSystem, build_system
+from rotor.model import build_system
+from rotor.system import LinearSystem
 from sim.campaign import Channel, Run
 from sim.detection import HARMONICS
 from sim.sensors import SensorNoise

@@ -1,0 +1,114 @@
+"""Print the force laws: ``python build_laws.py`` writes ``rotor/printed_laws.py``.
+
+Each law of ``rotor/force_laws.py`` is an expression; sympy differentiates it and prints force and
+derivatives together, with common subexpressions computed once, for Python floats and for numpy
+arrays. ``print_c`` prints the same for C.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import sympy
+from sympy.printing.c import C99CodePrinter
+from sympy.printing.numpy import NumPyPrinter
+from sympy.printing.pycode import PythonCodePrinter
+
+from rotor.force_laws import LAWS, ForceLaw
+
+TARGET = Path(__file__).resolve().parent / "rotor" / "printed_laws.py"
+
+_HEADER = '''"""Printed by ``python build_laws.py`` from ``force_laws.py``; do not edit.
+
+Every function returns the force [N] and its derivatives by the law's variables. ``SCALAR`` takes
+floats; ``ARRAY``, for the laws without memory, numpy arrays of equal shape.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy
+'''
+
+
+def force(law: ForceLaw) -> sympy.Expr:
+    """The law's force as a sympy expression of its real arguments."""
+    symbols = {name: sympy.Symbol(name, real=True) for name in law.arguments}
+    corner = symbols.get("corner", sympy.Integer(0))
+    functions = {
+        "pos": lambda u: (u + sympy.sqrt(u**2 + corner**2)) / 2,
+        "limited": lambda u, a: sympy.Piecewise((a, u > a), (-a, u < -a), (u, True)),
+    }
+    names: dict[str, Any] = {**symbols, **functions}
+    return sympy.parse_expr(law.force, local_dict=names)
+
+
+def force_and_derivatives(law: ForceLaw) -> list[sympy.Expr]:
+    """[F, dF/dv for every variable v]."""
+    F = force(law)
+    return [F, *(sympy.diff(F, sympy.Symbol(v, real=True)) for v in law.variables)]
+
+
+def print_python() -> str:
+    """Source of ``printed_laws.py``."""
+    parts = [_HEADER]
+    for kind, printer in (("scalar", PythonCodePrinter), ("array", NumPyPrinter)):
+        doprint = printer({"fully_qualified_modules": True}).doprint
+        parts += [_python_function(law, f"_{law.name}_{kind}", doprint) for law in _laws(kind)]
+    for kind in ("scalar", "array"):
+        entries = "".join(f'    "{law.name}": _{law.name}_{kind},\n' for law in _laws(kind))
+        parts.append(f"{kind.upper()}: dict[str, Callable[..., tuple[Any, ...]]] = {{\n{entries}}}\n")
+    return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+
+
+def _laws(kind: str) -> list[ForceLaw]:
+    """A law with memory follows one path through time: it has no array form."""
+    return [law for law in LAWS if kind == "scalar" or not law.memory]
+
+
+def _python_function(law: ForceLaw, name: str, doprint: Callable[..., Any]) -> str:
+    shared, results = _share(force_and_derivatives(law))
+    body = [f"    {symbol} = {doprint(value)}" for symbol, value in shared]
+    returned = ", ".join(doprint(value) for value in results)
+    arguments = ", ".join(law.arguments)
+    return "\n".join([f"def {name}({arguments}):", *body, f"    return {returned}"])
+
+
+def _share(expressions: list[sympy.Expr]) -> tuple[list[tuple[sympy.Symbol, sympy.Expr]], list[sympy.Expr]]:
+    """Common subexpressions, and the expressions in terms of them."""
+    shared, results = sympy.cse(expressions, optimizations="basic")
+    return shared, list(results)  # type: ignore[arg-type]
+
+
+def print_c(law: ForceLaw) -> str:
+    """A C99 function: double law(arguments, double *derivatives)."""
+    printer: Any = C99CodePrinter()
+    shared, results = _share(force_and_derivatives(law))
+    arguments = ", ".join(f"double {a}" for a in law.arguments)
+    lines = [f"static double {law.name}({arguments}, double *derivatives)", "{"]
+    lines += [f"    const double {symbol} = {printer.doprint(value)};" for symbol, value in shared]
+    lines += [f"    derivatives[{k}] = {printer.doprint(value)};" for k, value in enumerate(results[1:])]
+    return "\n".join([*lines, f"    return {printer.doprint(results[0])};", "}"])
+
+
+def main() -> int:
+    """Write ``printed_laws.py`` beside its place and rename."""
+    beside = TARGET.with_name(f".{TARGET.name}.{os.getpid()}")
+    try:
+        beside.write_text(print_python(), encoding="utf-8")
+        os.replace(beside, TARGET)
+    finally:
+        beside.unlink(missing_ok=True)
+    print(TARGET)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

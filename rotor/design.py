@@ -1,0 +1,213 @@
+"""The rotor while effects are put into it.
+
+An effect writes down what it changes, in words of the machine (a bearing's stiffness, a mass at a
+node, a crack); ``assemble`` then makes the matrices, always in the same order. So effects compose,
+and the order in which they are put in does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rotor.condition import Condition
+from rotor.elements import shape_functions
+from rotor.force_laws import ForceLaw
+from rotor.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, FloatArray, IntArray, Structure
+
+# A round bar's length, in diameters, over which a crack counts as reduced bending stiffness.
+CRACK_LENGTH = 0.8
+
+# Entries of a vector over all degrees of freedom that are not zero: where, and how much.
+Pattern = tuple[IntArray, FloatArray]
+
+
+@dataclass(frozen=True)
+class JointLaw:
+    """A force law at a joint; its numbers follow from the joint's linear stiffness [N/m]."""
+
+    law: ForceLaw
+    coefficients: Callable[[float], tuple[float, ...]]
+    offset: Callable[[float], float] = lambda stiffness: 0.0  # static displacement in y [m]
+
+
+@dataclass(frozen=True)
+class Pedestal:
+    """What a bearing stands on, in y and in z: mass [kg] on stiffness [N/m] and damping [N s/m]."""
+
+    stiffness: float
+    mass: float
+    damping: float
+
+
+@dataclass
+class Bearing:
+    """A support whose stiffness is the parameter k_b: a joint between the shaft and its base."""
+
+    x: float  # where it acts on the shaft [m]
+    side: int  # -1 left, +1 right of the middle of all bearings, 0 in the middle
+    stiffness: float  # radial [N/m]
+    damping: float  # radial, beside the stiffness [N s/m]
+    tilt_stiffness: float  # [N m/rad]
+    directions: FloatArray = field(default_factory=lambda: np.eye(2))  # (2, 2) stiffness in (y, z) over ``stiffness``
+    branches: list[tuple[float, float]] = field(
+        default_factory=list
+    )  # Maxwell: relative stiffness, relaxation time [s]
+    pedestal: Pedestal | None = None
+    laws: list[JointLaw] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Unbalance:
+    """A mass off the axis of a spinning rotor."""
+
+    moment: float  # [kg m]
+    phase: float  # angle from y towards z at time zero [rad]
+    patterns: FloatArray  # (2, n) where it acts in y and in z
+
+
+class Design:
+    """What the rotor consists of; starts as the nominal rotor under its test condition."""
+
+    def __init__(self, structure: Structure, condition: Condition):
+        self.structure, self.condition = structure, condition
+        self.modulus_factor = 1.0  # of the whole shaft
+        self.hub_factor = 1.0  # of the shaft's bending stiffness inside the disks
+        self.cracks: list[tuple[float, float]] = []  # position [m], lost share of the bending stiffness
+        self.tension = 0.0  # [N]
+        self.shaft_damping_ratio = condition.shaft_damping_ratio
+        self.disk_mass_change = 0.0  # relative
+        self.disk_inertia_factor = 0.0  # of the inertia that the nominal rotor leaves out
+        self.gyroscopic_factor = 0.0  # of the polar inertia that the nominal rotor leaves out
+        self.masses: list[tuple[int, float]] = []  # node, mass [kg]
+        self.ground_springs: list[tuple[int, int, float, float]] = []  # node, plane, [N/m], [N s/m]
+        self.rigid_stiffness = np.inf  # of the supports that should be rigid [N/m]
+        self.bearings = _bearings(structure, condition)
+        self.contacts: list[tuple[int, JointLaw]] = []  # between a node and the ground
+        self.unbalances: list[tuple[int, float, float]] = []  # node, moment [kg m], phase [rad]
+        self.sensor_offsets: dict[int, float] = {}  # node, distance along x [m]
+
+    @property
+    def middle(self) -> float:
+        """Middle between the supports that carry k_b [m]."""
+        x = self.structure.x[self.structure.support_node[np.isnan(self.structure.support_stiffness)]]
+        return float(x.min() + x.max()) / 2
+
+
+def _bearings(structure: Structure, condition: Condition) -> list[Bearing]:
+    """The bearings of a rotor that runs in them; none on rigid supports."""
+    if condition.rigid_support:
+        return []
+    places = np.flatnonzero(np.isnan(structure.support_stiffness))
+    x = structure.x[structure.support_node[places]]
+    middle = (x.min() + x.max()) / 2
+    return [
+        Bearing(
+            x=float(position),
+            side=int(np.sign(position - middle)),
+            stiffness=condition.k_b,
+            damping=condition.bearing_damping,
+            tilt_stiffness=float(structure.support_tilt_stiffness[place]),
+        )
+        for place, position in zip(places, x, strict=True)
+    ]
+
+
+# -- where a point of the shaft is in the matrices -----------------------------------------------
+
+
+def _element_at(structure: Structure, x: float) -> int:
+    return int(np.clip(np.searchsorted(structure.x, x, side="right") - 1, 0, len(structure.x) - 2))
+
+
+def shaft_point(structure: Structure, x: float, plane: int) -> tuple[Pattern, Pattern]:
+    """Deflection and rotation of the shaft at position x [m] in plane 1 or 2.
+
+    Between mesh nodes by the element's shape functions; beyond the shaft's ends the shaft goes on
+    straight and rigid.
+    """
+    node = int(np.argmin(np.abs(structure.x - x)))
+    if abs(structure.x[node] - x) < 1e-12:
+        first = DOF_PER_NODE * node
+        tilt = first + PLANE_PLACES[plane - 1][1]
+        sign = PLANE_SIGNS[plane - 1][1]
+        return (np.array([first + plane - 1]), np.ones(1)), (np.array([tilt]), np.array([sign]))
+    element = _element_at(structure, x)
+    left, length = structure.x[element], structure.x[element + 1] - structure.x[element]
+    phi = 12 * structure.bending_stiffness[element, plane - 1]
+    phi /= structure.shear_stiffness[element, plane - 1] * length**2
+    inside = float(np.clip(x, structure.x[0], structure.x[-1]))
+    deflection, rotation = shape_functions((inside - left) / length, length, phi)
+    deflection = deflection + (x - inside) * rotation
+    places, signs = DOF_PER_NODE * element + PLANE_PLACES[plane - 1], PLANE_SIGNS[plane - 1]
+    return (places, signs * deflection), (places, signs * rotation)
+
+
+# -- the shaft's stiffness -----------------------------------------------------------------------
+
+
+def shaft_stiffness(design: Design) -> FloatArray:
+    """(n, n) stiffness of the shaft with its modulus, hubs and cracks [N/m].
+
+    An element whose bending stiffness changes along its length is built from its flexibility,
+    which just adds up: exact under forces at its ends, wherever the change sits.
+    """
+    structure = design.structure
+    K = structure.K.copy()
+    for element, added in _added_flexibility(design).items():
+        length = structure.x[element + 1] - structure.x[element]
+        for plane in (1, 2):
+            EI = structure.bending_stiffness[element, plane - 1]
+            GA = structure.shear_stiffness[element, plane - 1]
+            sound = _cantilever_flexibility(length, EI, GA)
+            signs = PLANE_SIGNS[plane - 1]
+            change = _element_stiffness(sound + added / EI, length) - _element_stiffness(sound, length)
+            places = DOF_PER_NODE * element + PLANE_PLACES[plane - 1]
+            K[np.ix_(places, places)] += signs[:, None] * change * signs
+    return design.modulus_factor * K
+
+
+def _cantilever_flexibility(L: float, EI: float, GA: float) -> FloatArray:
+    """Deflection and slope of a cantilever's end under a force and a moment there."""
+    return np.array([[L**3 / (3 * EI) + L / GA, L**2 / (2 * EI)], [L**2 / (2 * EI), L / EI]])
+
+
+def _element_stiffness(flexibility: FloatArray, L: float) -> FloatArray:
+    """(4, 4) stiffness of an element from the flexibility of its cantilever."""
+    relative = np.array([[-1.0, -L, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])  # end 2 as seen from end 1
+    return relative.T @ np.linalg.solve(flexibility, relative)
+
+
+def _added_flexibility(design: Design) -> dict[int, FloatArray]:
+    """Per element, (2, 2) flexibility that hubs and cracks add, times E I."""
+    structure, added = design.structure, {}
+
+    def add(element: int, flexibility: FloatArray) -> None:
+        added[element] = added.get(element, 0.0) + flexibility
+
+    if design.hub_factor != 1.0:
+        for node, thickness in zip(structure.disk_node, structure.disk_thickness, strict=True):
+            for element, a, b in _covered(
+                structure, structure.x[node] - thickness / 2, structure.x[node] + thickness / 2
+            ):
+                add(element, (1 / design.hub_factor - 1) * _moment_integral(a, b, structure.x[element + 1]))
+    for position, lost in design.cracks:
+        element = _element_at(structure, position)
+        compliance = CRACK_LENGTH * structure.diameter[element] * lost / (1 - lost)  # times E I
+        lever = np.array([structure.x[element + 1] - position, 1.0])
+        add(element, compliance * np.outer(lever, lever))
+    return added
+
+
+def _covered(structure: Structure, start: float, stop: float) -> list[tuple[int, float, float]]:
+    """Elements that a stretch of shaft covers, and the ends of the covered parts."""
+    left, right = np.maximum(structure.x[:-1], start), np.minimum(structure.x[1:], stop)
+    return [(int(e), float(left[e]), float(right[e])) for e in np.flatnonzero(right - left > 1e-12)]
+
+
+def _moment_integral(a: float, b: float, end: float) -> FloatArray:
+    """int_a^b m m' dx with m = (end - x, 1), the moments of a unit force and a unit moment at ``end``."""
+    p, q = end - a, end - b  # lever arms, p > q
+    return np.array([[(p**3 - q**3) / 3, (p**2 - q**2) / 2], [(p**2 - q**2) / 2, p - q]])

@@ -1,0 +1,34 @@
+"""What drives the rotor during one step: held forces and pure tones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Tone:
+    """Forces Im[force e^{i phi}], with phi running from ``start`` to ``stop`` [rad] at ``omega`` [rad/s]."""
+
+    omega: float
+    start: float
+    stop: float
+    force: ComplexArray  # (n_inputs,) [N]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Forces during a step: ``held`` [N] on the first input, and tones."""
+
+    held: float = 0.0
+    tones: tuple[Tone, ...] = field(default_factory=tuple)
+
+    @property
+    def silent(self) -> bool:
+        """Whether no force acts."""
+        return self.held == 0.0 and not self.tones

@@ -1,0 +1,107 @@
+"""The effect library: everything reality may have and the nominal rotor lacks.
+
+================  ==========================================================
+module            what it holds
+================  ==========================================================
+``effect``        what an effect is: parameters, places, what it may add
+``structure``     masses, shaft, disks, cracks
+``supports``      bearings and what they stand on
+``nonlinear``     local force laws at the bearings or at a node
+``chain``         sensors, exciter, raster and sweep
+``spinning``      gyroscopic moments and unbalance
+================  ==========================================================
+
+A new effect is one class in one of these modules and its line in ``EFFECTS``.
+"""
+
+from __future__ import annotations
+
+from rotor.effects.chain import (
+    CoarseGrid,
+    FastSweep,
+    ForceDropout,
+    SensorDelay,
+    SensorGain,
+    SensorMass,
+    SensorPosition,
+)
+from rotor.effects.effect import Effect, Parameter, Place
+from rotor.effects.nonlinear import (
+    BearingClearance,
+    BearingCubic,
+    BearingFriction,
+    BearingHertz,
+    BilinearSupport,
+    Rub,
+)
+from rotor.effects.spinning import Gyroscopic, UnbalanceForce
+from rotor.effects.structure import (
+    AttachedMass,
+    AxialLoad,
+    DiskInertia,
+    DiskMass,
+    ExciterSuspension,
+    HubStiffening,
+    OpenCrack,
+    ShaftDamping,
+    ShaftModulus,
+)
+from rotor.effects.supports import (
+    BearingAsymmetry,
+    BearingDamping,
+    BearingOffset,
+    BearingTiltStiffness,
+    CompliantRigidSupport,
+    PedestalFlexibility,
+    PlaneAnisotropy,
+    ViscoelasticSupport,
+)
+
+# fmt: off
+EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in (
+    AttachedMass, ExciterSuspension, DiskMass, DiskInertia, HubStiffening, ShaftModulus, AxialLoad, OpenCrack,
+    ShaftDamping,
+    BearingDamping, BearingTiltStiffness, PedestalFlexibility, BearingAsymmetry, BearingOffset,
+    CompliantRigidSupport, PlaneAnisotropy, ViscoelasticSupport,
+    BearingCubic, BearingHertz, BearingClearance, BearingFriction, BilinearSupport, Rub,
+    SensorGain, SensorDelay, SensorMass, SensorPosition, ForceDropout, CoarseGrid, FastSweep,
+    Gyroscopic, UnbalanceForce,
+)}
+# fmt: on
+
+__all__ = [
+    "EFFECTS",
+    "AttachedMass",
+    "AxialLoad",
+    "BearingAsymmetry",
+    "BearingClearance",
+    "BearingCubic",
+    "BearingDamping",
+    "BearingFriction",
+    "BearingHertz",
+    "BearingOffset",
+    "BearingTiltStiffness",
+    "BilinearSupport",
+    "CoarseGrid",
+    "CompliantRigidSupport",
+    "DiskInertia",
+    "DiskMass",
+    "Effect",
+    "ExciterSuspension",
+    "FastSweep",
+    "ForceDropout",
+    "HubStiffening",
+    "OpenCrack",
+    "Parameter",
+    "PedestalFlexibility",
+    "Place",
+    "PlaneAnisotropy",
+    "Rub",
+    "SensorDelay",
+    "SensorGain",
+    "SensorMass",
+    "SensorPosition",
+    "ShaftDamping",
+    "ShaftModulus",
+    "ViscoelasticSupport",
+]

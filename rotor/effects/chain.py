@@ -1,0 +1,191 @@
+"""Effects of the measurement chain: sensors, exciter, and how the sweep is run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotor.design import Design
+from rotor.effects.effect import ComplexArray, Effect, node, parameter
+from rotor.structure import FloatArray
+
+
+@dataclass(frozen=True)
+class SensorGain(Effect):
+    """A wrong sensitivity."""
+
+    id = "sensor_gain"
+    title = "Sensor gain"
+    meaning = "a sensor's sensitivity is not what the evaluation takes it to be"
+    equation = r"H_{sd} \to \gamma\, H_{sd}"
+    signature = "one channel is too large or too small at every frequency; poles stay"
+    source = "ewins2000"
+    location = "sensor"
+    family = "chain"
+    in_fmu = False
+
+    gain: float = parameter(1.1, "1", "Reported over true acceleration", 0.8, 1.2, null=1.0, minimum=-1e3, maximum=1e3)
+    node: int = node(2, "Node of the sensor, 0: every sensor", all_nodes=True)
+
+    def channel_factor(self, omega: FloatArray, channel_node: int) -> ComplexArray:
+        """The gain, at its sensor."""
+        return np.full(len(omega), self.gain if self.node in (0, channel_node) else 1.0, dtype=complex)
+
+
+@dataclass(frozen=True)
+class SensorDelay(Effect):
+    """Response channels are late against the force channel."""
+
+    id = "sensor_delay"
+    title = "Sensor delay"
+    meaning = "the response is sampled later than the force"
+    equation = r"H_{sd} \to e^{-i\omega T} H_{sd}"
+    signature = "phase falls in proportion to frequency; magnitudes and poles stay"
+    source = "ewins2000"
+    location = "sensor"
+    family = "chain"
+    in_fmu = False
+
+    delay: float = parameter(
+        2e-4, "s", "Delay of the response against the force", 0.0, 2e-3, null=0.0, minimum=-1.0, maximum=1.0
+    )
+    node: int = node(0, "Node of the sensor, 0: every sensor", all_nodes=True)
+
+    def channel_factor(self, omega: FloatArray, channel_node: int) -> ComplexArray:
+        """e^{-i omega T}, at its sensor."""
+        late = np.exp(-1j * np.asarray(omega) * self.delay)
+        return late if self.node in (0, channel_node) else np.ones_like(late)
+
+
+@dataclass(frozen=True)
+class SensorMass(Effect):
+    """The accelerometer loads the rotor where it reads it."""
+
+    id = "sensor_mass"
+    title = "Sensor mass"
+    meaning = "the accelerometer loads the rotor at its node while that channel is read; it roves from node to node"
+    equation = r"H_{sd} \to \frac{H_{sd}}{1 - \omega^2 m_s H_{ss}}"
+    signature = "poles and antiresonances of a channel shift, by another amount in each channel"
+    source = "ewins2000"
+    location = "sensor"
+    family = "chain"
+
+    mass: float = parameter(
+        0.02, "kg", "Mass of the accelerometer", 0.005, 0.06, null=0.0, minimum=0.0, maximum=10.0, log=True
+    )
+    node: int = node(2, "Node of the sensor, 0: every sensor in turn", all_nodes=True)
+
+    def add_to(self, design: Design) -> None:
+        """A mass at the node; for every sensor in turn, see ``rotor.measured.channel_groups``."""
+        if self.node:
+            design.masses.append((self.node, self.mass))
+
+
+@dataclass(frozen=True)
+class SensorPosition(Effect):
+    """The accelerometer sits beside its node."""
+
+    id = "sensor_position"
+    title = "Sensor position"
+    meaning = "the accelerometer sits beside its node and sees the shaft's slope too"
+    equation = r"H_{sd} \to N_w(x_s + \delta)\, H_{\cdot d}"
+    signature = "antiresonances of one channel shift; poles stay"
+    source = "ewins2000"
+    location = "sensor"
+    family = "chain"
+
+    offset: float = parameter(
+        0.005, "m", "Distance from the node along x", -0.01, 0.01, null=0.0, minimum=-0.1, maximum=0.1
+    )
+    node: int = node(2, "Node of the sensor, 0: every sensor", all_nodes=True)
+
+    def add_to(self, design: Design) -> None:
+        """What the accelerometer reads."""
+        nodes = range(1, design.structure.n_nodes + 1) if self.node == 0 else (self.node,)
+        for number in nodes:
+            design.structure.dof(number, 1)  # raises where there is no such node
+            design.sensor_offsets[number] = design.sensor_offsets.get(number, 0.0) + self.offset
+
+
+@dataclass(frozen=True)
+class ForceDropout(Effect):
+    """An exciter at constant current gives less force where the rotor moves much."""
+
+    id = "force_dropout"
+    title = "Force drop-out"
+    meaning = "the exciter runs at constant current and the force is taken as constant; its armature moves along"
+    equation = r"F = \frac{F_0}{1 + Z_a Y_{dd}}, \quad Z_a v = (k_a - \omega^2 m_a + i\omega c_a)\, x"
+    signature = "resonances are flattened and shifted when the response is referred to the nominal force"
+    source = "ewins2000"
+    location = "exciter"
+    family = "chain"
+    in_fmu = False
+
+    mass: float = parameter(
+        0.1, "kg", "Moving mass of the exciter", 0.02, 0.5, null=0.0, minimum=0.0, maximum=100.0, log=True
+    )
+    stiffness: float = parameter(
+        1e4, "N/m", "Suspension of the exciter", 1e3, 1e5, null=0.0, minimum=0.0, maximum=1e9, log=True
+    )
+    damping: float = parameter(
+        5.0, "N.s/m", "Damping of the exciter, back EMF included", 0.0, 50.0, null=0.0, minimum=0.0, maximum=1e6
+    )
+
+    def force_factor(self, omega: FloatArray, drive_receptance: ComplexArray) -> ComplexArray:
+        """1 / (1 + (k_a + i omega c_a - omega^2 m_a) H_dd)."""
+        w = np.asarray(omega, dtype=float)
+        return 1 / (1 + (self.stiffness + 1j * w * self.damping - w**2 * self.mass) * drive_receptance)
+
+
+@dataclass(frozen=True)
+class CoarseGrid(Effect):
+    """Frequency steps wider than the resonance."""
+
+    id = "coarse_grid"
+    title = "Coarse frequency raster"
+    meaning = "lines lie further apart than the half-power band is wide"
+    equation = r"\Delta f > 2\zeta f_r"
+    signature = "peak heights are erratic and always too low; values on the lines are right"
+    source = "ewins2000"
+    location = "raster"
+    family = "chain"
+    in_fmu = False
+
+    step: float = parameter(1.0, "Hz", "Distance of the lines", 0.2, 10.0, minimum=1e-4, maximum=1e3, log=True)
+
+    def sweep_changes(self) -> Mapping[str, float]:
+        """An even raster without refinement."""
+        return {"step_hz": self.step}
+
+
+@dataclass(frozen=True)
+class FastSweep(Effect):
+    """Lines are read before the rotor has settled."""
+
+    id = "fast_sweep"
+    title = "Fast sweep"
+    meaning = "every line is read a fixed time after the frequency was set, settled or not"
+    equation = r"t_{dwell} < \frac{1}{\zeta\,\omega_r}"
+    signature = "peaks low and late in the direction of the sweep, lines behind a peak scatter"
+    source = "ewins2000"
+    location = "raster"
+    family = "chain"
+    in_fmu = False
+
+    dwell: float = parameter(
+        0.5,
+        "s",
+        "Time between setting a frequency and reading it",
+        0.05,
+        5.0,
+        null=np.inf,
+        minimum=1e-3,
+        maximum=1e9,
+        log=True,
+    )
+
+    def sweep_changes(self) -> Mapping[str, float]:
+        """A fixed dwell time without waiting for steady state."""
+        return {"dwell_s": self.dwell}

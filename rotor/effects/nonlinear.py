@@ -1,0 +1,189 @@
+"""Local nonlinear effects: force laws of ``rotor.force_laws`` at the bearings or at a node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotor.design import Design, JointLaw
+from rotor.effects.effect import Effect, node, parameter
+from rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS
+
+# Length over which a sharp corner of a law is rounded, relative to the law's own length: far below
+# anything a measurement sees, far above round-off.
+SHARP = 1e-6
+
+# The same for a law without a length of its own [m].
+SHARP_LENGTH = 1e-12
+
+
+@dataclass(frozen=True)
+class BearingCubic(Effect):
+    """The bearings harden with the cube of the displacement."""
+
+    id = "bearing_cubic"
+    title = "Cubic bearing stiffness"
+    meaning = "the bearings' restoring force grows with the cube of the displacement"
+    equation = r"f = k_b x + k_3 x^3, \qquad f_r^2 \approx f_0^2\left(1 + \tfrac{3 k_3 a^2}{4 k_b}\right)"
+    signature = "peaks bend to higher frequencies with level, jumps, a third harmonic"
+    source = "nayfeh1979"
+    location = "bearings"
+    family = "nonlinear"
+
+    stiffness: float = parameter(
+        1e15, "N/m3", "Cubic stiffness k_3 of each bearing", 1e13, 1e17, null=0.0, minimum=0.0, maximum=1e22, log=True
+    )
+
+    def add_to(self, design: Design) -> None:
+        """k_3 x^3 at every bearing."""
+        for bearing in design.bearings:
+            bearing.laws.append(JointLaw(CUBIC, lambda _: (self.stiffness,)))
+
+
+@dataclass(frozen=True)
+class BearingHertz(Effect):
+    """Hertzian contacts on both sides, pressed together by a preload that vibration can lift off."""
+
+    id = "bearing_hertz"
+    title = "Hertzian contact"
+    meaning = "rolling contacts on both sides, pressed together by d0, follow Hertz' law and can lift off"
+    equation = r"f = K\left[(d_0 + x)_+^{3/2} - (d_0 - x)_+^{3/2}\right], \quad K = k_b / (3\sqrt{d_0})"
+    signature = "softens with level until the preload is lost, then hardens"
+    source = "harris2006"
+    location = "bearings"
+    family = "nonlinear"
+
+    preload: float = parameter(
+        5e-6,
+        "m",
+        "Approach d0 of the contacts under preload",
+        1e-6,
+        2e-5,
+        null=np.inf,
+        minimum=1e-9,
+        maximum=1e3,
+        log=True,
+    )
+
+    def add_to(self, design: Design) -> None:
+        """Takes the place of k_b, which is its slope at rest."""
+        for bearing in design.bearings:
+            bearing.laws.append(JointLaw(HERTZ, lambda k: (k, self.preload, SHARP * self.preload)))
+
+
+@dataclass(frozen=True)
+class BearingClearance(Effect):
+    """The shaft is free within a gap before the bearing carries it."""
+
+    id = "bearing_clearance"
+    title = "Bearing clearance"
+    meaning = "a radial gap that the shaft crosses freely before the bearing carries"
+    equation = r"f = k_b\,(|x| - g)_+\,\mathrm{sign}\,x"
+    signature = "soft at low level, stiffer with level, jumps, odd harmonics, often not periodic"
+    source = "kahraman1990"
+    location = "bearings"
+    family = "nonlinear"
+
+    gap: float = parameter(2e-6, "m", "Radial gap g", 5e-7, 1.4e-5, null=0.0, minimum=0.0, maximum=0.01, log=True)
+    preload: float = parameter(
+        0.0, "N", "Static load in y on each bearing, gravity for example", 0.0, 100.0, minimum=0.0, maximum=1e6
+    )
+
+    def add_to(self, design: Design) -> None:
+        """Takes the place of k_b; a static load pushes the shaft through the gap."""
+        if not self.gap:
+            return
+        for bearing in design.bearings:
+            bearing.laws.append(
+                JointLaw(
+                    CLEARANCE,
+                    coefficients=lambda k: (k, self.gap, SHARP * self.gap),
+                    offset=lambda k: self.gap + self.preload / k if self.preload else 0.0,
+                )
+            )
+
+
+@dataclass(frozen=True)
+class BearingFriction(Effect):
+    """The bearing's seat sticks and slips."""
+
+    id = "bearing_friction"
+    title = "Dry friction at the bearing seat"
+    meaning = "a seat that sticks, with its stiffness, until the force reaches the friction limit (Jenkins element)"
+    equation = r"\dot f = k_t\,\dot x \;\text{ while } |f| < F_c, \qquad |f| \le F_c"
+    signature = "stiffer and little damped at low level, most damped in between, damping falls again at high level"
+    source = "iwan1966"
+    location = "bearings"
+    family = "nonlinear"
+
+    force: float = parameter(
+        5.0, "N", "Friction limit of each bearing", 0.1, 50.0, null=0.0, minimum=0.0, maximum=1e6, log=True
+    )
+    stiffness: float = parameter(
+        1e7, "N/m", "Stiffness of the sticking seat", 1e5, 1e8, minimum=1.0, maximum=1e12, log=True
+    )
+
+    def add_to(self, design: Design) -> None:
+        """A Jenkins element beside k_b at every bearing, in y and in z."""
+        if not self.force:
+            return
+        for bearing in design.bearings:
+            bearing.laws.append(JointLaw(JENKINS, lambda _: (self.stiffness, self.force)))
+
+
+@dataclass(frozen=True)
+class BilinearSupport(Effect):
+    """A support that is stiffer pushed than pulled."""
+
+    id = "bilinear_support"
+    title = "Bilinear support"
+    meaning = "the bearings are stiffer in one direction (positive) than in the other, as a loose housing cap is"
+    equation = r"f = k_b x\;(x < 0), \quad f = \rho\, k_b x\;(x > 0), \qquad f_r = \frac{2 f_+ f_-}{f_+ + f_-}"
+    signature = "even harmonics and a mean shift at every level; the resonance does not move with level"
+    source = "shaw1983"
+    location = "bearings"
+    family = "nonlinear"
+
+    ratio: float = parameter(
+        1.5,
+        "1",
+        "Stiffness for positive over that for negative displacement",
+        1.1,
+        3.0,
+        null=1.0,
+        minimum=0.01,
+        maximum=1e3,
+        log=True,
+    )
+
+    def add_to(self, design: Design) -> None:
+        """(rho - 1) k_b x where x is positive."""
+        for bearing in design.bearings:
+            bearing.laws.append(JointLaw(BILINEAR, lambda k: (k, self.ratio, SHARP_LENGTH)))
+
+
+@dataclass(frozen=True)
+class Rub(Effect):
+    """The shaft touches a seal or a guard."""
+
+    id = "rub"
+    title = "Rub"
+    meaning = "the shaft meets a stator at a node once it has crossed a gap"
+    equation = r"f = k_s\,(|x| - g)_+\,\mathrm{sign}\,x"
+    signature = "the peak is cut off above a displacement and bends to higher frequencies"
+    source = "muszynska1989"
+    location = "node"
+    family = "nonlinear"
+
+    stiffness: float = parameter(
+        1e6, "N/m", "Stiffness of the stator", 1e5, 1e8, null=0.0, minimum=0.0, maximum=1e12, log=True
+    )
+    gap: float = parameter(5e-5, "m", "Gap between shaft and stator", 1e-5, 2e-4, minimum=1e-9, maximum=0.1, log=True)
+    node: int = node(4, "Node it happens at")
+
+    def add_to(self, design: Design) -> None:
+        """A contact between the node and the ground, along the resultant of y and z."""
+        if self.stiffness:
+            law = JointLaw(CONTACT, lambda _: (self.stiffness, self.gap, SHARP * self.gap))
+            design.contacts.append((self.node, law))

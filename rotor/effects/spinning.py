@@ -1,0 +1,55 @@
+"""Effects of a spinning rotor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rotor.design import Design
+from rotor.effects.effect import Effect, node, parameter
+
+
+@dataclass(frozen=True)
+class Gyroscopic(Effect):
+    """Spinning disks answer a tilt with a moment across it."""
+
+    id = "gyroscopic"
+    title = "Gyroscopic moments"
+    meaning = "spinning disks answer a tilt with a moment across it; the nominal model lumps only their mass"
+    equation = r"D(\omega) \to D(\omega) + i\omega\,\Omega\, G_d, \qquad I_p = \gamma\, m_d D^2 / 8"
+    signature = "modes split into backward and forward whirl with spin speed; y and z couple"
+    source = "nelson1980"
+    location = "disks"
+    family = "spinning"
+
+    factor: float = parameter(
+        1.0, "1", "Share of the solid disk's polar inertia", 0.0, 1.5, null=0.0, minimum=0.0, maximum=10.0
+    )
+
+    def add_to(self, design: Design) -> None:
+        """G at the disks' rotations; it acts with the spin speed."""
+        design.gyroscopic_factor += self.factor
+
+
+@dataclass(frozen=True)
+class UnbalanceForce(Effect):
+    """A mass off the axis."""
+
+    id = "unbalance"
+    title = "Unbalance"
+    meaning = "a mass off the axis pulls outward with the square of the spin speed"
+    equation = r"f_y + i f_z = m e\,\Omega^2\, e^{i(\Omega t + \varphi)}"
+    signature = "a line at the spin frequency, largest at the critical speeds"
+    source = "friswell2010"
+    location = "node"
+    family = "spinning"
+
+    moment: float = parameter(1e-5, "kg.m", "Unbalance m e", 1e-7, 1e-3, null=0.0, minimum=0.0, maximum=1e3, log=True)
+    phase: float = parameter(
+        0.0, "rad", "Angle from y towards z when the spin angle is zero", -3.142, 3.142, minimum=-6.3, maximum=6.3
+    )
+    node: int = node(3, "Node it sits at")
+
+    def add_to(self, design: Design) -> None:
+        """A force that turns with the rotor."""
+        design.structure.dof(self.node, 1)  # raises where there is no such node
+        design.unbalances.append((self.node, self.moment, self.phase))

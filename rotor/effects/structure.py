@@ -1,0 +1,237 @@
+"""Linear effects of shaft, disks and what hangs on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rotor.design import Design
+from rotor.effects.effect import Effect, node, parameter, position
+
+
+@dataclass(frozen=True)
+class AttachedMass(Effect):
+    """Something sits on the shaft that the model does not know: a coupling, a collar, a shaker's armature."""
+
+    id = "attached_mass"
+    title = "Attached mass"
+    meaning = "a mass sits on the shaft that the model lacks: a collar, a coupling half, an exciter's armature"
+    equation = r"D(\omega) \to D(\omega) - \omega^2 m\, e_n e_n^{T}"
+    signature = "lowers the modes that have an antinode at the node"
+    source = "ewins2000"
+    location = "node"
+    family = "structure"
+
+    mass: float = parameter(0.1, "kg", "Attached mass", 0.02, 0.5, null=0.0, minimum=0.0, maximum=100.0, log=True)
+    node: int = node(4, "Node it sits at")
+
+    def add_to(self, design: Design) -> None:
+        """M at the node, y and z."""
+        design.masses.append((self.node, self.mass))
+
+
+@dataclass(frozen=True)
+class ExciterSuspension(Effect):
+    """The exciter's drive rod ties the shaft to the ground."""
+
+    id = "exciter_suspension"
+    title = "Exciter suspension"
+    meaning = "the exciter's armature suspension holds the shaft at the drive node"
+    equation = r"D(\omega) \to D(\omega) + (k + i\omega c)\, e_d e_d^{T}"
+    signature = "raises modes that move at the drive node; shifts with the exciter's place"
+    source = "ewins2000"
+    location = "exciter"
+    family = "structure"
+
+    stiffness: float = parameter(
+        3e4, "N/m", "Stiffness to ground at the drive node", 3e3, 5e5, null=0.0, minimum=0.0, maximum=1e9, log=True
+    )
+    damping: float = parameter(
+        1.0, "N.s/m", "Damping to ground at the drive node", 0.0, 20.0, null=0.0, minimum=0.0, maximum=1e6
+    )
+
+    def add_to(self, design: Design) -> None:
+        """A spring and a damper to ground where and along what the exciter acts."""
+        condition = design.condition
+        spring = (condition.excitation_node, condition.excitation_plane, self.stiffness, self.damping)
+        design.ground_springs.append(spring)
+
+
+@dataclass(frozen=True)
+class DiskMass(Effect):
+    """The disks are heavier or lighter than their drawing."""
+
+    id = "disk_mass"
+    title = "Disk mass"
+    meaning = "the disks' mass differs from the model's"
+    equation = r"m_d \to m_d (1 + \delta)"
+    signature = "all modes that move at the disks shift alike; close to a change of the shaft's modulus"
+    source = "friswell2010"
+    location = "disks"
+    family = "structure"
+
+    change: float = parameter(
+        0.03, "1", "Relative change of every disk's mass", -0.08, 0.08, null=0.0, minimum=-0.9, maximum=9.0
+    )
+
+    def add_to(self, design: Design) -> None:
+        """M at the disks."""
+        design.disk_mass_change += self.change
+
+
+@dataclass(frozen=True)
+class DiskInertia(Effect):
+    """The disks resist tilting; the nominal model lumps their mass only."""
+
+    id = "disk_inertia"
+    title = "Diametral inertia of the disks"
+    meaning = "the disks resist tilting; the nominal model lumps only their mass"
+    equation = r"I_d\,\ddot\theta, \qquad I_d = \gamma\, \tfrac{m_d}{12}\left(\tfrac34 D^2 + t^2\right)"
+    signature = "lowers the modes in which the disks tilt, from the second mode on"
+    source = "friswell2010"
+    location = "disks"
+    family = "structure"
+
+    factor: float = parameter(
+        1.0, "1", "Share of the solid disk's diametral inertia", 0.0, 2.0, null=0.0, minimum=0.0, maximum=10.0
+    )
+
+    def add_to(self, design: Design) -> None:
+        """M at the disks' rotations."""
+        design.disk_inertia_factor += self.factor
+
+
+@dataclass(frozen=True)
+class HubStiffening(Effect):
+    """Inside a shrunk-on disk the shaft bends less."""
+
+    id = "hub_stiffening"
+    title = "Hub stiffening"
+    meaning = "a pressed-on disk stiffens the shaft over the length of its hub"
+    equation = r"EI(x) \to \beta\, EI(x), \quad |x - x_d| < t/2"
+    signature = "raises modes with curvature at the disks"
+    source = "friswell2010"
+    location = "disks"
+    family = "structure"
+
+    factor: float = parameter(
+        1.5,
+        "1",
+        "Bending stiffness inside the hub over the bare shaft's",
+        1.0,
+        2.5,
+        null=1.0,
+        minimum=0.1,
+        maximum=100.0,
+    )
+
+    def add_to(self, design: Design) -> None:
+        """The shaft's flexibility over the disks' thickness."""
+        design.hub_factor *= self.factor
+
+
+@dataclass(frozen=True)
+class ShaftModulus(Effect):
+    """The shaft's modulus is not the handbook's."""
+
+    id = "shaft_modulus"
+    title = "Shaft modulus"
+    meaning = "the shaft's Young's modulus differs from the model's"
+    equation = r"K_s \to \epsilon\, K_s"
+    signature = "shifts all modes on rigid supports by the same ratio"
+    source = "friswell2010"
+    location = "shaft"
+    family = "structure"
+
+    factor: float = parameter(
+        1.02, "1", "Young's modulus over the model's", 0.9, 1.1, null=1.0, minimum=0.01, maximum=100.0
+    )
+
+    def add_to(self, design: Design) -> None:
+        """The shaft's stiffness; Poisson's ratio stays."""
+        design.modulus_factor *= self.factor
+
+
+@dataclass(frozen=True)
+class AxialLoad(Effect):
+    """A pull or push along the shaft stiffens or softens its bending."""
+
+    id = "axial_load"
+    title = "Axial load"
+    meaning = "an axial force, tension positive, stiffens or softens the shaft's bending"
+    equation = r"K \to K + P \int N_w'^{T} N_w'\,dx, \qquad \Delta f/f \approx P / (2 P_{cr})"
+    signature = "raises (tension) or lowers (compression) the lowest modes most"
+    source = "przemieniecki1968"
+    location = "shaft"
+    family = "structure"
+
+    force: float = parameter(2e3, "N", "Axial force, tension positive", -2e4, 2e4, null=0.0, minimum=-1e7, maximum=1e7)
+
+    def add_to(self, design: Design) -> None:
+        """Geometric stiffness of the whole shaft."""
+        design.tension += self.force
+
+
+@dataclass(frozen=True)
+class OpenCrack(Effect):
+    """A crack that stays open acts as a hinge with a spring."""
+
+    id = "open_crack"
+    title = "Open crack"
+    meaning = "an open crack adds rotational compliance at one cross-section"
+    equation = r"c = \frac{0.8\,d}{EI}\,\frac{r}{1 - r}: \quad \Delta\theta = c\, M(x_c)"
+    signature = "lowers the modes with curvature at the crack, none whose bending moment vanishes there"
+    source = "dimarogonas1996"
+    location = "position"
+    family = "structure"
+
+    reduction: float = parameter(
+        0.2,
+        "1",
+        "Lost share of the bending stiffness, over 0.8 diameters of shaft",
+        0.05,
+        0.6,
+        null=0.0,
+        minimum=0.0,
+        maximum=0.99,
+        log=True,
+    )
+    position: float = position(0.2, "Position along the shaft")
+
+    def add_to(self, design: Design) -> None:
+        """The flexibility of the element the crack is in."""
+        if not 0 <= self.position <= design.structure.x[-1] + 1e-9:
+            raise ValueError(
+                f"open_crack.position must lie on the shaft, 0 to {design.structure.x[-1]:g} m, got {self.position:g}"
+            )
+        if self.reduction:
+            design.cracks.append((self.position, self.reduction))
+
+
+@dataclass(frozen=True)
+class ShaftDamping(Effect):
+    """The shaft's own damping is not what the model believes."""
+
+    id = "shaft_damping"
+    title = "Shaft damping"
+    meaning = "the shaft's material and joint damping differs from the model's"
+    equation = r"\zeta \to \zeta': \quad C_s(\zeta')"
+    signature = "heights and widths of all shaft modes change, frequencies stay"
+    source = "crandall1970"
+    location = "shaft"
+    family = "structure"
+
+    damping_ratio: float = parameter(
+        0.005,
+        "1",
+        "Damping ratio of the shaft, in place of the model's",
+        0.001,
+        0.02,
+        null="shaft_damping_ratio",
+        minimum=0.0,
+        maximum=0.2,
+        log=True,
+    )
+
+    def add_to(self, design: Design) -> None:
+        """Replaces the shaft's damping ratio."""
+        design.shaft_damping_ratio = self.damping_ratio

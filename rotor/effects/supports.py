@@ -1,0 +1,232 @@
+"""Linear effects of the bearings and of what they stand on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotor.design import Design, Pedestal
+from rotor.effects.effect import Effect, parameter
+
+
+@dataclass(frozen=True)
+class BearingDamping(Effect):
+    """The bearings damp more, or less, than the model believes."""
+
+    id = "bearing_damping"
+    title = "Bearing damping"
+    meaning = "viscous damping of every bearing, beside its stiffness, differs from the model's"
+    equation = r"D_b(\omega) = k_b + i\omega c_b"
+    signature = "widens the modes with bearing motion, none on rigid supports"
+    source = "kramer1993"
+    location = "bearings"
+    family = "support"
+
+    damping: float = parameter(
+        100.0,
+        "N.s/m",
+        "Damping of each bearing, in place of the model's",
+        10.0,
+        500.0,
+        null="bearing_damping",
+        minimum=0.0,
+        maximum=1e6,
+        log=True,
+    )
+
+    def add_to(self, design: Design) -> None:
+        """Replaces the bearings' damping."""
+        for bearing in design.bearings:
+            bearing.damping = self.damping
+
+
+@dataclass(frozen=True)
+class BearingTiltStiffness(Effect):
+    """A double-row or wide bearing resists tilting."""
+
+    id = "bearing_tilt_stiffness"
+    title = "Bearing tilt stiffness"
+    meaning = "the bearings resist tilting of the shaft, as double-row bearings do"
+    equation = r"M = k_\theta\, \theta"
+    signature = "raises the first mode most when k_b is stiff; none on rigid supports"
+    source = "lim1990"
+    location = "bearings"
+    family = "support"
+
+    stiffness: float = parameter(
+        2e3, "N.m/rad", "Tilt stiffness of each bearing", 2e2, 2e4, null=0.0, minimum=0.0, maximum=1e9, log=True
+    )
+
+    def add_to(self, design: Design) -> None:
+        """A rotational spring to ground at every bearing."""
+        for bearing in design.bearings:
+            bearing.tilt_stiffness += self.stiffness
+
+
+@dataclass(frozen=True)
+class PedestalFlexibility(Effect):
+    """The bearing housing stands on something that moves."""
+
+    id = "pedestal_flexibility"
+    title = "Pedestal flexibility"
+    meaning = "every bearing stands on a pedestal with mass, stiffness and damping"
+    equation = r"D_b(\omega) = \frac{k_b\,(k_p - \omega^2 m_p + i\omega c_p)}{k_b + k_p - \omega^2 m_p + i\omega c_p}"
+    signature = "softer bearings below the pedestal's resonance, an extra pole and antiresonance near it"
+    source = "friswell2010"
+    location = "bearings"
+    family = "support"
+    changes_size = True
+
+    stiffness: float = parameter(
+        1e7, "N/m", "Stiffness of each pedestal", 1e6, 5e7, null=np.inf, minimum=1.0, maximum=1e15, log=True
+    )
+    mass: float = parameter(1.0, "kg", "Moving mass of each pedestal", 0.3, 8.0, minimum=1e-3, maximum=1e4, log=True)
+    damping: float = parameter(
+        50.0, "N.s/m", "Damping of each pedestal", 1.0, 1000.0, minimum=0.0, maximum=1e6, log=True
+    )
+
+    def add_to(self, design: Design) -> None:
+        """A mass on a spring and a damper, in y and z, under every bearing."""
+        for bearing in design.bearings:
+            bearing.pedestal = Pedestal(self.stiffness, self.mass, self.damping)
+
+
+@dataclass(frozen=True)
+class BearingAsymmetry(Effect):
+    """The two bearings are not alike."""
+
+    id = "bearing_asymmetry"
+    title = "Unequal bearings"
+    meaning = "the left bearing is stiffer (positive) or softer than the right one"
+    equation = r"k_L = k_b (1 + a), \quad k_R = k_b (1 - a)"
+    signature = "mixes symmetric and antisymmetric modes: the ratio of the ends' amplitudes leaves one"
+    source = "friswell2010"
+    location = "bearings"
+    family = "support"
+
+    asymmetry: float = parameter(
+        0.2,
+        "1",
+        "Relative difference from the mean, left bearing positive",
+        -0.5,
+        0.5,
+        null=0.0,
+        minimum=-0.99,
+        maximum=0.99,
+    )
+
+    def add_to(self, design: Design) -> None:
+        """k_b of every bearing by its side."""
+        for bearing in design.bearings:
+            bearing.stiffness *= 1 - bearing.side * self.asymmetry
+
+
+@dataclass(frozen=True)
+class BearingOffset(Effect):
+    """The force acts beside the bearing's middle: the effective span differs from the drawing's."""
+
+    id = "bearing_offset"
+    title = "Bearing offset"
+    meaning = "every bearing acts off its node, towards the middle of the rotor (positive) or away from it"
+    equation = r"D(\omega) \to \ldots + D_b(\omega)\, N_w(x_b)^{T} N_w(x_b), \quad x_b = x_{node} \pm o"
+    signature = "all modes shift as with another span; none on rigid supports"
+    source = "przemieniecki1968"
+    location = "bearings"
+    family = "support"
+
+    offset: float = parameter(
+        0.003, "m", "Shift of each bearing towards the middle", -0.009, 0.009, null=0.0, minimum=-0.1, maximum=0.1
+    )
+
+    def add_to(self, design: Design) -> None:
+        """Where the bearings act on the shaft."""
+        for bearing in design.bearings:
+            bearing.x -= bearing.side * self.offset
+
+
+@dataclass(frozen=True)
+class CompliantRigidSupport(Effect):
+    """A support that is called rigid gives way."""
+
+    id = "compliant_rigid_support"
+    title = "Compliant rigid support"
+    meaning = "the supports that should be rigid have a stiffness"
+    equation = r"q_{support} = 0 \;\to\; f = k_r\, q_{support}"
+    signature = "lowers the modes on rigid supports; nothing on bearings"
+    source = "ewins2000"
+    location = "rigid_support"
+    family = "support"
+    changes_size = True
+
+    stiffness: float = parameter(
+        1e8, "N/m", "Stiffness of each rigid support", 1e7, 1e9, null=np.inf, minimum=1e3, maximum=1e15, log=True
+    )
+
+    def add_to(self, design: Design) -> None:
+        """Gives the held degrees of freedom back, on springs; two such springs sit in series."""
+        design.rigid_stiffness = 1 / (1 / design.rigid_stiffness + 1 / self.stiffness)
+
+
+@dataclass(frozen=True)
+class PlaneAnisotropy(Effect):
+    """The bearings are stiffer along one axis than across it."""
+
+    id = "plane_anisotropy"
+    title = "Anisotropic bearings"
+    meaning = "the bearings' stiffness differs between two principal directions, turned against y and z"
+    equation = r"K_b = k_b\, R(\alpha)\, \mathrm{diag}(1 + \tfrac a2,\; 1 - \tfrac a2)\, R(\alpha)^{T}"
+    signature = "pairs of peaks; response across the plane of the force"
+    source = "friswell2010"
+    location = "bearings"
+    family = "support"
+
+    anisotropy: float = parameter(
+        0.2,
+        "1",
+        "Difference of the principal stiffnesses over their mean",
+        0.1,
+        0.5,
+        null=0.0,
+        minimum=-1.9,
+        maximum=1.9,
+    )
+    angle: float = parameter(
+        0.35, "rad", "Angle from y towards z of the stiffer direction", 0.087, 0.785, minimum=-3.2, maximum=3.2
+    )
+
+    def add_to(self, design: Design) -> None:
+        """The bearings' stiffness matrix in (y, z)."""
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        turn = np.array([[c, -s], [s, c]])
+        principal = turn @ np.diag([1 + self.anisotropy / 2, 1 - self.anisotropy / 2]) @ turn.T
+        for bearing in design.bearings:
+            bearing.directions = bearing.directions @ principal
+
+
+@dataclass(frozen=True)
+class ViscoelasticSupport(Effect):
+    """Rubber, grease or an O-ring: stiffness and loss depend on frequency."""
+
+    id = "viscoelastic_support"
+    title = "Viscoelastic support"
+    meaning = "the bearings' seat relaxes: a Maxwell branch beside the stiffness"
+    equation = r"D_b(\omega) = k_b \left(1 + g\,\frac{i\omega\tau}{1 + i\omega\tau}\right)"
+    signature = "modes above 1/(2 pi tau) are stiffer than those below, damping is largest near it"
+    source = "bagley1983"
+    location = "bearings"
+    family = "support"
+    changes_size = True
+
+    strength: float = parameter(
+        0.5, "1", "Stiffness of the branch over k_b", 0.1, 2.0, null=0.0, minimum=0.0, maximum=1e3, log=True
+    )
+    relaxation_time: float = parameter(
+        1e-3, "s", "Relaxation time of the branch", 1e-4, 1e-2, minimum=1e-7, maximum=1e3, log=True
+    )
+
+    def add_to(self, design: Design) -> None:
+        """A spring in series with a dashpot beside every bearing's stiffness; their joint has no mass."""
+        if self.strength:
+            for bearing in design.bearings:
+                bearing.branches.append((self.strength, self.relaxation_time))

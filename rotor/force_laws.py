@@ -1,0 +1,62 @@
+"""Local force laws, each written once, as an expression.
+
+``python build_laws.py`` prints every law's force and derivatives for floats and for arrays into
+``printed_laws.py`` (and can print them in C); nothing is written twice by hand. A law gives what
+its joint pulls back with *beyond the linear stiffness that is in the model already*, as a function
+of the joint's displacement x [m]; all laws vanish at x = 0.
+
+``pos(u)`` is max(u, 0) with its corner rounded over the length ``corner`` [m],
+(u + sqrt(u^2 + corner^2)) / 2. ``limited(u, a)`` is u kept within -a and a.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ForceLaw:
+    """A scalar force law.
+
+    Without memory: force(x, *coefficients). With memory the force is its own memory, a function of
+    the displacement, the displacement before, and the force before:
+    force(x, x_before, force_before, *coefficients), exact for any monotone path in between.
+    """
+
+    name: str
+    force: str  # expression [N]
+    coefficients: tuple[str, ...]
+    memory: bool = False
+    radial: bool = False  # odd in x: acts along the resultant of y and z
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of all arguments, the derivatives' ones first."""
+        return (*self.variables, *self.coefficients)
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """What the force is differentiated by."""
+        return ("x", "x_before", "force_before") if self.memory else ("x",)
+
+
+CUBIC = ForceLaw("cubic", "k3*x**3", ("k3",), radial=True)
+
+# Dead band: nothing within the gap, k beyond it; the model's own k x is taken away again.
+CLEARANCE = ForceLaw("clearance", "k*(pos(x - gap) - pos(-x - gap)) - k*x", ("k", "gap", "corner"), radial=True)
+
+# Two Hertzian contacts pressed against each other by d0; k is their stiffness at x = 0.
+HERTZ = ForceLaw(
+    "hertz",
+    "k/(3*sqrt(d0))*(pos(d0 + x)**Rational(3, 2) - pos(d0 - x)**Rational(3, 2)) - k*x",
+    ("k", "d0", "corner"),
+)
+
+BILINEAR = ForceLaw("bilinear", "k*(ratio - 1)*(pos(x) - corner/2)", ("k", "ratio", "corner"))
+
+CONTACT = ForceLaw("contact", "k*(pos(x - gap) - pos(-x - gap))", ("k", "gap", "corner"), radial=True)
+
+# Jenkins element: a spring k and a slider that gives way at the force limit.
+JENKINS = ForceLaw("jenkins", "limited(force_before + k*(x - x_before), limit)", ("k", "limit"), memory=True)
+
+LAWS = (CUBIC, CLEARANCE, HERTZ, BILINEAR, CONTACT, JENKINS)

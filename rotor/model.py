@@ -1,0 +1,228 @@
+"""From a structure, a test condition and effects to what the solvers take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from rotor.condition import Condition
+from rotor.design import Bearing, Design, JointLaw, Pattern, Unbalance, shaft_point, shaft_stiffness
+from rotor.local_force import LocalForce
+from rotor.structure import DOF_PER_NODE, FloatArray, Structure
+from rotor.system import LinearSystem
+
+
+class Change(Protocol):
+    """Anything that can be put into a design; the effects of ``rotor.effects`` are."""
+
+    def add_to(self, design: Design) -> None:
+        """Write down what changes."""
+
+
+@dataclass(frozen=True)
+class RotorModel:
+    """The supported rotor with everything that acts on it.
+
+    M q'' + (C + Omega G) q' + K q + sum of the local forces = f + unbalance
+    """
+
+    system: LinearSystem
+    forces: tuple[LocalForce, ...] = ()
+    unbalances: tuple[Unbalance, ...] = ()
+
+    def in_plane(self, plane: int) -> RotorModel:
+        """Motion in one plane, for planes that do not couple; spinning forces are left out."""
+        keep = np.flatnonzero(self.system.plane == plane)
+        forces = tuple(replace(force, patterns=force.patterns[:, keep]) for force in self.forces)
+        return RotorModel(self.system.in_plane(plane), forces)
+
+
+def build_model(structure: Structure, condition: Condition, effects: Sequence[Change] = ()) -> RotorModel:
+    """Put the rotor on its supports, with effects.
+
+    A rigid support removes the degree of freedom: a stiff spring would leave float64 with
+    frequencies off by 1e-7 and an undamped mode at the support.
+
+    Raises ValueError where an effect names a node that does not exist.
+    """
+    design = Design(structure, condition)
+    for effect in effects:
+        effect.add_to(design)
+    return _Assembly(design).model()
+
+
+def build_system(structure: Structure, condition: Condition, effects: Sequence[Change] = ()) -> LinearSystem:
+    """The linear part of ``build_model``."""
+    return build_model(structure, condition, effects).system
+
+
+class _Assembly:
+    """Matrices over all degrees of freedom: the shaft's, then the supports' own, in pairs (y, z)."""
+
+    def __init__(self, design: Design):
+        self.design, self.structure = design, design.structure
+        n = self.structure.n
+        self.size = n + sum(2 * ((b.pedestal is not None) + len(b.branches)) for b in design.bearings)
+        self.used = n
+        self.M, self.K, self.C, self.G, self.K_shaft = (np.zeros((self.size, self.size)) for _ in range(5))
+        self.held = np.zeros(self.size, dtype=bool)
+        self.forces: list[LocalForce] = []
+
+    def model(self) -> RotorModel:
+        """Everything in its fixed order."""
+        self._shaft()
+        self._bodies()
+        self._fixed_supports()
+        for bearing in self.design.bearings:
+            self._bearing(bearing)
+        for node, plane, stiffness, damping in self.design.ground_springs:
+            place = self.structure.dof(node, plane)
+            self.K[place, place] += stiffness
+            self.C[place, place] += damping
+        for node, law in self.design.contacts:
+            self._local_force([self._node(node, plane) for plane in (1, 2)], law, 0.0)
+        return self._on_free()
+
+    def _shaft(self) -> None:
+        n, design = self.structure.n, self.design
+        K_shaft = shaft_stiffness(design)
+        self.K_shaft[:n, :n] = K_shaft
+        self.K[:n, :n] = K_shaft + design.tension * self.structure.K_tension if design.tension else K_shaft
+        self.M[:n, :n] = self.structure.M
+        self.G[:n, :n] = self.structure.G
+
+    def _bodies(self) -> None:
+        design, structure = self.design, self.structure
+        for disk, node in enumerate(structure.disk_node):
+            y, z, theta_y, theta_z = range(DOF_PER_NODE * node, DOF_PER_NODE * (node + 1))
+            self.M[[y, z], [y, z]] += design.disk_mass_change * structure.disk_mass[disk]
+            tilt = design.disk_inertia_factor * structure.disk_lumped_diametral[disk]
+            self.M[[theta_y, theta_z], [theta_y, theta_z]] += tilt
+            polar = design.gyroscopic_factor * structure.disk_lumped_polar[disk]
+            self.G[theta_y, theta_z] += polar
+            self.G[theta_z, theta_y] -= polar
+        for node, mass in design.masses:
+            places = [structure.dof(node, plane) for plane in (1, 2)]
+            self.M[places, places] += mass
+
+    def _fixed_supports(self) -> None:
+        """Supports with a stiffness of their own, and bearings replaced by rigid supports."""
+        design, structure = self.design, self.structure
+        for support, node in enumerate(structure.support_node):
+            stiffness, tilt = structure.support_stiffness[support], structure.support_tilt_stiffness[support]
+            damping = structure.support_damping[support]
+            if np.isnan(stiffness):
+                if not design.condition.rigid_support:
+                    continue
+                stiffness, damping = design.rigid_stiffness, 0.0  # no bearing, no damper
+            places = DOF_PER_NODE * int(node) + np.arange(DOF_PER_NODE)
+            self._hold(places[:2], stiffness)
+            self._hold(places[2:], tilt)
+            self.C[places[:2], places[:2]] += damping
+
+    def _hold(self, places: np.ndarray, stiffness: float) -> None:
+        if np.isinf(stiffness):
+            self.held[places] = True
+        else:
+            self.K[places, places] += stiffness
+
+    def _bearing(self, bearing: Bearing) -> None:
+        points = [shaft_point(self.structure, bearing.x, plane) for plane in (1, 2)]
+        shaft = [deflection for deflection, _ in points]
+        if np.isinf(bearing.tilt_stiffness):
+            self.held[np.concatenate([places for _, (places, _) in points])] = True
+        elif bearing.tilt_stiffness:
+            for _, tilt in points:
+                self._connect(self.K, [tilt], np.array([[bearing.tilt_stiffness]]))
+        base = self._pedestal(bearing)
+        joint = [_difference(a, b) for a, b in zip(shaft, base, strict=True)]
+        stiffness = bearing.stiffness * bearing.directions
+        self._connect(self.K, joint, stiffness)
+        self._connect(self.C, joint, bearing.damping * np.eye(2))
+        for relative, relaxation_time in bearing.branches:
+            end = self._new_pair()
+            spring = [_difference(a, b) for a, b in zip(shaft, end, strict=True)]
+            dashpot = [_difference(a, b) for a, b in zip(end, base, strict=True)]
+            self._connect(self.K, spring, relative * stiffness)
+            self._connect(self.C, dashpot, relative * relaxation_time * stiffness)
+        for law in bearing.laws:
+            self._local_force(joint, law, bearing.stiffness)
+
+    def _pedestal(self, bearing: Bearing) -> list[Pattern]:
+        """The bearing's base in y and z: its pedestal, or the ground."""
+        if bearing.pedestal is None:
+            return [_NOWHERE, _NOWHERE]
+        base = self._new_pair()
+        places = [int(where[0]) for where, _ in base]
+        self.M[places, places] += bearing.pedestal.mass
+        self.K[places, places] += bearing.pedestal.stiffness
+        self.C[places, places] += bearing.pedestal.damping
+        return base
+
+    def _new_pair(self) -> list[Pattern]:
+        pair: list[Pattern] = [(np.array([self.used + k]), np.ones(1)) for k in (0, 1)]
+        self.used += 2
+        return pair
+
+    def _node(self, node: int, plane: int) -> Pattern:
+        return np.array([self.structure.dof(node, plane)]), np.ones(1)
+
+    def _connect(self, matrix: FloatArray, joint: list[Pattern], values: FloatArray) -> None:
+        """Add sum values_ab p_a p_b' over the joint's displacements."""
+        for (a, b), value in np.ndenumerate(values):
+            if value:
+                (rows, left), (columns, right) = joint[a], joint[b]
+                matrix[np.ix_(rows, columns)] += value * np.outer(left, right)
+
+    def _local_force(self, joint: list[Pattern], law: JointLaw, stiffness: float) -> None:
+        patterns = np.zeros((2, self.size))
+        for row, (places, weights) in zip(patterns, joint, strict=True):
+            row[places] = weights
+        force = LocalForce(law.law, law.coefficients(stiffness), patterns, law.offset(stiffness))
+        self.forces.append(force)
+
+    def _sensors(self) -> FloatArray:
+        """(2, n_nodes, size) deflection that each node's accelerometer sees."""
+        structure = self.structure
+        sensors = np.zeros((2, structure.n_nodes, self.size))
+        for plane in (1, 2):
+            for node in range(1, structure.n_nodes + 1):
+                x = float(structure.x[structure.stations[node - 1]]) + self.design.sensor_offsets.get(node, 0.0)
+                (places, weights), _ = shaft_point(structure, x, plane)
+                sensors[plane - 1, node - 1, places] = weights
+        return sensors
+
+    def _on_free(self) -> RotorModel:
+        free = np.flatnonzero(~self.held)
+        keep = np.ix_(free, free)
+        plane = np.concatenate(
+            [np.tile([1, 2, 2, 1], len(self.structure.x)), np.tile([1, 2], (self.size - self.structure.n) // 2)]
+        )
+        system = LinearSystem(
+            M=self.M[keep],
+            K=self.K[keep],
+            G=self.G[keep],
+            K_shaft=self.K_shaft[keep],
+            C_support=self.C[keep],
+            shaft_damping_ratio=self.design.shaft_damping_ratio,
+            free=free,
+            plane=plane[free],
+            sensors=self._sensors()[:, :, free],
+            structure=self.structure,
+        )
+        unbalances = tuple(
+            Unbalance(moment, phase, np.array([system.unit_vector(node, plane) for plane in (1, 2)]))
+            for node, moment, phase in self.design.unbalances
+        )
+        forces = tuple(replace(force, patterns=force.patterns[:, free]) for force in self.forces)
+        return RotorModel(system, forces, unbalances)
+
+
+_NOWHERE: Pattern = (np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+def _difference(a: Pattern, b: Pattern) -> Pattern:
+    return np.concatenate([a[0], b[0]]), np.concatenate([a[1], -b[1]])

@@ -1,0 +1,109 @@
+"""Printed by ``python build_laws.py`` from ``force_laws.py``; do not edit.
+
+Every function returns the force [N] and its derivatives by the law's variables. ``SCALAR`` takes
+floats; ``ARRAY``, for the laws without memory, numpy arrays of equal shape.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy
+
+def _cubic_scalar(x, k3):
+    return k3*x**3, 3*k3*x**2
+
+def _clearance_scalar(x, k, gap, corner):
+    x0 = corner**2
+    x1 = gap - x
+    x2 = math.sqrt(x0 + x1**2)
+    x3 = gap + x
+    x4 = math.sqrt(x0 + x3**2)
+    x5 = (1/2)*k
+    return x5*(x2 - x4), -x5*(x1/x2 + x3/x4)
+
+def _hertz_scalar(x, k, d0, corner):
+    x0 = corner**2
+    x1 = d0 + x
+    x2 = math.sqrt(x0 + x1**2)
+    x3 = x1 + x2
+    x4 = d0 - x
+    x5 = math.sqrt(x0 + x4**2)
+    x6 = x4 + x5
+    x7 = math.sqrt(2)/math.sqrt(d0)
+    return -k*(x + (1/12)*x7*(-x3**(3/2) + x6**(3/2))), -k*((1/8)*x7*(-math.sqrt(x3)*(x1/x2 + 1) + math.sqrt(x6)*(-x4/x5 - 1)) + 1)
+
+def _bilinear_scalar(x, k, ratio, corner):
+    x0 = math.sqrt(corner**2 + x**2)
+    x1 = (1/2)*k*(ratio - 1)
+    return x1*(-corner + x + x0), x1*(x/x0 + 1)
+
+def _contact_scalar(x, k, gap, corner):
+    x0 = corner**2
+    x1 = gap + x
+    x2 = math.sqrt(x0 + x1**2)
+    x3 = gap - x
+    x4 = math.sqrt(x0 + x3**2)
+    return k*(x - 1/2*x2 + (1/2)*x4), -k*((1/2)*x1/x2 + (1/2)*x3/x4 - 1)
+
+def _jenkins_scalar(x, x_before, force_before, k, limit):
+    x0 = force_before + k*(x - x_before)
+    x1 = (limit < x0)
+    x2 = (limit < -x0)
+    x3 = x1 or x2
+    return ((limit) if x1 else (-limit) if x2 else (x0)), ((0) if x3 else (k)), ((0) if x3 else (-k)), ((0) if x3 else (1))
+
+def _cubic_array(x, k3):
+    return k3*x**3, 3*k3*x**2
+
+def _clearance_array(x, k, gap, corner):
+    x0 = corner**2
+    x1 = gap - x
+    x2 = numpy.sqrt(x0 + x1**2)
+    x3 = gap + x
+    x4 = numpy.sqrt(x0 + x3**2)
+    x5 = (1/2)*k
+    return x5*(x2 - x4), -x5*(x1/x2 + x3/x4)
+
+def _hertz_array(x, k, d0, corner):
+    x0 = corner**2
+    x1 = d0 + x
+    x2 = numpy.sqrt(x0 + x1**2)
+    x3 = x1 + x2
+    x4 = d0 - x
+    x5 = numpy.sqrt(x0 + x4**2)
+    x6 = x4 + x5
+    x7 = numpy.sqrt(2)/numpy.sqrt(d0)
+    return -k*(x + (1/12)*x7*(-x3**(3/2) + x6**(3/2))), -k*((1/8)*x7*(-numpy.sqrt(x3)*(x1/x2 + 1) + numpy.sqrt(x6)*(-x4/x5 - 1)) + 1)
+
+def _bilinear_array(x, k, ratio, corner):
+    x0 = numpy.sqrt(corner**2 + x**2)
+    x1 = (1/2)*k*(ratio - 1)
+    return x1*(-corner + x + x0), x1*(x/x0 + 1)
+
+def _contact_array(x, k, gap, corner):
+    x0 = corner**2
+    x1 = gap + x
+    x2 = numpy.sqrt(x0 + x1**2)
+    x3 = gap - x
+    x4 = numpy.sqrt(x0 + x3**2)
+    return k*(x - 1/2*x2 + (1/2)*x4), -k*((1/2)*x1/x2 + (1/2)*x3/x4 - 1)
+
+SCALAR: dict[str, Callable[..., tuple[Any, ...]]] = {
+    "cubic": _cubic_scalar,
+    "clearance": _clearance_scalar,
+    "hertz": _hertz_scalar,
+    "bilinear": _bilinear_scalar,
+    "contact": _contact_scalar,
+    "jenkins": _jenkins_scalar,
+}
+
+ARRAY: dict[str, Callable[..., tuple[Any, ...]]] = {
+    "cubic": _cubic_array,
+    "clearance": _clearance_array,
+    "hertz": _hertz_array,
+    "bilinear": _bilinear_array,
+    "contact": _contact_array,
+}

@@ -1,0 +1,136 @@
+"""The linear rotor as first-order equations, the one form every solver starts from.
+
+The state is x = (s eta, eta', w): modal coordinates of q = Phi eta scaled by s = omega, so that the
+undamped part is skew; modal velocities; and what the massless degrees of freedom (a dashpot in
+series with a spring has one) deviate from their static position.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotor.structure import FloatArray
+from rotor.system import LinearSystem, slide
+
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+
+# Condition of the eigenvectors beyond which the spectral form loses more than half the digits.
+_DEFECTIVE = 1e7
+
+
+class StateSpace:
+    """x' = A x + input(pattern) f, q = displacement(1) x.
+
+    Parameters
+    ----------
+    system : the supported rotor, n degrees of freedom, of which n_massless have no mass
+    spin_speed : Omega [rad/s]
+    """
+
+    def __init__(self, system: LinearSystem, spin_speed: float = 0.0):
+        modes = system.modes
+        heavy, light = system.heavy, system.massless
+        self._n, self._heavy, self._light = system.n, heavy, light
+        self._Phi = modes.Phi[heavy]  # (n_heavy, m) square
+        self._to_modal = self._Phi.T @ system.M[np.ix_(heavy, heavy)]
+        self._scale = np.where(modes.omega > 1e-6 * modes.omega.max(), modes.omega, 1.0)
+        self._slide = slide(system)  # (n_light, n_heavy) static position of the massless ones
+        m, k = len(modes.omega), len(light)
+        C = system.C + spin_speed * system.G
+        A = np.zeros((2 * m + k, 2 * m + k))
+        A[:m, m : 2 * m] = np.diag(self._scale)
+        A[m : 2 * m, :m] = -np.diag(modes.omega**2 / self._scale)
+        A[m : 2 * m, m : 2 * m] = -self._Phi.T @ C[np.ix_(heavy, heavy)] @ self._Phi
+        if k:
+            self._add_massless(A, system, C)
+        self.A = A
+
+    def _add_massless(self, A: FloatArray, system: LinearSystem, C: FloatArray) -> None:
+        """Rows and columns of w: C_ww w' = -(C_wq + C_ww T) q' - K_ww w, and its force on q."""
+        heavy, light, m = self._heavy, self._light, len(self._scale)
+        C_lh, C_ll = C[np.ix_(light, heavy)], C[np.ix_(light, light)]
+        K_ll, K_hl = system.K[np.ix_(light, light)], system.K[np.ix_(heavy, light)]
+        relax = np.linalg.solve(C_ll, K_ll)
+        drag = np.linalg.solve(C_ll, C_lh)
+        A[2 * m :, 2 * m :] = -relax
+        A[2 * m :, m : 2 * m] = -(drag + self._slide) @ self._Phi
+        # s' = -drag q' - relax w acts back on q through C_hl, w itself through K_hl.
+        C_hl = C_lh.T if np.allclose(C_lh.T, C[np.ix_(heavy, light)]) else C[np.ix_(heavy, light)]
+        A[m : 2 * m, m : 2 * m] += self._Phi.T @ C_hl @ drag @ self._Phi
+        A[m : 2 * m, 2 * m :] = -self._Phi.T @ (K_hl - C_hl @ relax)
+
+    @property
+    def n_states(self) -> int:
+        """Length of the state vector."""
+        return len(self.A)
+
+    def input(self, patterns: FloatArray) -> FloatArray:
+        """(n_states, k) effect of unit forces with patterns (n, k), none on a massless degree of freedom."""
+        m = len(self._scale)
+        B = np.zeros((self.n_states, patterns.shape[1]))
+        B[m : 2 * m] = self._Phi.T @ patterns[self._heavy]
+        return B
+
+    def displacement(self, patterns: FloatArray) -> FloatArray:
+        """(k, n_states) read-out of the displacements patterns q with patterns (k, n)."""
+        m = len(self._scale)
+        C = np.zeros((len(patterns), self.n_states))
+        light = patterns[:, self._light]
+        C[:, :m] = (patterns[:, self._heavy] + light @ self._slide) @ self._Phi / self._scale
+        C[:, 2 * m :] = light
+        return C
+
+    def velocity(self, patterns: FloatArray) -> FloatArray:
+        """(k, n_states) read-out of the velocities patterns q'."""
+        return self.displacement(patterns) @ self.A
+
+    def state_of(self, q: FloatArray, velocity: FloatArray) -> FloatArray:
+        """(n_states,) state of deflections q [m] and velocities [m/s], each (n,)."""
+        heavy = q[self._heavy]
+        left_over = q[self._light] - self._slide @ heavy
+        return np.concatenate(
+            [self._scale * (self._to_modal @ heavy), self._to_modal @ velocity[self._heavy], left_over]
+        )
+
+    def motion_of(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n,) deflections [m] and (n,) velocities [m/s] of a state."""
+        one = np.eye(self._n)
+        return self.displacement(one) @ state, self.velocity(one) @ state
+
+    @cached_property
+    def spectrum(self) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
+        """Eigenvalues, right eigenvectors V and V^-1; None where A is close to defective."""
+        values, V = np.linalg.eig(self.A)
+        if np.linalg.cond(V) > _DEFECTIVE:
+            return None
+        return values.astype(complex), V.astype(complex), np.linalg.inv(V).astype(complex)
+
+    def receptance(self, omega: FloatArray, inputs: FloatArray, outputs: FloatArray) -> ComplexArray:
+        """Displacements per unit force.
+
+        H = C (i omega - A)^-1 B, summed over the eigenvalues of A.
+
+        Parameters
+        ----------
+        omega : (n_freq,) [rad/s]
+        inputs : (n, n_in) force patterns
+        outputs : (n_out, n) read-out
+
+        Returns
+        -------
+        (n_freq, n_out, n_in) receptance [m/N]
+        """
+        B, C = self.input(inputs), self.displacement(outputs)
+        w = np.asarray(omega, dtype=float)
+        if self.spectrum is None:
+            one = np.eye(self.n_states)
+            return C @ np.linalg.solve(1j * w[:, None, None] * one - self.A, B[None].astype(complex))
+        values, V, inverse = self.spectrum
+        poles = 1 / (1j * w[:, None] - values)  # (n_freq, n_states)
+        left, right = C @ V, inverse @ B
+        residues = left[:, None, :] * right.T[None]  # (n_out, n_in, n_states)
+        return (poles @ residues.reshape(-1, len(values)).T).reshape(len(w), len(C), B.shape[1])

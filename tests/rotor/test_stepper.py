@@ -79,7 +79,7 @@ def test_steady_accelerations_are_the_direct_accelerance(condition):
     D = dynamic_stiffness(system, np.array([omega]))
     H = receptance(D, system.unit_vector(2, 1)[:, None], system.read_out(1))[0, :, 0]
     expected = (-(omega**2) * H * np.exp(1j * phase)).imag
-    computed = s.acceleration(state, np.sin(phase))
+    computed = s.acceleration(state, np.array([np.sin(phase)]))
     assert_allclose(computed[:7], expected, rtol=0, atol=STEPPER * np.abs(expected).max())
     assert not computed[7:].any(), "the other plane is at rest"
 
@@ -176,7 +176,7 @@ def test_a_standing_rotor_forced_in_y_never_moves_in_z():
     for i in range(20):
         state = advance(s, state, 0.1 * i, Force(held=1.0, amplitude=1.0, omega=500.0), 1e-3)
         assert not (system.read_out(2) @ s.motion_of(state)[0]).any()
-        assert not s.acceleration(state, 1.0)[7:].any()
+        assert not s.acceleration(state, np.array([1.0]))[7:].any()
     assert (system.read_out(1) @ s.motion_of(state)[0]).any()
 
 
@@ -198,16 +198,16 @@ def test_acceleration_jumps_by_the_force_over_the_moving_mass():
     """A unit force changes the accelerations at once by read-out M^-1 force."""
     system = rigs.paper_system(BEARING)
     s = stepper(system)
-    jump = s.acceleration(some_state(s), 1.0) - s.acceleration(some_state(s), 0.0)
+    jump = s.acceleration(some_state(s), np.array([1.0])) - s.acceleration(some_state(s), np.array([0.0]))
     expected = system.read_out(1) @ np.linalg.solve(system.M, system.unit_vector(2, 1))
-    scale = np.abs(s.acceleration(some_state(s), 0.0)).max()
+    scale = np.abs(s.acceleration(some_state(s), np.array([0.0]))).max()
     assert_allclose(jump[:7], expected, rtol=0, atol=ROUND_OFF * scale)
     assert_allclose(s.feedthrough[:7], expected, rtol=0, atol=ROUND_OFF * np.abs(expected).max())
 
 
 def test_a_rigidly_held_node_never_accelerates():
     s = stepper(rigs.paper_system(rigs.RIGID))
-    accelerations = s.acceleration(some_state(s), 1.0)
+    accelerations = s.acceleration(some_state(s), np.array([1.0]))
     assert not accelerations[[0, 6, 7, 13]].any()
 
 

@@ -22,13 +22,22 @@ import numpy as np
 from fmpy.validation import validate_fmu
 
 from fmu_src.documentation import estimator_pages, rotor_pages
+from fmu_src.rotor_variables import RotorFacts
 from fmu_src.staging import Bundle, hide_pythonfmu, stage
-from fmu_src.variables import RotorFacts
 from rotor.assembly import assemble
 from rotor.rig import Rig, RigError, load_rig
 from rotor.structure import to_arrays
 
 ROTOR_FMU = "RotorRig.fmu"
+
+# What the rotor needs at run time: everything but geometry, meshing and the frequency domain.
+_ROTOR_MODULES = (
+    *(f"rotor.{name}" for name in ("condition", "design", "drive", "elements", "force_laws", "local_force", "model")),
+    *(f"rotor.{name}" for name in ("printed_laws", "simulator", "state_space", "stepper")),
+    *(f"rotor.{name}" for name in ("structure", "system")),
+    *(f"rotor.effects.{name}" for name in ("chain", "effect", "library", "nonlinear", "spinning", "structure")),
+    "rotor.effects.supports",
+)
 ESTIMATOR_FMU = "StiffnessEstimator.fmu"
 
 # A fixed time stamp in the archive: the same sources give the same file, byte for byte.
@@ -61,17 +70,11 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
         k_b_start=rig.k_b.start_N_per_m,
         k_b_min=rig.k_b.min_N_per_m,
         k_b_max=rig.k_b.max_N_per_m,
+        length=rig.length,
     )
     bundle = Bundle(
         script="fmu_src.rotor_slave",
-        modules=(
-            "fmu_src.slave",
-            "fmu_src.variables",
-            "rotor.simulator",
-            "rotor.stepper",
-            "rotor.structure",
-            "rotor.system",
-        ),
+        modules=("fmu_src.slave", "fmu_src.variables", "fmu_src.rotor_variables", *_ROTOR_MODULES),
         data={"structure.npz": _npz(to_arrays(structure)), "rig.json": rig.model_dump_json(indent=1).encode()},
     )
     return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, rotor_pages(rig, facts), folder / ROTOR_FMU)
@@ -84,7 +87,7 @@ def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
     model = model or shipped_model()
     bundle = Bundle(
         script="fmu_src.estimator_slave",
-        modules=("fmu_src.slave", "fmu_src.variables", "estimator.runtime"),
+        modules=("fmu_src.slave", "fmu_src.variables", "fmu_src.estimator_variables", "estimator.runtime"),
         data={"estimator.onnx": model.read_bytes()},
     )
     return _build(bundle, {}, estimator_pages(model), folder / ESTIMATOR_FMU)

@@ -15,8 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
+from fmu_src.estimator_variables import estimator_variables
+from fmu_src.rotor_variables import RotorFacts, rotor_variables
 from fmu_src.slave import variability
-from fmu_src.variables import RotorFacts, Variable, estimator_variables, rotor_variables
+from fmu_src.variables import Variable
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.modal import natural_frequencies_hz

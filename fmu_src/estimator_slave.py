@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from estimator.runtime import StiffnessEstimator as Network
+from fmu_src.estimator_variables import estimator_variables
 from fmu_src.slave import TableSlave
-from fmu_src.variables import estimator_variables
 
 # A reset makes a new instance, and loading the network into each would pile up memory.
 _network = lru_cache(maxsize=1)(Network)

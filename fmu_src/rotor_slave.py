@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
 from fmu_src.slave import TableSlave, read_manifest
-from fmu_src.variables import RotorFacts, rotor_variables
-from rotor.simulator import RotorSimulator, Settings
+from fmu_src.variables import Variable
+from rotor.condition import Condition
+from rotor.effects.effect import Effect
+from rotor.simulator import RotorSimulator
 from rotor.structure import from_arrays
 
-_SETTINGS = tuple(f.name for f in fields(Settings))
+_CONDITION = tuple(f.name for f in fields(Condition))
 _FORCE = ("force", "force_amplitude", "force_frequency")
 
 
@@ -31,12 +35,13 @@ class RotorRig(TableSlave):
             step_size=1e-4,
             **kwargs,
         )
-        self._simulator = RotorSimulator(structure)
-        self.accept_settings()
+        self._simulator = RotorSimulator(structure, self._condition(), self._effects())
+        self.accept_settings(self._table)
 
-    def accept_settings(self) -> None:
+    def accept_settings(self, changed: Sequence[Variable]) -> None:
         """Hand everything to the rotor; it rebuilds its equations only where they changed."""
-        self._simulator.configure(Settings(**{name: self.value(name) for name in _SETTINGS}))
+        if any(v.name not in _FORCE for v in changed):
+            self._simulator.configure(self._condition(), self._effects())
         self._simulator.drive(**{name: self.value(name) for name in _FORCE})
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
@@ -58,5 +63,16 @@ class RotorRig(TableSlave):
         return self._simulator.snapshot()
 
     def load_state(self, state: Any) -> None:
-        """Go back to a snapshot."""
-        self._simulator.restore(state)
+        """Go back to a snapshot; the variables' values have been restored already."""
+        self._simulator.restore(state, self._condition(), self._effects())
+
+    def _condition(self) -> Condition:
+        return Condition(**{name: self.value(name) for name in _CONDITION})
+
+    def _effects(self) -> tuple[Effect, ...]:
+        """The effects that are switched on, with their parameters."""
+        return tuple(
+            effect(**{name: self.value(f"{effect.id}.{name}") for name in effect.roles()})
+            for effect in effects_in_fmu()
+            if self.value(f"{effect.id}.enabled")
+        )

@@ -102,8 +102,8 @@ class TableSlave(Fmi2Slave):
     def compute_outputs(self) -> Sequence[float | bool]:
         """Values of all outputs, in the order of the table."""
 
-    def accept_settings(self) -> None:
-        """Called after every set call; raise ValueError to refuse."""
+    def accept_settings(self, changed: Sequence[Variable]) -> None:
+        """Called after every set call with what was set; raise ValueError to refuse."""
 
     def save_state(self) -> Any:
         """State beside the variables' values, in JSON types."""
@@ -177,7 +177,7 @@ class TableSlave(Fmi2Slave):
             self._values[vr] = value
         self._stale = True
         try:
-            self.accept_settings()
+            self.accept_settings([self._table[vr] for vr in vrs])
         except BaseException:
             self._values = before
             raise
@@ -213,8 +213,13 @@ class TableSlave(Fmi2Slave):
     def _set_fmu_state(self, state: dict[str, Any] | None) -> None:
         if state is None or state.get("guid") != str(self.guid):
             self.refuse("this is not a state that this FMU saved")
-        self.load_state(state["state"])
+        before = self._values
         self._values = list(state["values"])
+        try:
+            self.load_state(state["state"])
+        except BaseException:
+            self._values = before
+            raise
         self._initialised = state["initialised"]
         self._stale = True
 

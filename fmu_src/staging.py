@@ -60,10 +60,12 @@ class Bundle:
 def stage(bundle: Bundle, manifest: str, folder: Path) -> Path:
     """Write the bundle's sources and data into an empty folder; returns the slave's script."""
     for module in bundle.modules:
-        package, name = module.split(".")
+        package, *inner, name = module.split(".")
         target = folder / bundle.rename(package)
-        target.mkdir(exist_ok=True)
-        (target / "__init__.py").touch()
+        for level in ("", *inner):
+            target = target / level
+            target.mkdir(exist_ok=True)
+            (target / "__init__.py").touch()
         (target / f"{name}.py").write_text(rewrite_imports(_source(module), bundle, _OWN_PACKAGES), encoding="utf-8")
     for name, content in bundle.data.items():
         (folder / name).write_bytes(content)

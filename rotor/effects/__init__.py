@@ -9,9 +9,10 @@ module            what it holds
 ``nonlinear``     local force laws at the bearings or at a node
 ``chain``         sensors, exciter, raster and sweep
 ``spinning``      gyroscopic moments and unbalance
+``library``       all of them by id
 ================  ==========================================================
 
-A new effect is one class in one of these modules and its line in ``EFFECTS``.
+A new effect is one class in one of these modules and its line in ``library``.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from rotor.effects.chain import (
     SensorPosition,
 )
 from rotor.effects.effect import Effect, Parameter, Place
+from rotor.effects.library import EFFECTS
 from rotor.effects.nonlinear import (
     BearingClearance,
     BearingCubic,
@@ -57,18 +59,6 @@ from rotor.effects.supports import (
     ViscoelasticSupport,
 )
 
-# fmt: off
-EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in (
-    AttachedMass, ExciterSuspension, DiskMass, DiskInertia, HubStiffening, ShaftModulus, AxialLoad, OpenCrack,
-    ShaftDamping,
-    BearingDamping, BearingTiltStiffness, PedestalFlexibility, BearingAsymmetry, BearingOffset,
-    CompliantRigidSupport, PlaneAnisotropy, ViscoelasticSupport,
-    BearingCubic, BearingHertz, BearingClearance, BearingFriction, BilinearSupport, Rub,
-    SensorGain, SensorDelay, SensorMass, SensorPosition, ForceDropout, CoarseGrid, FastSweep,
-    Gyroscopic, UnbalanceForce,
-)}
-# fmt: on
-
 __all__ = [
     "EFFECTS",
     "AttachedMass",
@@ -90,6 +80,7 @@ __all__ = [
     "ExciterSuspension",
     "FastSweep",
     "ForceDropout",
+    "Gyroscopic",
     "HubStiffening",
     "OpenCrack",
     "Parameter",
@@ -103,5 +94,6 @@ __all__ = [
     "SensorPosition",
     "ShaftDamping",
     "ShaftModulus",
+    "UnbalanceForce",
     "ViscoelasticSupport",
 ]

@@ -17,7 +17,7 @@ class Balance(TableSlave):
 
     failure: Exception | None = None
 
-    def accept_settings(self):
+    def accept_settings(self, changed):
         """Raise what the test asked for."""
         if self.failure:
             raise self.failure

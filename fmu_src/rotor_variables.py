@@ -1,0 +1,129 @@
+"""The variables of ``RotorRig.fmu``, those of the effects derived from the effects themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from fmu_src.variables import Variable
+from rotor.effects.effect import Effect, Parameter
+from rotor.effects.library import EFFECTS
+
+
+@dataclass(frozen=True)
+class RotorFacts:
+    """What the rotor's variable table needs to know of its rig."""
+
+    n_nodes: int
+    excitation_node: int
+    shaft_damping_ratio: float
+    bearing_damping: float
+    k_b_start: float
+    k_b_min: float
+    k_b_max: float
+    length: float  # of the shaft [m]
+
+
+def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
+    """Variables of ``RotorRig.fmu`` for a rig with these numbers."""
+    inputs = (
+        Variable("force", "input", "Force at the excitation node, held over a communication step", "N", 0.0),
+        Variable("force_amplitude", "input", "Amplitude (peak) of the built-in sine force", "N", 0.0, 0.0),
+        Variable(
+            "force_frequency",
+            "input",
+            "Frequency of the built-in sine force; its phase stays continuous when this changes",
+            "Hz",
+            100.0,
+            1e-3,
+            1e6,
+        ),
+        Variable("spin_speed", "input", "Spin speed about +x", "rad/s", 0.0, -1e5, 1e5),
+    )
+    parameters = (
+        Variable(
+            "k_b",
+            "parameter",
+            "Radial stiffness of each bearing, in y and z",
+            "N/m",
+            rig.k_b_start,
+            rig.k_b_min,
+            rig.k_b_max,
+            "tunable",
+        ),
+        Variable(
+            "bearing_damping",
+            "parameter",
+            "Viscous damping of each bearing, beside k_b",
+            "N.s/m",
+            rig.bearing_damping,
+            0.0,
+            1e6,
+            "tunable",
+        ),
+        Variable(
+            "shaft_damping_ratio",
+            "parameter",
+            "Damping ratio of the shaft's bending",
+            "1",
+            rig.shaft_damping_ratio,
+            0.0,
+            0.2,
+            "tunable",
+        ),
+        Variable("rigid_support", "parameter", "True: the bearings are pinned, k_b has no effect", start=False),
+        Variable(
+            "excitation_node", "parameter", "Node the force acts on", None, rig.excitation_node, 1, rig.n_nodes, "fixed"
+        ),
+        Variable("excitation_plane", "parameter", "Plane the force acts in: 1 = y, 2 = z", None, 1, 1, 2, "fixed"),
+    )
+    effects = effect_variables(rig)
+    at_rest = ("force", "spin_speed", *(v.name for v in (*parameters, *effects)))
+    accelerations = tuple(
+        Variable(
+            f"node_{node}.acceleration_{plane}",
+            "output",
+            f"Acceleration of node {node} in {plane}",
+            "m/s2",
+            depends_on=("force", "force_amplitude", "spin_speed"),
+            initially_depends_on=at_rest,
+        )
+        for plane in "yz"
+        for node in range(1, rig.n_nodes + 1)
+    )
+    force_applied = Variable(
+        "force_applied",
+        "output",
+        "Force on the rotor at this instant: input plus built-in sine; the phase reference",
+        "N",
+        depends_on=("force", "force_amplitude"),
+        initially_depends_on=("force",),
+    )
+    return (*inputs, *parameters, *effects, *accelerations, force_applied)
+
+
+def effects_in_fmu() -> tuple[type[Effect], ...]:
+    """Effects that the rotor FMU can switch on."""
+    return tuple(effect for effect in EFFECTS.values() if effect.in_fmu)
+
+
+def effect_variables(rig: RotorFacts) -> tuple[Variable, ...]:
+    """``<id>.enabled`` and ``<id>.<parameter>`` of every effect in the FMU."""
+    table: list[Variable] = []
+    for effect in effects_in_fmu():
+        switch = f"Switch the effect on: {effect.meaning}"
+        variability = "fixed" if effect.changes_size else "tunable"
+        table.append(Variable(f"{effect.id}.enabled", "parameter", switch, start=False, variability=variability))
+        table += [_effect_parameter(effect, f.name, getattr(effect, f.name), rig) for f in fields(effect)]
+    return tuple(table)
+
+
+def _effect_parameter(effect: type[Effect], name: str, start: float, rig: RotorFacts) -> Variable:
+    role, full_name = effect.roles()[name], f"{effect.id}.{name}"
+    if isinstance(role, Parameter):
+        limits = role.minimum, role.maximum
+        return Variable(full_name, "parameter", role.meaning, role.unit, start, *limits, "tunable")
+    if role.kind == "position":
+        start = min(start, rig.length / 2)
+        return Variable(full_name, "parameter", role.meaning, "m", start, 0.0, rig.length, "tunable")
+    start, least = min(int(start), rig.n_nodes), 0 if role.all_nodes else 1
+    return Variable(full_name, "parameter", role.meaning, None, start, least, rig.n_nodes, "tunable")

@@ -77,7 +77,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
         Variable("excitation_plane", "parameter", "Plane the force acts in: 1 = y, 2 = z", None, 1, 1, 2, "fixed"),
     )
     effects = effect_variables(rig)
-    at_rest = ("force", "spin_speed", *(v.name for v in (*parameters, *effects)))
+    at_rest = ("force", "spin_speed", "rigid_support", "excitation_node", "excitation_plane", *_acting_at_once())
     accelerations = tuple(
         Variable(
             f"node_{node}.acceleration_{plane}",
@@ -115,6 +115,12 @@ def effect_variables(rig: RotorFacts) -> tuple[Variable, ...]:
         table.append(Variable(f"{effect.id}.enabled", "parameter", switch, start=False, variability=variability))
         table += [_effect_parameter(effect, f.name, getattr(effect, f.name), rig) for f in fields(effect)]
     return tuple(table)
+
+
+def _acting_at_once() -> tuple[str, ...]:
+    """Variables of effects that change the accelerations of a rotor at rest."""
+    effects = [effect for effect in effects_in_fmu() if effect.acts_at_once]
+    return tuple(f"{effect.id}.{name}" for effect in effects for name in ("enabled", *effect.roles()))
 
 
 def _effect_parameter(effect: type[Effect], name: str, start: float, rig: RotorFacts) -> Variable:

@@ -71,6 +71,7 @@ class SensorMass(Effect):
     source = "ewins2000"
     location = "sensor"
     family = "chain"
+    acts_at_once = True
 
     mass: float = parameter(
         0.02, "kg", "Mass of the accelerometer", 0.005, 0.06, null=0.0, minimum=0.0, maximum=10.0, log=True
@@ -95,6 +96,7 @@ class SensorPosition(Effect):
     source = "ewins2000"
     location = "sensor"
     family = "chain"
+    acts_at_once = True
 
     offset: float = parameter(
         0.005, "m", "Distance from the node along x", -0.01, 0.01, null=0.0, minimum=-0.1, maximum=0.1

@@ -86,6 +86,7 @@ class Effect(ABC):
     family: ClassVar[str]  # structure, support, nonlinear, chain, spinning
     changes_size: ClassVar[bool] = False  # of the equations: not to be switched while the rotor runs
     in_fmu: ClassVar[bool] = True
+    acts_at_once: ClassVar[bool] = False  # on the accelerations of a rotor at rest, when a force sets in
 
     def __post_init__(self) -> None:
         for name, role in self.roles().items():

@@ -20,6 +20,7 @@ class AttachedMass(Effect):
     source = "ewins2000"
     location = "node"
     family = "structure"
+    acts_at_once = True
 
     mass: float = parameter(0.1, "kg", "Attached mass", 0.02, 0.5, null=0.0, minimum=0.0, maximum=100.0, log=True)
     node: int = node(4, "Node it sits at")
@@ -68,6 +69,7 @@ class DiskMass(Effect):
     source = "friswell2010"
     location = "disks"
     family = "structure"
+    acts_at_once = True
 
     change: float = parameter(
         0.03, "1", "Relative change of every disk's mass", -0.08, 0.08, null=0.0, minimum=-0.9, maximum=9.0
@@ -90,6 +92,7 @@ class DiskInertia(Effect):
     source = "friswell2010"
     location = "disks"
     family = "structure"
+    acts_at_once = True
 
     factor: float = parameter(
         1.0, "1", "Share of the solid disk's diametral inertia", 0.0, 2.0, null=0.0, minimum=0.0, maximum=10.0

@@ -157,6 +157,7 @@ class CompliantRigidSupport(Effect):
     source = "ewins2000"
     location = "rigid_support"
     family = "support"
+    acts_at_once = True
     changes_size = True
 
     stiffness: float = parameter(

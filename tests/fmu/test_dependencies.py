@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 import pytest
 from fmpy.model_description import ScalarVariable
 
+from rotor.effects.library import EFFECTS
 from sim.session import FmuSession
 from tests.tolerances import ROUND_OFF
 
@@ -114,14 +115,39 @@ def test_the_table_of_values_leaves_no_variable_of_the_rotor_out(rotor_session):
     assert set(contract) == set(ROTOR_VALUES)
 
 
+def without_effects(dependencies: dict[str, set[str]]) -> dict[str, set[str]]:
+    """What is left of the dependencies while every effect is off."""
+    return {output: {name for name in names if "." not in name} for output, names in dependencies.items()}
+
+
 def test_at_a_communication_point_the_rotors_outputs_depend_on_what_they_declare(rotor_session):
     found = observed(rotor_session, at_a_communication_point, ROTOR_VALUES, inputs(rotor_session))
     assert found == declared(rotor_session.description.outputs)
 
 
 def test_at_initialisation_the_rotors_outputs_depend_on_what_they_declare(rotor_session):
+    """The spin speed acts at initialisation only through an unbalance."""
     found = observed(rotor_session, at_initialisation, ROTOR_VALUES, list(ROTOR_VALUES))
-    assert found == declared(rotor_session.description.initialUnknowns)
+    for output, names in without_effects(declared(rotor_session.description.initialUnknowns)).items():
+        assert found[output] == names - {"spin_speed"}
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS.values() if e.in_fmu], ids=lambda e: e.id)
+def test_an_effect_acts_at_initialisation_if_and_only_if_it_is_declared(rotor_session, effect):
+    switch = f"{effect.id}.enabled"
+    declared_names = set().union(*declared(rotor_session.description.initialUnknowns).values())
+    bases = [
+        {**{name: pair[0] for name, pair in ROTOR_VALUES.items()}, "rigid_support": rigid} for rigid in (False, True)
+    ]
+    acts = any(changes(*at_initialisation(rotor_session, base), switch, {switch: True}) for base in bases)
+    assert acts == (switch in declared_names) == effect.acts_at_once
+    for name, parameter in effect.parameters().items():
+        variable = f"{effect.id}.{name}"
+        other = {variable: 0.5 * (getattr(effect, name) + parameter.high)}
+        moved = any(
+            changes(*at_initialisation(rotor_session, {**base, switch: True}), variable, other) for base in bases
+        )
+        assert variable in declared_names or not moved
 
 
 @pytest.mark.parametrize("stand", [at_a_communication_point, at_initialisation])

@@ -11,10 +11,16 @@ import numpy as np
 from scipy.linalg import expm
 
 from rotor.condition import Condition
-from rotor.modal import state_matrix
 from rotor.model import build_system
 from rotor.structure import FloatArray, Structure
 from rotor.system import LinearSystem
+
+
+def state_matrix(system: LinearSystem, spin_speed: float = 0.0) -> FloatArray:
+    """(2n, 2n) matrix A of d/dt (q, q') = A (q, q')."""
+    inverse = np.linalg.inv(system.M)
+    damping = system.C + spin_speed * system.G
+    return np.block([[np.zeros_like(system.M), np.eye(system.n)], [-inverse @ system.K, -inverse @ damping]])
 
 
 def force_column(system: LinearSystem, node: int, plane: int) -> FloatArray:

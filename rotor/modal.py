@@ -1,4 +1,4 @@
-"""Natural frequencies, damped modes and whirl of the rotor."""
+"""Natural frequencies and damped modes of the rotor."""
 
 from __future__ import annotations
 
@@ -67,15 +67,3 @@ def damped_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:
     order = np.argsort(np.abs(eigenvalue[keep]))
     shape = space.displacement(np.eye(system.n)).astype(complex) @ vectors[:, keep][:, order]
     return DampedModes(eigenvalue[keep][order], shape)
-
-
-def campbell_hz(system: LinearSystem, spin_speeds: FloatArray, n_modes: int = 4) -> FloatArray:
-    """Whirl frequencies over spin speed.
-
-    Returns
-    -------
-    (n_speeds, n_modes) whirl frequencies [Hz], ascending at each speed
-    """
-    return np.array(
-        [np.sort(np.abs(damped_modes(system, s).eigenvalue.imag))[:n_modes] / (2 * np.pi) for s in spin_speeds]
-    )

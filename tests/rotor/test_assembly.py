@@ -7,9 +7,10 @@ from numpy.testing import assert_allclose
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.elements import euler_bernoulli
-from rotor.modal import campbell_hz, damped_modes
+from rotor.modal import damped_modes
 from rotor.rig import Rig, load_rig
 from rotor.structure import DOF_PER_NODE
+from rotor.whirl import campbell
 from tests.rotor import rigs
 from tests.tolerances import FINE_MESH, NEARLY_MASSLESS, ROUND_OFF
 
@@ -113,13 +114,13 @@ def overhung_whirl(rig: Rig, spin_speed: float) -> np.ndarray:
 def test_an_overhung_disk_whirls_as_in_closed_form(polar_share, spin_speed):
     rig = overhung(polar_share)
     system = rigs.held(rig, elements=1, element=euler_bernoulli, condition=UNDAMPED)
-    computed = 2 * np.pi * campbell_hz(system, np.array([spin_speed]))[0]
+    computed = 2 * np.pi * campbell(system, np.array([spin_speed]), n_modes=4).frequency_hz[0]
     assert_allclose(computed, np.sort(np.abs(overhung_whirl(rig, spin_speed))), rtol=NEARLY_MASSLESS)
 
 
 def test_spin_stiffens_forward_whirl_and_softens_backward_whirl():
     system = rigs.held(overhung(2.0), elements=1, element=euler_bernoulli, condition=UNDAMPED)
-    standing, spinning = campbell_hz(system, np.array([0.0, 300.0]))
+    standing, spinning = campbell(system, np.array([0.0, 300.0]), n_modes=4).frequency_hz
     assert spinning[0] < standing[0] < spinning[1]
 
 
@@ -139,7 +140,7 @@ def test_a_spinning_shaft_splits_its_own_whirl_as_in_closed_form(spin_speed):
     beam = rigs.pinned_beam(rigs.round_shaft(0.4, 0.04))
     system = rigs.held(beam, elements=24, condition=UNDAMPED)
     backward, forward = rigs.pinned_timoshenko_whirl(rigs.section_of(beam), 0.4, 1, spin_speed)
-    computed = 2 * np.pi * campbell_hz(system, np.array([spin_speed]), n_modes=2)[0]
+    computed = 2 * np.pi * campbell(system, np.array([spin_speed]), n_modes=2).frequency_hz[0]
     assert_allclose(computed, [backward, forward], rtol=FINE_MESH)
     if spin_speed:
         # The split itself, a hundred times smaller than the frequencies.

@@ -9,10 +9,11 @@ from numpy.testing import assert_allclose
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.elements import ElementType, euler_bernoulli, linear_timoshenko, timoshenko
-from rotor.modal import campbell_hz, damped_modes, natural_frequencies_hz
+from rotor.modal import damped_modes, natural_frequencies_hz
 from rotor.model import build_system
 from rotor.rig import Rig
 from rotor.system import undamped_modes
+from rotor.whirl import campbell
 from tests.rotor import rigs
 from tests.tolerances import (
     CONVERGENCE_ORDER,
@@ -163,6 +164,6 @@ def test_light_damping_leaves_the_natural_frequencies_alone():
 def test_campbell_lines_start_at_the_natural_frequencies():
     disks = [{"node": n, "inertia": True, **rigs.ROSS["disk"]} for n in (3, 5)]
     system = build_system(assemble(Rig.model_validate(rigs.tables(disk=disks))), Condition(shaft_damping_ratio=0.0))
-    standing, spinning = campbell_hz(system, np.array([0.0, 500.0]), n_modes=4)
+    standing, spinning = campbell(system, np.array([0.0, 500.0]), n_modes=4).frequency_hz
     assert_allclose(standing, natural_frequencies_hz(system)[:4], rtol=EIGENVALUE_ROUND_OFF)
     assert spinning[0] < standing[0] < spinning[1], "whirl splits"

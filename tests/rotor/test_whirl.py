@@ -1,0 +1,124 @@
+"""Whirl direction, critical speeds and unbalance response against closed forms."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from rotor.assembly import assemble
+from rotor.condition import Condition
+from rotor.effects import DiskInertia, Gyroscopic, PlaneAnisotropy, UnbalanceForce, ViscoelasticSupport
+from rotor.elements import euler_bernoulli
+from rotor.model import build_model, build_system
+from rotor.simulator import RotorSimulator
+from rotor.whirl import campbell, critical_speeds, unbalance_response, whirl_direction
+from tests.rotor import rigs
+from tests.rotor.test_assembly import UNDAMPED, overhung
+from tests.tolerances import EIGENVALUE_ROUND_OFF, NEARLY_MASSLESS, SPECTRAL
+
+SPINNING_DISKS = (DiskInertia(), Gyroscopic())
+BEARINGS = Condition(k_b=1.3e6, bearing_damping=100.0, shaft_damping_ratio=0.0)
+
+
+def overhung_criticals(rig):
+    """Synchronous whirl of the overhung disk: Omega = omega forward, Omega = -omega backward [rad/s]."""
+    EI, L, disk = rigs.section_of(rig).bending_stiffness, rig.length, rig.disk[0]
+    forward, backward = (
+        np.roots(
+            np.polymul([-disk.mass, 12 * EI / L**3], [sign * disk.polar_inertia - disk.diametral_inertia, 4 * EI / L])
+            - np.array([0, 0, (6 * EI / L**2) ** 2])
+        )
+        for sign in (1, -1)
+    )
+    real = [np.sqrt(w2) for w2 in forward if w2 > 0], [np.sqrt(w2) for w2 in backward if w2 > 0]
+    return sorted([(w, 1.0) for w in real[0]] + [(w, -1.0) for w in real[1]])
+
+
+@pytest.mark.parametrize("polar_share", [0.5, 2.0])
+def test_critical_speeds_of_an_overhung_disk_are_those_of_the_closed_form(polar_share):
+    """A thin disk (polar share 2) has one forward critical speed only: no spin catches its second forward whirl."""
+    rig = overhung(polar_share)
+    system = rigs.held(rig, elements=1, element=euler_bernoulli, condition=UNDAMPED)
+    expected = overhung_criticals(rig)
+    found = critical_speeds(system, n=len(expected))
+    assert_allclose(found.spin_speed, [w for w, _ in expected], rtol=NEARLY_MASSLESS)
+    assert found.direction.tolist() == [d for _, d in expected]
+
+
+@pytest.mark.parametrize("effects", [SPINNING_DISKS, (*SPINNING_DISKS, PlaneAnisotropy()), ()])
+def test_at_a_critical_speed_a_whirl_turns_as_fast_as_the_rotor(effects):
+    system = build_system(rigs.paper_structure(), Condition(k_b=1.3e6, shaft_damping_ratio=0.0), effects)
+    for Omega in critical_speeds(system, n=6).spin_speed:
+        whirl = 2 * np.pi * campbell(system, np.array([Omega]), n_modes=10).frequency_hz[0]
+        assert np.abs(whirl / Omega - 1).min() < EIGENVALUE_ROUND_OFF
+
+
+def test_critical_speeds_of_a_viscoelastic_rotor_are_those_of_its_relaxed_stiffness():
+    relaxed = build_system(rigs.paper_structure(), BEARINGS, SPINNING_DISKS)
+    viscoelastic = build_system(rigs.paper_structure(), BEARINGS, (*SPINNING_DISKS, ViscoelasticSupport()))
+    assert_allclose(critical_speeds(viscoelastic).spin_speed, critical_speeds(relaxed).spin_speed, rtol=SPECTRAL)
+
+
+def test_a_rotor_that_nothing_holds_has_no_critical_speeds():
+    structure = rigs.paper_structure()
+    free = build_system(structure, Condition(k_b=1e-6))
+    with pytest.raises(ValueError, match="rigid body"):
+        critical_speeds(free)
+
+
+def test_forward_whirl_rises_and_backward_whirl_falls_with_the_spin():
+    system = build_system(rigs.paper_structure(), BEARINGS, SPINNING_DISKS)
+    map_ = campbell(system, np.array([200.0, 1500.0]), n_modes=4)
+    assert map_.direction.tolist() == [[-1, 1, -1, 1]] * 2
+    slope = map_.frequency_hz[1] - map_.frequency_hz[0]
+    assert (np.sign(slope) == map_.direction[0]).all()
+
+
+def test_reversing_the_spin_keeps_frequencies_and_directions():
+    """Forward is with the spin, whichever way it turns."""
+    system = build_system(rigs.paper_structure(), BEARINGS, SPINNING_DISKS)
+    there, back = (campbell(system, np.array([s]), n_modes=6) for s in (900.0, -900.0))
+    assert_allclose(back.frequency_hz, there.frequency_hz, rtol=EIGENVALUE_ROUND_OFF)
+    assert (back.direction == there.direction).all()
+
+
+def test_a_standing_rotor_on_unlike_planes_vibrates_in_a_plane():
+    system = build_system(rigs.paper_structure(), BEARINGS, [PlaneAnisotropy(angle=0.4)])
+    assert not campbell(system, np.array([0.0]), n_modes=4).direction.any()
+
+
+def test_a_heavy_disk_on_a_light_shaft_runs_out_as_jeffcott_says():
+    """r = e omega^2 / (k/m - omega^2 + i c omega / m) for a mass on two springs and dampers."""
+    rig = rigs.rig(
+        nodes_m=[0.0, 0.2, 0.4],
+        segment=[rigs.round_shaft(0.4, 0.2, {**rigs.STEEL, "density_kg_per_m3": 1e-6})],
+        disk=[{"node": 2, "mass_kg": 2.0}],
+        support=[{"node": 1, "stiffness": "k_b"}, {"node": 3, "stiffness": "k_b"}],
+    )
+    structure, condition = assemble(rig), Condition(k_b=1e4, bearing_damping=8.0, shaft_damping_ratio=0.0)
+    model = build_model(structure, condition, [UnbalanceForce(moment=1e-4, phase=0.3, node=2)])
+    Omega = np.array([20.0, 80.0, 99.0, 101.0, 300.0])
+    m = rig.disk[0].mass
+    expected = 1e-4 * Omega**2 * np.exp(0.3j) / (2e4 - m * Omega**2 + 16j * Omega)
+    y, z = unbalance_response(model, Omega)[:, :, 1].T
+    assert_allclose(y, expected, rtol=100 * NEARLY_MASSLESS)
+    assert_allclose(z, -1j * y, rtol=SPECTRAL)
+
+
+def test_the_simulated_rotor_settles_on_the_unbalance_response():
+    """Deflection phasors times -Omega^2 against accelerations read after the transient is gone."""
+    Omega, effects = 450.0, (*SPINNING_DISKS, UnbalanceForce(moment=2e-5, phase=0.7, node=3))
+    condition = Condition(k_b=1.3e6, bearing_damping=100.0, spin_speed=Omega, shaft_damping_ratio=0.02)
+    simulator = RotorSimulator(rigs.paper_structure(), condition, effects)
+    simulator.drive(force=0.0, force_amplitude=0.0, force_frequency=50.0)
+    simulator.advance(0.0, 20.0)
+    phasors = unbalance_response(build_model(rigs.paper_structure(), condition, effects), np.array([Omega]))[0]
+    expected = (-(Omega**2) * phasors * np.exp(1j * Omega * 20.0)).real
+    found = simulator.accelerations().reshape(2, -1)
+    assert_allclose(found, expected, rtol=0, atol=SPECTRAL * np.abs(expected).max())
+
+
+def test_the_direction_of_a_circle_is_that_of_its_turning():
+    system = build_system(rigs.paper_structure(), BEARINGS)
+    node_y, node_z = system.unit_vector(4, 1), system.unit_vector(4, 2)
+    shapes = np.array([node_y - 1j * node_z, node_y + 1j * node_z, node_y + node_z]).T
+    assert whirl_direction(system, shapes).tolist() == [1, -1, 0]

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from fmu_src.estimator_variables import estimator_variables
-from fmu_src.rotor_variables import RotorFacts, rotor_variables
+from fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
 from fmu_src.slave import variability
 from fmu_src.variables import Variable
 from rotor.assembly import assemble
@@ -36,7 +36,12 @@ def rotor_pages(rig: Rig, facts: RotorFacts) -> dict[str, bytes]:
     system = build_system(assemble(rig), Condition(k_b=facts.k_b_start))
     f1 = float(natural_frequencies_hz(system, plane=1)[0])
     page = _PAGES.get_template("rotor.html").render(
-        rig=rig, facts=facts, rows=_rows(rotor_variables(facts)), f1=f1, settling=_settling_s(f1, facts)
+        rig=rig,
+        facts=facts,
+        rows=_rows(rotor_variables(facts)),
+        effects=effects_in_fmu(),
+        f1=f1,
+        settling=_settling_s(f1, facts),
     )
     return {"model.png": rotor_picture(rig), "documentation/index.html": page.encode()}
 

@@ -1,4 +1,4 @@
-"""The rotor model: geometry, finite elements, modes, frequency response, exact time stepping.
+"""The rotor model: geometry, finite elements, effects, and everything that solves them.
 
 =========================  ==================================================  =====================
 module                     what it holds                                       start here
@@ -7,11 +7,22 @@ module                     what it holds                                       s
 ``elements``               beam elements from their shape functions            ``timoshenko``
 ``assembly``               rig to matrices                                     ``assemble``
 ``structure``              free-free matrices and the supports' places         ``Structure``
-``system``                 one support condition with its damping              ``build_system``
+``condition``              how the rotor is held, driven and spun              ``Condition``
+``effects``                what reality may have and the nominal rotor lacks   ``EFFECTS``
+``design``                 the rotor while effects are put into it             ``Design``
+``force_laws``             local force laws, each written once                 ``ForceLaw``
+``local_force``            a law at a joint                                    ``LocalForce``
+``model``                  structure, condition and effects to matrices        ``build_model``
+``system``                 the linear rotor, its modes and damping             ``LinearSystem``
+``state_space``            the first-order form that all solvers share         ``StateSpace``
 ``condensation``           static (Guyan) condensation                         ``condense_tilt``
-``modal``                  natural frequencies, damped modes, Campbell         ``natural_frequencies_hz``
-``frequency_response``     direct receptance and accelerance                   ``accelerance``
-``stepper``                exact time stepping under a sine                    ``ModalStepper``
+``modal``                  natural frequencies, damped modes                   ``natural_frequencies_hz``
+``whirl``                  Campbell diagram, critical speeds, unbalance        ``campbell``
+``frequency_response``     linear receptance and accelerance                   ``accelerance``
+``harmonic_balance``       periodic response with local force laws             ``Balance``
+``stepper``                exact time stepping of the linear rotor             ``ModalStepper``
+``nonlinear_stepper``      time stepping with local force laws                 ``NonlinearStepper``
+``simulator``              the rotor with a clock and a sine generator         ``RotorSimulator``
 =========================  ==================================================  =====================
 
 Conventions: x along the shaft, spin about +x, nodal coordinates ``(y, z, theta_y, theta_z)``,

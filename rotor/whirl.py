@@ -121,4 +121,4 @@ def unbalance_response(model: RotorModel, spin_speed: FloatArray) -> ComplexArra
     q = np.array(  # (n_speeds, n)
         [np.linalg.solve(dynamic_stiffness(system, np.array([w]), w)[0], w**2 * pattern) for w in Omega], dtype=complex
     )
-    return np.stack([q @ system.read_out(plane).T for plane in (1, 2)], axis=1)
+    return np.stack([q @ system.read_out(plane).T.astype(complex) for plane in (1, 2)], axis=1)

@@ -19,13 +19,14 @@ MAY_IMPORT = {
     "estimator": ("rotor", "sim"),
     "gap": ("rotor", "sim"),
     "fmu_src": ("rotor", "estimator.runtime"),
+    "build_laws": ("rotor.force_laws",),
     "build_fmu": ("fmu_src", "rotor", "estimator.runtime"),  # stages what fmu_src runs on
     "rigtwin": ("rotor", "sim", "estimator", "gap", "fmu_src", "build_fmu"),
 }
 ROTOR_MAY_USE = {"numpy", "scipy", "pydantic", "rotor"} | set(sys.stdlib_module_names)
 
 # What merely importing a package must not load: FMU tools, neural networks, plots.
-HEAVY = {"fmpy", "pythonfmu", "torch", "onnx", "onnxruntime", "plotly", "matplotlib"}
+HEAVY = {"fmpy", "pythonfmu", "torch", "onnx", "onnxruntime", "plotly", "matplotlib", "sympy"}
 LIGHT_PACKAGES = {
     "rotor": HEAVY,
     "estimator.runtime": HEAVY - {"onnxruntime"},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from benchmarks.reproduction.page import DOCS, MISSED, bars_in
+from benchmarks.page import DOCS, MISSED, bars_in
 from benchmarks.reproduction.sections import SECTIONS
 
 INTRODUCTION = """# The paper's numbers, reproduced

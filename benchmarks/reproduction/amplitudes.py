@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
+from benchmarks.page import COLOURS, new_figure, power_of_ten, save_figure, table
 from benchmarks.reproduction.nominal import condition, paper, structure
-from benchmarks.reproduction.page import COLOURS, new_figure, power_of_ten, save_figure, table
 from rotor.frequency_response import FloatArray, accelerance
 from rotor.modal import damped_modes
 from rotor.model import build_system

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.page import COLOURS, bar, new_figure, save_figure, table
 from benchmarks.reproduction.nominal import condition, structure
-from benchmarks.reproduction.page import COLOURS, bar, new_figure, save_figure, table
 from rotor.elements import ElementType, FloatArray, euler_bernoulli, timoshenko
 from rotor.model import build_system
 from rotor.rig import load_rig

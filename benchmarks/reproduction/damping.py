@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.page import bar, table
 from benchmarks.reproduction.nominal import percent, system, two_frequencies_hz
-from benchmarks.reproduction.page import bar, table
 from rotor.frequency_response import ComplexArray, FloatArray, accelerance, hysteretic_dynamic_stiffness, receptance
 from rotor.system import LinearSystem
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.page import COLOURS, new_figure, save_figure
 from benchmarks.reproduction.amplitudes import displacement, resonance
 from benchmarks.reproduction.nominal import paper, system, two_frequencies_hz
-from benchmarks.reproduction.page import COLOURS, new_figure, save_figure
 
 K_B_FIGURE_3 = 1e7
 

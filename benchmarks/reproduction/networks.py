@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from benchmarks.page import COLOURS, save_figure, table
 from benchmarks.reproduction.amplitudes import acceleration, amplitude_ratio
 from benchmarks.reproduction.nominal import RIGID_ABOVE, paper, system, two_frequencies_hz
-from benchmarks.reproduction.page import COLOURS, save_figure, table
 from estimator.paper_networks import (
     LINEAR,
     LOGISTIC,

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.page import bar, power_of_ten, table
 from benchmarks.reproduction.nominal import condition, percent
-from benchmarks.reproduction.page import bar, power_of_ten, table
 from rotor.assembly import assemble
 from rotor.elements import FloatArray
 from rotor.modal import natural_frequencies_hz

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.page import bar, power_of_ten, table
 from benchmarks.reproduction.nominal import condition, paper, percent, system, two_frequencies_hz
-from benchmarks.reproduction.page import bar, power_of_ten, table
 from rotor.assembly import assemble
 from rotor.condensation import condense_tilt
 from rotor.elements import euler_bernoulli, linear_timoshenko

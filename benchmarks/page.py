@@ -1,4 +1,4 @@
-"""Markdown of the reproduction document: tables, bars, figures."""
+"""Markdown of measured pages: tables, bars, figures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 HELD, MISSED = "**Bar held:**", "**Bar missed:**"
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.

@@ -26,8 +26,8 @@ class RotorFacts:
 def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
     """Variables of ``RotorRig.fmu`` for a rig with these numbers."""
     inputs = (
-        Variable("force", "input", "Force at the excitation node, held over a communication step", "N", 0.0),
-        Variable("force_amplitude", "input", "Amplitude (peak) of the built-in sine force", "N", 0.0, 0.0),
+        Variable("force", "input", "Force at the excitation node, held over a communication step", "N", 0.0, -1e9, 1e9),
+        Variable("force_amplitude", "input", "Amplitude (peak) of the built-in sine force", "N", 0.0, 0.0, 1e9),
         Variable(
             "force_frequency",
             "input",

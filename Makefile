@@ -1,6 +1,7 @@
 # make demo   everything from nothing: .venv, both FMUs in dist/, the virtual rig, the result page
 # make test   the whole test suite
-# make reproduction, benchmark-rig, benchmark-estimator   the figures in docs/, measured again
+# make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects   the figures in docs/, measured again
+# make laws   print the force laws anew after a change of rotor/force_laws.py
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 # The matrices are small: one BLAS thread per process is several times faster than many.
@@ -8,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator clean
+.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator benchmark-effects laws clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -35,6 +36,12 @@ benchmark-rig: $(VENV)/installed
 
 benchmark-estimator: $(VENV)/installed
 	$(PYTHON) -m benchmarks.estimator_accuracy
+
+benchmark-effects: $(VENV)/installed
+	$(PYTHON) -m benchmarks.effects
+
+laws: $(VENV)/installed
+	$(PYTHON) build_laws.py
 
 clean:
 	rm -rf dist build runs

@@ -1,0 +1,140 @@
+"""Harmonic balance against time stepping in the FMU, every nonlinear effect at three levels."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.effects.cases import CASES, LINES_HZ, Case, condition, fmu_parameters, structure
+from benchmarks.page import bar, table
+from build_fmu import build_rotor_fmu
+from rotor.continuation import Sweep as Branches
+from rotor.continuation import trace
+from rotor.harmonic_balance import Balance
+from rotor.model import build_model
+from rotor.rig import load_rig
+from sim.session import FmuSession
+from sim.stepped_sine import Rig, Sweep, SweepPlan, measure_lines
+
+FUNDAMENTAL, THIRD = 0.005, 0.02  # bars
+SHOWN_THIRD = 0.02  # of the fundamental: a smaller third harmonic is not judged
+AT_A_JUMP_HZ = 0.1
+HARMONICS = 15
+
+# Jumps are approached upwards, from rest at the first line.
+PLAN = SweepPlan(settling_tolerance=2e-4, max_windows=40)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One case at one level."""
+
+    case: str
+    level_N: float
+    fundamental: np.ndarray  # (n_lines,) relative difference over all nodes
+    third: np.ndarray  # (n_lines,)
+    third_share: np.ndarray  # (n_lines,) third harmonic over fundamental
+    periodic: np.ndarray  # (n_lines,) bool
+    solved: np.ndarray  # (n_lines,) bool: harmonic balance found a motion and no jump is near
+
+    @property
+    def judged(self) -> np.ndarray:
+        """Lines whose fundamental is compared."""
+        return self.periodic & self.solved
+
+    @property
+    def judged_third(self) -> np.ndarray:
+        """Lines whose third harmonic is compared."""
+        return self.judged & (self.third_share >= SHOWN_THIRD)
+
+
+def compare(session: FmuSession, case: Case, level_N: float) -> Comparison:
+    """Sweep the FMU upwards and follow the same branch by harmonic balance."""
+    rig = Rig("bearing", parameters=fmu_parameters(), effects=(case.effect,))
+    swept = measure_lines(session, rig, replace(PLAN, force_amplitude=level_N), LINES_HZ)
+    balance = Balance(build_model(structure(), condition(), [case.effect]), condition(), harmonics=HARMONICS)
+    curve = trace(balance, LINES_HZ[0] - 1, LINES_HZ[-1] + 1, level_N)
+    return _compare(case.name, level_N, swept, curve.sweep(LINES_HZ, "up"))
+
+
+def _compare(name: str, level_N: float, swept: Sweep, branches: Branches) -> Comparison:
+    found = branches.motions.acceleration()  # (n_lines, K, n_nodes)
+    run = swept.run
+    near = [np.abs(branches.jumps_hz - f).min(initial=np.inf) < AT_A_JUMP_HZ for f in run.frequency_hz]
+    return Comparison(
+        name,
+        level_N,
+        fundamental=_difference(run.H, found[:, 1]),
+        third=_difference(run.harmonics[3], found[:, 3]),
+        third_share=np.linalg.norm(run.harmonics[3], axis=1) / np.linalg.norm(run.H, axis=1),
+        periodic=np.array([line.periodic and not line.remark for line in swept.lines]),
+        solved=branches.motions.converged & ~np.array(near),
+    )
+
+
+def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(a - b, axis=1) / np.linalg.norm(a, axis=1)
+
+
+def comparisons() -> Iterator[Comparison]:
+    """All cases and levels; each takes up to a minute."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        FmuSession(build_rotor_fmu(load_rig("nit-rourkela"), Path(folder))) as fmu,
+    ):
+        for case in CASES:
+            for level in case.levels_N:
+                start = time.perf_counter()
+                comparison = compare(fmu, case, level)
+                print(
+                    f"{comparison.case} {level:g} N: {comparison.judged.sum()} lines, "
+                    f"{_worst(comparison.fundamental[comparison.judged])}, {time.perf_counter() - start:.0f} s",
+                    file=sys.stderr,
+                )
+                yield comparison
+
+
+def _worst(values: np.ndarray) -> str:
+    return f"{100 * values.max():.2f}" if len(values) else "none"
+
+
+def section() -> str:
+    """Markdown of the comparison."""
+    results = list(comparisons())
+    rows = [
+        (
+            f"`{r.case}`",
+            f"{r.level_N:g}",
+            f"{r.judged.sum()}",
+            _worst(r.fundamental[r.judged]),
+            f"{r.judged_third.sum()}",
+            _worst(r.third[r.judged_third]),
+            f"{(~r.periodic).sum()}",
+            f"{(r.periodic & ~r.solved).sum()}",
+        )
+        for r in results
+    ]
+    fundamental = max(r.fundamental[r.judged].max(initial=0) for r in results)
+    third = max(r.third[r.judged_third].max(initial=0) for r in results)
+    header = ("effect", "level, N", "lines", "fundamental, %", "lines with 3rd", "3rd, %", "not periodic", "at a jump")
+    return f"""## Harmonic balance against time stepping
+
+`RotorRig.fmu`, each effect at three levels, swept upwards over {len(LINES_HZ)} lines through the virtual rig
+(128 samples a period), against harmonic balance ({HARMONICS} harmonics) on the branch that an upward sweep stays on.
+Largest difference of a line's phasors over all nodes, relative to the line. A third harmonic is judged where it is at
+least {100 * SHOWN_THIRD:g} % of the fundamental. A line whose fundamental spreads by more than 0.1 % from period to
+period, or that does not settle, counts as not periodic; a line within {AT_A_JUMP_HZ:g} Hz of a jump is not judged.
+
+{table(header, rows)}
+{bar("fundamental, largest difference", 100 * fundamental, at_most=100 * FUNDAMENTAL, unit="%")}
+{bar("third harmonic, largest difference", 100 * third, at_most=100 * THIRD, unit="%")}"""
+
+
+if __name__ == "__main__":
+    print(section())

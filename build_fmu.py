@@ -33,7 +33,7 @@ ROTOR_FMU = "RotorRig.fmu"
 # What the rotor needs at run time: everything but geometry, meshing and the frequency domain.
 _ROTOR_MODULES = (
     *(f"rotor.{name}" for name in ("condition", "design", "drive", "elements", "force_laws", "local_force", "model")),
-    *(f"rotor.{name}" for name in ("printed_laws", "simulator", "state_space", "stepper")),
+    *(f"rotor.{name}" for name in ("nonlinear_stepper", "printed_laws", "simulator", "state_space", "stepper")),
     *(f"rotor.{name}" for name in ("structure", "system")),
     *(f"rotor.effects.{name}" for name in ("chain", "effect", "library", "nonlinear", "spinning", "structure")),
     "rotor.effects.supports",

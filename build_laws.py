@@ -89,7 +89,7 @@ def _share(expressions: list[sympy.Expr]) -> tuple[list[tuple[sympy.Symbol, symp
 
 def print_c(law: ForceLaw) -> str:
     """A C99 function: double law(arguments, double *derivatives)."""
-    printer: Any = C99CodePrinter()
+    printer: Any = C99CodePrinter({"math_macros": {}})  # M_SQRT2 and the like are not C99
     shared, results = _share(force_and_derivatives(law))
     arguments = ", ".join(f"double {a}" for a in law.arguments)
     lines = [f"static double {law.name}({arguments}, double *derivatives)", "{"]

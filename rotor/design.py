@@ -88,6 +88,16 @@ class Design:
         self.contacts: list[tuple[int, JointLaw]] = []  # between a node and the ground
         self.unbalances: list[tuple[int, float, float]] = []  # node, moment [kg m], phase [rad]
         self.sensor_offsets: dict[int, float] = {}  # node, distance along x [m]
+        self._replaced: set[str] = set()
+
+    def replace(self, effect: str) -> None:
+        """Called by an effect that puts a value in place of another; a second such value would contradict the first.
+
+        Raises ValueError when the effect has been here before.
+        """
+        if effect in self._replaced:
+            raise ValueError(f"{effect} is given twice, and takes the place of one value; give it once")
+        self._replaced.add(effect)
 
     @property
     def middle(self) -> float:
@@ -143,6 +153,21 @@ def shaft_point(structure: Structure, x: float, plane: int) -> tuple[Pattern, Pa
     deflection = deflection + (x - inside) * rotation
     places, signs = DOF_PER_NODE * element + PLANE_PLACES[plane - 1], PLANE_SIGNS[plane - 1]
     return (places, signs * deflection), (places, signs * rotation)
+
+
+def local_flexibility(structure: Structure, x: float, plane: int) -> float:
+    """How far a unit force at x [m] bends and shears an element whose ends are held [m/N]; zero at mesh nodes.
+
+    The shape functions carry a load between two nodes to the nodes exactly, but do not see this.
+    """
+    element = _element_at(structure, x)
+    before, after = x - structure.x[element], structure.x[element + 1] - x
+    if min(before, after) < 1e-12:  # a node, or beyond the shaft's ends
+        return 0.0
+    EI, GA = structure.bending_stiffness[element, plane - 1], structure.shear_stiffness[element, plane - 1]
+    parts = (_element_stiffness(_cantilever_flexibility(length, EI, GA), length) for length in (before, after))
+    left, right = parts
+    return float(np.linalg.inv(left[2:, 2:] + right[:2, :2])[0, 0])
 
 
 # -- the shaft's stiffness -----------------------------------------------------------------------

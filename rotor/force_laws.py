@@ -28,6 +28,7 @@ class ForceLaw:
     coefficients: tuple[str, ...]
     memory: bool = False
     radial: bool = False  # odd in x: acts along the resultant of y and z
+    in_place: bool = False  # takes the place of the joint's linear stiffness
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -43,13 +44,20 @@ class ForceLaw:
 CUBIC = ForceLaw("cubic", "k3*x**3", ("k3",), radial=True)
 
 # Dead band: nothing within the gap, k beyond it; the model's own k x is taken away again.
-CLEARANCE = ForceLaw("clearance", "k*(pos(x - gap) - pos(-x - gap)) - k*x", ("k", "gap", "corner"), radial=True)
+CLEARANCE = ForceLaw(
+    "clearance",
+    "k*(pos(x - gap) - pos(-x - gap)) - k*x",
+    ("k", "gap", "corner"),
+    radial=True,
+    in_place=True,
+)
 
 # Two Hertzian contacts pressed against each other by d0; k is their stiffness at x = 0.
 HERTZ = ForceLaw(
     "hertz",
     "k/(3*sqrt(d0))*(pos(d0 + x)**Rational(3, 2) - pos(d0 - x)**Rational(3, 2)) - k*x",
     ("k", "d0", "corner"),
+    in_place=True,
 )
 
 BILINEAR = ForceLaw("bilinear", "k*(ratio - 1)*(pos(x) - corner/2)", ("k", "ratio", "corner"))

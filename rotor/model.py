@@ -9,7 +9,16 @@ from typing import Protocol
 import numpy as np
 
 from rotor.condition import Condition
-from rotor.design import Bearing, Design, JointLaw, Pattern, Unbalance, shaft_point, shaft_stiffness
+from rotor.design import (
+    Bearing,
+    Design,
+    JointLaw,
+    Pattern,
+    Unbalance,
+    local_flexibility,
+    shaft_point,
+    shaft_stiffness,
+)
 from rotor.local_force import LocalForce
 from rotor.structure import DOF_PER_NODE, FloatArray, Structure
 from rotor.system import LinearSystem
@@ -130,18 +139,28 @@ class _Assembly:
             self.K[places, places] += stiffness
 
     def _bearing(self, bearing: Bearing) -> None:
+        _check(bearing)
         points = [shaft_point(self.structure, bearing.x, plane) for plane in (1, 2)]
         shaft = [deflection for deflection, _ in points]
         if np.isinf(bearing.tilt_stiffness):
-            self.held[np.concatenate([places for _, (places, _) in points])] = True
+            tilts = np.concatenate([places for _, (places, _) in points])
+            if len(tilts) > len(points):
+                raise ValueError(
+                    f"the bearing at {bearing.x:g} m holds the shaft's tilt rigidly, and can do so at a node only: "
+                    "leave bearing_offset out, or give the support a tilt stiffness"
+                )
+            self.held[tilts] = True
         elif bearing.tilt_stiffness:
             for _, tilt in points:
                 self._connect(self.K, [tilt], np.array([[bearing.tilt_stiffness]]))
         base = self._pedestal(bearing)
         joint = [_difference(a, b) for a, b in zip(shaft, base, strict=True)]
         stiffness = bearing.stiffness * bearing.directions
+        yielding = np.diag([local_flexibility(self.structure, bearing.x, plane) for plane in (1, 2)])
+        share = np.linalg.inv(np.eye(2) + stiffness @ yielding)  # of the deflection, the bearing's own
+        stiffness = share @ stiffness
         self._connect(self.K, joint, stiffness)
-        self._connect(self.C, joint, bearing.damping * np.eye(2))
+        self._connect(self.C, joint, bearing.damping * share @ share.T)
         for relative, relaxation_time in bearing.branches:
             end = self._new_pair()
             spring = [_difference(a, b) for a, b in zip(shaft, end, strict=True)]
@@ -149,7 +168,7 @@ class _Assembly:
             self._connect(self.K, spring, relative * stiffness)
             self._connect(self.C, dashpot, relative * relaxation_time * stiffness)
         for law in bearing.laws:
-            self._local_force(joint, law, bearing.stiffness)
+            self._local_force(joint, law, float(stiffness.trace() / 2))
 
     def _pedestal(self, bearing: Bearing) -> list[Pattern]:
         """The bearing's base in y and z: its pedestal, or the ground."""
@@ -219,6 +238,17 @@ class _Assembly:
         )
         forces = tuple(replace(force, patterns=force.patterns[:, free]) for force in self.forces)
         return RotorModel(system, forces, unbalances)
+
+
+def _check(bearing: Bearing) -> None:
+    """A law in place of the linear stiffness stands for all of it, the same in every direction."""
+    laws = [joint.law.name for joint in bearing.laws if joint.law.in_place]
+    if len(laws) > 1:
+        raise ValueError(f"the laws {' and '.join(laws)} both take the place of k_b; give one of them")
+    if laws and not np.array_equal(bearing.directions, np.eye(2)):
+        raise ValueError(
+            f"the law {laws[0]} takes the place of k_b in every direction alike; it does not go with plane_anisotropy"
+        )
 
 
 _NOWHERE: Pattern = (np.zeros(0, dtype=np.int64), np.zeros(0))

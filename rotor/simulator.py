@@ -12,6 +12,7 @@ from rotor.condition import Condition
 from rotor.design import Unbalance
 from rotor.drive import ComplexArray, Drive, Tone
 from rotor.model import Change, build_model
+from rotor.nonlinear_stepper import NonlinearStepper
 from rotor.stepper import ModalStepper
 from rotor.structure import FloatArray, Structure
 
@@ -158,7 +159,10 @@ class RotorSimulator:
         exciter = system.unit_vector(condition.excitation_node, condition.excitation_plane)
         inputs = np.array([exciter, *(row for u in model.unbalances for row in u.patterns)]).T  # (n, n_inputs)
         read_out = np.vstack([system.read_out(1), system.read_out(2)])
-        stepper = ModalStepper(system, inputs, read_out, condition.spin_speed)
+        if model.forces:
+            stepper = NonlinearStepper(model, inputs, read_out, condition.spin_speed)
+        else:
+            stepper = ModalStepper(system, inputs, read_out, condition.spin_speed)
         self._stepper, self._free, self._n_inputs = stepper, system.free, inputs.shape[1]
         self._spinning_force = _spinning_force(model.unbalances, condition.spin_speed, self._n_inputs)
         self._condition, self._effects = condition, effects

@@ -18,8 +18,8 @@ from rotor.structure import FloatArray, IntArray, Structure
 # A natural frequency below this share of the highest is a rigid-body motion.
 RIGID_BODY = 1e-6
 
-# A negative stiffness of this share of the largest is not round-off: the rotor buckles.
-_BUCKLED = 1e-9
+# A negative strain energy of this share of what adds up to it is not round-off: the rotor buckles.
+_BUCKLED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,8 @@ def undamped_modes(system: LinearSystem) -> Modes:
         places = np.flatnonzero(group == g)
         block = np.ix_(places, places)
         squares, shapes = eigh(K[block], M[block])
-        if squares[0] < -_BUCKLED * squares[-1]:
+        first = shapes[:, 0]
+        if first @ K[block] @ first < -_BUCKLED * (np.abs(first) @ np.abs(K[block]) @ np.abs(first)):
             raise ValueError("the rotor buckles: its stiffness is negative; reduce the axial compression")
         columns = slice(column, column + len(places))
         omega[columns] = np.sqrt(np.clip(squares, 0.0, None))

@@ -27,6 +27,16 @@ NEARLY_MASSLESS = 1e-5
 # Timoshenko elements of a thirtieth of a wavelength or less, second order in the element length.
 FINE_MESH = 1e-4
 
+# The nonlinear stepper, after a few periods: 3e-5 of a joint force at every corner it passes, times what
+# a bouncing shaft makes of a difference from impact to impact.
+NONLINEAR_STEPPER = 1e-3
+
+# What the nonlinear stepper makes of the energy per period, at a few corners in each: a damping ratio of 1e-5.
+ENERGY_PER_PERIOD = 1e-4
+
+# Turning points read off a sampled swing of 400 samples a period: (2 pi / 400)^2 / 8.
+SLIDING = 5e-5
+
 # Observed order of convergence against the theoretical one.
 CONVERGENCE_ORDER = 0.2
 
@@ -45,7 +55,65 @@ TABLE_2_SHIFT = 0.035
 # Another code, same theory: its mesh (44 nodes), three printed decimals, five digits of inertia.
 OTHER_CODE = 1e-4
 
+# A force law is a dozen operations on terms that may cancel; times the size of those terms.
+LAW_ROUND_OFF = 1e-13
+
+# Central differences with steps of 1e-7: round-off over the step.
+DIFFERENCE_QUOTIENT = 1e-6
+
+# A tilt spring of 1e9 N m/rad stands for a clamp: E I / L of the paper's shaft is 4e-6 of it.
+NEARLY_CLAMPED = 1e-5
+
+# An effect whose zero is a limit is put there by a million times the end of its prior: what it
+# stands in series with is softer by a millionth, times 1/(2 zeta) close to a resonance.
+EFFECT_LIMIT = 1e-5
+
+# Two codes with the same matrices on 48 elements: (f_max / f_1)^2 times the machine's 1e-16 is 2e-9.
+SAME_MATRICES = 1e-8
+
+# The same in the response of a mode with a damping ratio of 3e-8, at a line 4e-6 of its frequency off:
+# round-off of the frequency, 1e-12, over that distance.
+SHARP_RESONANCE = 1e-6
+
+# ROSS' steady rub, extrapolated from three time steps: right to 3e-6, third harmonics to 5e-5; all
+# relative to the node or to 1e-4 of the largest fundamental, where what has not settled yet shows.
+ROSS_RUB = 1e-5
+ROSS_RUB_THIRD = 2e-4
+
+# Harmonic balance of a rub with 2048 samples a period: what rounding the contact's corner costs.
+ROUNDED_RUB = 1e-4
+ROUNDED_RUB_THIRD = 1e-3
+
 
 def hermite_error(half_waves: float, elements: int) -> float:
     """Relative error of a frequency with Hermite cubics, (k h)^4 / 1440, doubled for clamped ends."""
     return 2 * (math.pi * half_waves / elements) ** 4 / 1440
+
+
+# Settled lines may hold a transient of 1e-5 (the plan's tolerance); the bar of the project is 1e-4.
+SETTLED_LINE = 1e-5
+
+# Two sweeps over the same settled lines: the FMU's clock ticks every 2^-36 s, 4e-8 of a phase at
+# 400 Hz, and as much again where a line is a small difference of its modes.
+SAME_LINE = 1e-7
+
+# Harmonic balance with seven harmonics or more against closed forms that neglect damping, and against
+# direct integration (bars of the project).
+HARMONIC_BALANCE = 0.005
+HARMONIC_BALANCE_THIRD = 0.02
+
+# Corners rounded by a millionth of the gap, amplitudes of a thousandth of it.
+NEARLY_LINEAR = 1e-5
+
+# Energy of a resonance, a small difference of what is stored; eigenvectors' round-off over the damping.
+ENERGY = 1e-6
+
+# A corner rounded over half the way between two samples: what folds back of it, e^-pi of a 512th squared.
+SAMPLED_CORNERS = 1e-5
+
+# A fold, where the frequency changes with the square of the arc length: 1e-4 of a step in slope, squared,
+# beside what the curve's start contributes.
+FOLD = 1e-6
+
+# A jump in a stepped sweep against the fold (bar of the project) [Hz].
+JUMP_HZ = 0.1

@@ -88,7 +88,7 @@ class DiskInertia(Effect):
     title = "Diametral inertia of the disks"
     meaning = "the disks resist tilting; the nominal model lumps only their mass"
     equation = r"I_d\,\ddot\theta, \qquad I_d = \gamma\, \tfrac{m_d}{12}\left(\tfrac34 D^2 + t^2\right)"
-    signature = "lowers the modes in which the disks tilt, from the second mode on"
+    signature = "lowers the modes in which the disks tilt, least those with an antinode at the disks"
     source = "friswell2010"
     location = "disks"
     family = "structure"
@@ -237,4 +237,5 @@ class ShaftDamping(Effect):
 
     def add_to(self, design: Design) -> None:
         """Replaces the shaft's damping ratio."""
+        design.replace(self.id)
         design.shaft_damping_ratio = self.damping_ratio

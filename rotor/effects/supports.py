@@ -37,6 +37,7 @@ class BearingDamping(Effect):
 
     def add_to(self, design: Design) -> None:
         """Replaces the bearings' damping."""
+        design.replace(self.id)
         for bearing in design.bearings:
             bearing.damping = self.damping
 
@@ -88,6 +89,7 @@ class PedestalFlexibility(Effect):
 
     def add_to(self, design: Design) -> None:
         """A mass on a spring and a damper, in y and z, under every bearing."""
+        design.replace(self.id)
         for bearing in design.bearings:
             bearing.pedestal = Pedestal(self.stiffness, self.mass, self.damping)
 
@@ -197,12 +199,10 @@ class PlaneAnisotropy(Effect):
     )
 
     def add_to(self, design: Design) -> None:
-        """The bearings' stiffness matrix in (y, z)."""
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        turn = np.array([[c, -s], [s, c]])
-        principal = turn @ np.diag([1 + self.anisotropy / 2, 1 - self.anisotropy / 2]) @ turn.T
+        """The bearings' stiffness matrix in (y, z): what this adds to the mean."""
+        c, s = np.cos(2 * self.angle), np.sin(2 * self.angle)
         for bearing in design.bearings:
-            bearing.directions = bearing.directions @ principal
+            bearing.directions = bearing.directions + self.anisotropy / 2 * np.array([[c, s], [s, -c]])
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ class ViscoelasticSupport(Effect):
     meaning = "the bearings' seat relaxes: a Maxwell branch beside the stiffness"
     equation = r"D_b(\omega) = k_b \left(1 + g\,\frac{i\omega\tau}{1 + i\omega\tau}\right)"
     signature = "modes above 1/(2 pi tau) are stiffer than those below, damping is largest near it"
-    source = "bagley1983"
+    source = "christensen1982"
     location = "bearings"
     family = "support"
     changes_size = True

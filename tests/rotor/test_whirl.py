@@ -90,7 +90,7 @@ def test_a_heavy_disk_on_a_light_shaft_runs_out_as_jeffcott_says():
     """r = e omega^2 / (k/m - omega^2 + i c omega / m) for a mass on two springs and dampers."""
     rig = rigs.rig(
         nodes_m=[0.0, 0.2, 0.4],
-        segment=[rigs.round_shaft(0.4, 0.2, {**rigs.STEEL, "density_kg_per_m3": 1e-6})],
+        segment=[rigs.round_shaft(0.4, 0.2, rigs.LIGHT_STEEL)],
         disk=[{"node": 2, "mass_kg": 2.0}],
         support=[{"node": 1, "stiffness": "k_b"}, {"node": 3, "stiffness": "k_b"}],
     )

@@ -1,0 +1,147 @@
+"""What a rig without noise reports of a linear rotor: effects of the measurement chain in the frequency domain.
+
+The virtual rig of ``sim`` measures through the same groups of channels and the same factors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from rotor.condition import Condition
+from rotor.effects.chain import SensorMass
+from rotor.effects.effect import ComplexArray, Effect
+from rotor.model import build_model
+from rotor.state_space import StateSpace
+from rotor.structure import FloatArray, Structure
+
+Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
+
+# Powers of i omega between a quantity and receptance.
+_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
+
+
+@dataclass(frozen=True)
+class ChannelGroup:
+    """Sensors that are read in one go, and the effects that act meanwhile."""
+
+    nodes: tuple[int, ...]
+    effects: tuple[Effect, ...]
+
+
+def channel_groups(effects: Sequence[Effect], nodes: Sequence[int]) -> tuple[ChannelGroup, ...]:
+    """Split the nodes so that in each group one rotor is measured: a sensor with mass sits there only while it is read.
+
+    Parameters
+    ----------
+    effects : of the structure and of the measurement chain
+    nodes : nodes of the sensors, from 1
+
+    Returns
+    -------
+    groups in the order of their first node; in their effects every ``SensorMass`` has the node it is at
+    """
+    groups: dict[tuple[Effect, ...], list[int]] = {}
+    for node in nodes:
+        groups.setdefault(tuple(_while_read(effects, node)), []).append(node)
+    return tuple(ChannelGroup(tuple(read), acting) for acting, read in groups.items())
+
+
+def _while_read(effects: Sequence[Effect], node: int) -> Iterator[Effect]:
+    for effect in effects:
+        if not isinstance(effect, SensorMass):
+            yield effect
+        elif effect.node in (0, node):
+            yield replace(effect, node=node)
+
+
+def check_nodes(effects: Sequence[Effect], n_nodes: int) -> None:
+    """Raise ValueError where an effect sits at a node that the rotor does not have."""
+    for effect in effects:
+        for name, place in effect.places().items():
+            node = getattr(effect, name)
+            if place.kind == "node" and node > n_nodes:
+                raise ValueError(f"{effect.id}.{name}: node {node} does not exist: the rotor has nodes 1 to {n_nodes}")
+
+
+def channel_factor(effects: Sequence[Effect], omega: FloatArray, node: int) -> ComplexArray:
+    """(n_freq,) reported over true response of the sensor at a node, by all effects."""
+    factors = [effect.channel_factor(omega, node) for effect in effects]
+    return np.prod(factors, axis=0) if factors else np.ones(len(omega), dtype=complex)
+
+
+def force_factor(effects: Sequence[Effect], omega: FloatArray, drive_receptance: ComplexArray) -> ComplexArray:
+    """(n_freq,) force on the rotor over the nominal force, by all effects; arguments as ``Effect.force_factor``."""
+    factors = [effect.force_factor(omega, drive_receptance) for effect in effects]
+    return np.prod(factors, axis=0) if factors else np.ones(len(omega), dtype=complex)
+
+
+def measured_response(
+    structure: Structure,
+    condition: Condition,
+    effects: Sequence[Effect],
+    frequency_hz: FloatArray,
+    nodes: Sequence[int] | None = None,
+    *,
+    plane: int | None = None,
+    quantity: Quantity = "accelerance",
+    referred_to: Literal["force", "nominal_force"] = "force",
+    force_amplitude: float = 1.0,
+) -> ComplexArray:
+    """Steady response of a linear rotor as its sensors report it; unbalance is left out.
+
+    Parameters
+    ----------
+    structure : the free-free rotor
+    condition : support, exciter, spin
+    effects : of the structure and of the measurement chain; raster and sweep rate change nothing here
+    frequency_hz : (n_freq,) [Hz]
+    nodes : nodes of the sensors, default all
+    plane : what the sensors look along, 1 = y, 2 = z, default the plane of the force
+    quantity : "acceleration" is in m/s^2 and per nothing, recorded at constant exciter current
+    referred_to : the force on the rotor, or the one that was asked for; "acceleration" follows the latter
+    force_amplitude : that was asked for [N], for "acceleration"
+
+    Returns
+    -------
+    (n_freq, n_channels) in the order of ``nodes``
+
+    Raises
+    ------
+    ValueError : an effect is nonlinear, or names a node that does not exist
+    """
+    read = tuple(nodes) if nodes is not None else tuple(range(1, structure.n_nodes + 1))
+    for node in read:
+        structure.dof(node, 1)  # raises where there is no such node
+    check_nodes(effects, structure.n_nodes)
+    omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
+    nominal = quantity == "acceleration" or referred_to == "nominal_force"
+    response = np.empty((len(omega), len(read)), dtype=complex)
+    for group in channel_groups(effects, read):
+        H, drive = _receptance(structure, condition, group, omega, plane or condition.excitation_plane)
+        factor = np.array([channel_factor(group.effects, omega, node) for node in group.nodes]).T
+        if nominal:
+            factor = factor * force_factor(group.effects, omega, drive)[:, None]
+        response[:, [read.index(node) for node in group.nodes]] = H * factor
+    amplitude = force_amplitude if quantity == "acceleration" else 1.0
+    return amplitude * (1j * omega[:, None]) ** _ORDER[quantity] * response
+
+
+def _receptance(
+    structure: Structure, condition: Condition, group: ChannelGroup, omega: FloatArray, plane: int
+) -> tuple[ComplexArray, ComplexArray]:
+    """(n_freq, n_group) receptance at the sensors of a group and (n_freq,) at the exciter."""
+    model = build_model(structure, condition, group.effects)
+    if model.forces:
+        laws = ", ".join(force.law.name for force in model.forces)
+        raise ValueError(f"a rotor with the force laws {laws} has no frequency response; see rotor.harmonic_balance")
+    system = model.system
+    if not system.couples_planes(condition.spin_speed):
+        system = system.in_plane(condition.excitation_plane)
+    exciter = system.unit_vector(condition.excitation_node, condition.excitation_plane)
+    outputs = np.vstack([system.read_out(plane)[np.array(group.nodes) - 1], exciter])
+    H = StateSpace(system, condition.spin_speed).receptance(omega, exciter[:, None], outputs)[:, :, 0]
+    return H[:, :-1], H[:, -1]

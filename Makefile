@@ -2,6 +2,7 @@
 # make test   the whole test suite
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects   the figures in docs/, measured again
 # make laws   print the force laws anew after a change of rotor/force_laws.py
+# make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 # The matrices are small: one BLAS thread per process is several times faster than many.
@@ -9,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator benchmark-effects laws clean
+.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator benchmark-effects laws effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -42,6 +43,9 @@ benchmark-effects: $(VENV)/installed
 
 laws: $(VENV)/installed
 	$(PYTHON) build_laws.py
+
+effect-pages: $(VENV)/installed
+	$(PYTHON) -m rigtwin.effect_pages
 
 clean:
 	rm -rf dist build runs

@@ -45,7 +45,7 @@ CASES = (
     Case(BearingHertz(preload=5e-6), (0.3, 1.0, 3.0)),
     Case(BearingClearance(gap=2e-6), (3.0, 10.0, 30.0)),
     Case(BearingClearance(gap=2e-6, preload=20.0), (1.0, 3.0, 10.0)),
-    Case(BearingFriction(force=5.0, stiffness=3e6), (0.3, 1.0, 3.0)),
+    Case(BearingFriction(force=1.0, stiffness=3e6), (0.5, 2.0, 8.0)),
     Case(BilinearSupport(ratio=1.5), (0.3, 1.0, 3.0)),
     Case(Rub(stiffness=1e6, gap=3e-5, node=4), (0.3, 1.0, 3.0)),
 )

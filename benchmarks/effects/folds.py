@@ -105,8 +105,8 @@ def section() -> str:
     return f"""## Jumps
 
 Sweeps through the folds of the curve, upwards and downwards: where harmonic balance says that the branch ends, and
-where `RotorRig.fmu` jumps when it is swept in steps of {STEP_HZ:g} Hz, each line from the state the one before left. The
-last two columns compare the response at the driven node {REACH_HZ[0]:g} Hz before and {REACH_HZ[1]:g} Hz behind the jump.
+where `RotorRig.fmu` jumps when it is swept in steps of {STEP_HZ:g} Hz, each line from the state the one before left.
+The last two columns compare the response at the driven node {REACH_HZ[0]:g} Hz before and {REACH_HZ[1]:g} Hz behind.
 
 {table(header, rows)}
 {bar("jump frequency, largest difference", worst, at_most=BAR_HZ, unit="Hz")}"""

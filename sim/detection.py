@@ -19,7 +19,7 @@ class Phasors:
     std: FloatArray  # (n_channels,) standard error sqrt(E|error|^2) of each phasor
 
 
-def detect(samples: FloatArray, samples_per_period: int) -> Phasors:
+def detect(samples: FloatArray, samples_per_period: int, *, any_harmonics: bool = False) -> Phasors:
     """Least squares of a constant and HARMONICS over whole periods.
 
     Over whole periods the columns are orthogonal, so the fit is a sum: X_k = 2/N sum x e^{-ik phi}.
@@ -30,6 +30,8 @@ def detect(samples: FloatArray, samples_per_period: int) -> Phasors:
     ----------
     samples : (N, n_channels), N a multiple of samples_per_period
     samples_per_period : at least 8, so that three harmonics and a residual fit
+    any_harmonics : s is estimated from what does not repeat from period to period, so that harmonics
+        beyond HARMONICS do not count as noise; for two periods and more
     """
     N = len(samples)
     if samples_per_period < 8 or N == 0 or N % samples_per_period:
@@ -37,7 +39,11 @@ def detect(samples: FloatArray, samples_per_period: int) -> Phasors:
     phase = 2 * np.pi * np.arange(N) / samples_per_period
     basis = np.exp(-1j * np.outer(HARMONICS, phase))  # (n_harmonics, N)
     amplitude = np.asarray(2 / N * (basis @ samples), dtype=complex)
-    fitted = samples.mean(axis=0) + np.real(basis.conj().T @ amplitude)
-    freedom = N - 1 - 2 * len(HARMONICS)
+    if any_harmonics and samples_per_period < N:
+        periods = samples.reshape(-1, samples_per_period, samples.shape[1])
+        fitted, freedom = np.tile(periods.mean(axis=0), (len(periods), 1)), N - samples_per_period
+    else:
+        fitted = samples.mean(axis=0) + np.real(basis.conj().T @ amplitude)
+        freedom = N - 1 - 2 * len(HARMONICS)
     variance = np.sum((samples - fitted) ** 2, axis=0) / freedom
     return Phasors(amplitude, 2 * np.sqrt(variance / N))

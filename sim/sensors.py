@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,23 +16,26 @@ class SensorNoise:
 
     Stated as the standard error it leaves on a line's phasor: ``relative`` times the line's own
     magnitude, and ``floor`` [m/s^2], added in squares. The samples get the noise that leads to it.
+    Runs of one set-up differ by ``repeat``.
     """
 
     relative: float = 0.0
     floor: float = 0.0
     seed: int = 0
+    repeat: int = 0
 
-    def add(self, samples: FloatArray, stream: tuple[int, ...]) -> FloatArray:
-        """Samples with noise; the same seed and stream give the same noise.
+    def add(self, samples: FloatArray, stream: tuple[str | int | float, ...]) -> FloatArray:
+        """Samples with noise; the same seed, repeat and stream give the same noise.
 
         Parameters
         ----------
         samples : (N, n_channels) [m/s^2]
-        stream : what tells this window from all others, for example (run, line)
+        stream : what tells this window from all others, for example (support, force, line)
         """
         if not (self.relative or self.floor):
             return samples
-        rng = np.random.default_rng([self.seed, *stream])
+        key = hashlib.sha256(repr((int(self.seed), int(self.repeat), *stream)).encode()).digest()
+        rng = np.random.default_rng(int.from_bytes(key, "big"))
         peak = np.sqrt(2) * samples.std(axis=0)
         line_error = np.hypot(self.relative * peak, self.floor)  # sqrt(E|error|^2) of the phasor
         return samples + rng.standard_normal(samples.shape) * line_error * np.sqrt(len(samples)) / 2

@@ -166,6 +166,33 @@ def test_base_lines_are_even_and_stay_in_the_refined_sweep(session):
     assert (refined.frequency_hz[0], refined.frequency_hz[-1]) == (50.0, 150.0)
 
 
+BASE_STEP = 2.0
+
+
+@pytest.mark.parametrize("inside", [0.05, 0.9, 1.1, 1.95])
+@pytest.mark.parametrize("end", ["f_min", "f_max"])
+def test_a_resonance_between_an_end_of_the_band_and_the_next_base_line_is_resolved(session, end, inside, caplog):
+    natural, zeta = modes_in_band(Rig("rigid"), PLAN)[0]
+    f_min, f_max = (natural - inside, natural + 16) if end == "f_min" else (natural - 16, natural + inside)
+    plan = SweepPlan(f_min_hz=f_min, f_max_hz=f_max, n_lines=round((f_max - f_min) / BASE_STEP) + 1)
+    f = sweep(session, Rig("rigid"), plan).run.frequency_hz
+    assert np.count_nonzero(np.abs(f - natural) <= zeta * natural) >= plan.lines_per_half_power_band - (inside < 0.1)
+    assert caplog.messages == []
+
+
+@pytest.mark.parametrize(("beyond", "warns"), [(0.3, True), (3.0, False), (40.0, False)])
+@pytest.mark.parametrize("end", ["f_min", "f_max"])
+def test_a_resonance_close_beyond_an_end_of_the_band_is_spoken_of(session, end, beyond, warns, caplog):
+    natural, _ = modes_in_band(Rig("rigid"), PLAN)[0]
+    f_min, f_max = (natural + beyond, natural + 60) if end == "f_min" else (natural - 60, natural - beyond)
+    plan = SweepPlan(f_min_hz=f_min, f_max_hz=f_max, n_lines=round((f_max - f_min) / BASE_STEP) + 1)
+    f = sweep(session, Rig("rigid"), plan).run.frequency_hz
+    assert (f[0], f[-1]) == (f_min, f_max)
+    assert len(f) <= plan.n_lines + 10
+    said = [message for message in caplog.messages if "a resonance lies within" in message]
+    assert len(said) == warns == len(caplog.messages)
+
+
 def test_progress_counts_the_lines(session):
     counts: list[int] = []
     measured = sweep(session, Rig("rigid"), SweepPlan(n_lines=20), counts.append)

@@ -1,0 +1,348 @@
+"""One frequency line: wait, judge whether the rotor has settled, set the exciter's force, read."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotor.effects.chain import SensorPosition
+from rotor.effects.effect import Effect
+from rotor.effects.spinning import UnbalanceForce
+from rotor.measured import ChannelGroup, channel_factor, force_factor
+from sim.campaign import Channel, ComplexArray, FloatArray
+from sim.detection import HARMONICS, Phasors, detect
+from sim.session import FmuSession, SavedState
+from sim.setup import Rig, SetupError, SweepPlan
+
+# Changes of a phasor this small are round-off of the FMU's propagator, not a decaying transient.
+_ROUND_OFF = 1e-7
+
+# Windows from which a transient is estimated, and those that show that waiting on is of no use.
+_WINDOWS = 5
+_STATIONARY_WINDOWS = 20
+
+# A channel's changes are judged beside its own size, or beside this share of the largest channel. What
+# is stepped in time has errors that are relative to the whole motion.
+_SHARE, _SHARE_TIME_STEPPED = 1e-3, 0.1
+
+# A motion whose fundamental spreads by more from period to period does not repeat.
+PERIODIC = 1e-3
+
+# Forces that are tried for an exciter at constant current.
+_FORCE_STEPS = 20
+
+
+class NotSettledError(RuntimeError):
+    """A line did not settle within the allowed time; ``frequency_hz`` and ``estimate`` say where."""
+
+    def __init__(self, message: str, *, frequency_hz: float, estimate: float):
+        super().__init__(message)
+        self.frequency_hz = frequency_hz
+        self.estimate = estimate
+
+
+@dataclass(frozen=True)
+class Line:
+    """One frequency line; phasors in the unit of the run, channels in the order of the sweep."""
+
+    frequency_hz: float
+    response: ComplexArray  # (n_harmonics, n_channels)
+    std: FloatArray  # (n_channels,) standard error: noise, remaining transient, spread; noise alone with a dwell
+    transient: float  # estimated remaining transient, largest over channels, relative [-]; nan: not judged
+    drift_per_period: float  # relative change per period between the last two windows [-]; nan: not judged
+    windows: int
+    force: complex  # phasor of the applied force at the window's first sample [N]
+    spread: float = 0.0  # of the fundamental over the periods read, largest over channels, relative [-]
+    periodic: bool = True  # whether the spread is below PERIODIC
+    remark: str = ""  # a sentence where something is wrong with the line
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """What waiting led to."""
+
+    windows: list[Phasors]
+    estimate: float  # remaining transient, relative [-]
+
+
+class LineReader:
+    """Reads lines one after another, each from the state the one before left.
+
+    Parameters
+    ----------
+    session : an open RotorRig FMU
+    rig, plan : the set-up; the plan as the rig carries it out
+    group : the effects that act; all channels are read, those of the group as they are in the end
+    """
+
+    def __init__(self, session: FmuSession, rig: Rig, plan: SweepPlan, group: ChannelGroup):
+        self._session, self._rig, self._plan, self._effects = session, rig, plan, group.effects
+        self.channels = channels_of(session, rig)
+        self._outputs = [*(f"node_{c.node}.acceleration_{c.plane}" for c in self.channels), "force_applied"]
+        self._controlled = any(type(effect).force_factor is not Effect.force_factor for effect in group.effects)
+        if self._controlled and plan.dwell is not None:
+            raise SetupError(
+                "the force of an exciter at constant current follows from the settled motion, and fast_sweep reads "
+                "before that: give force_dropout or fast_sweep"
+            )
+        place = rig.excitation_node
+        self._beside_drive = any(isinstance(e, SensorPosition) and e.node in (0, place) for e in group.effects)
+        unbalanced = any(isinstance(effect, UnbalanceForce) for effect in group.effects)
+        self._spin_hz = abs(rig.spin_rpm) / 60 if unbalanced and not rig.nonlinear else 0.0
+        self._share = _SHARE_TIME_STEPPED if rig.nonlinear else _SHARE
+        self._amplitude = plan.force_amplitude
+        self._run_out: ComplexArray | None = None
+
+    def start(self) -> None:
+        """Put the rotor to rest; one that is out of balance runs until its own motion is known."""
+        self._amplitude = self._plan.force_amplitude
+        first = 0.0 if self._spin_hz else self._amplitude
+        self._session.start({**self._rig.start_values(self._effects), "force_amplitude": first})
+        self._run_out = None
+        if self._spin_hz:
+            self._run_out = self._measure_run_out()
+
+    def _measure_run_out(self) -> ComplexArray:
+        """(n_outputs,) phasors of the motion without the exciter at the spin frequency, from time zero."""
+        windows: list[Phasors] = []
+        while len(windows) < self._plan.max_windows:
+            self._session.step(self._plan.settle_time)
+            turn = np.exp(-2j * np.pi * self._spin_hz * self._session.time * np.array(HARMONICS))
+            found = detect(self._window(self._spin_hz, periods=1), self._plan.samples_per_period)
+            windows.append(replace(found, amplitude=found.amplitude * turn[:, None]))
+            if len(windows) >= 3 and remaining_transient(windows) <= _ROUND_OFF:
+                return windows[-1].amplitude[0]
+        raise NotSettledError(
+            f"the motion by unbalance does not settle within {len(windows) * self._plan.settle_time:.0f} s; "
+            "raise settle_time, or the damping if it is too low",
+            frequency_hz=self._spin_hz,
+            estimate=remaining_transient(windows),
+        )
+
+    def state(self) -> tuple[SavedState, float]:
+        """Where the rotor and the exciter's force stand, for ``go_back``."""
+        return self._session.save_state(), self._amplitude
+
+    def go_back(self, state: tuple[SavedState, float]) -> None:
+        """Go on from an earlier line."""
+        saved, self._amplitude = state
+        self._session.restore_state(saved)
+
+    def read(self, frequency_hz: float) -> Line:
+        """One line, as the plan asks for it. Raises NotSettledError."""
+        at = frequency_hz * (1 + self._rig.drift)
+        if self._plan.dwell is None:
+            return self._settled_line(frequency_hz, at)
+        self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
+        self._session.step(self._plan.dwell)
+        return self._line(frequency_hz, at, _Settled([], np.nan), 1.0, "")
+
+    # -- waiting -------------------------------------------------------------------------------
+
+    def _settled_line(self, frequency_hz: float, at: float) -> Line:
+        """Wait; where the exciter's force depends on the motion, until the two agree."""
+        tried: list[tuple[float, float]] = []
+        while True:
+            self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
+            settled, remark = self._settle(frequency_hz, at)
+            factor = self._force_factor(at, settled)
+            wanted = self._plan.force_amplitude * abs(factor)
+            off = abs(wanted / self._amplitude - 1)
+            agreed = off <= self._plan.settling_tolerance
+            if agreed or len(tried) == _FORCE_STEPS:
+                break
+            tried.append((self._amplitude, wanted))
+            self._amplitude = _next_amplitude(tried)
+        if not agreed:
+            remark = (
+                f"{frequency_hz:.4f} Hz: force and motion of the exciter at constant current do not come to agree, "
+                f"the force is off by {off:.1e}; another level may do"
+            )
+            if not self._plan.accept_nonperiodic:
+                raise NotSettledError(remark, frequency_hz=frequency_hz, estimate=off)
+        return self._line(frequency_hz, at, settled, factor, remark)
+
+    def _settle(self, frequency_hz: float, at: float) -> tuple[_Settled, str]:
+        """Take windows until the transient is estimated to be gone; and what is wrong where it is not."""
+        plan, windows, estimate = self._plan, [], np.inf
+        while len(windows) < plan.max_windows:
+            self._session.step(plan.settle_time)
+            windows.append(self._phasors(at))
+            estimate = remaining_transient(windows, time_stepped=self._rig.nonlinear)
+            if len(windows) >= 3 and estimate <= plan.settling_tolerance:
+                return _Settled(windows, estimate), ""
+            if plan.accept_nonperiodic and _is_stationary(windows):
+                break
+        share = f"{estimate:.1e}" if np.isfinite(estimate) else "an unknown share"
+        waited = f"{frequency_hz:.4f} Hz: {share} of the response {{}} after {len(windows) * plan.settle_time:.0f} s"
+        if plan.accept_nonperiodic:
+            return _Settled(windows, estimate), waited.format("still changes from window to window")
+        raise NotSettledError(
+            waited.format("is still transient") + "; raise settle_time, or the damping if it is too low",
+            frequency_hz=frequency_hz,
+            estimate=estimate,
+        )
+
+    def _force_factor(self, at: float, settled: _Settled) -> complex:
+        """Force on the rotor over the nominal one, by the motion at the exciter."""
+        if not self._controlled:
+            return 1.0
+        phasors = settled.windows[-1]
+        if self._beside_drive:  # the sensor reads beside the exciter: set it back for a moment
+            self._session.set({"sensor_position.enabled": False})
+            phasors = self._phasors(at)
+            self._session.set({"sensor_position.enabled": True})
+        drive = [c.node for c in self.channels].index(self._rig.excitation_node)
+        omega = np.array([2 * np.pi * at])
+        return complex(force_factor(self._effects, omega, -phasors.amplitude[0, drive] / omega**2)[0])
+
+    # -- reading -------------------------------------------------------------------------------
+
+    def _window(self, at: float, periods: int) -> FloatArray:
+        """Samples of whole periods, less the motion by unbalance.
+
+        What is stepped in time gets one more period, to find into the samples' rhythm.
+        """
+        n = self._plan.samples_per_period
+        run_in = n if self._rig.nonlinear else 0
+        h, size = 1 / (n * at), n * periods + run_in
+        if self._run_out is None:
+            return self._session.sample(self._outputs, h, size)[run_in:]
+        turn = np.exp(2j * np.pi * self._spin_hz * (self._session.time + h * np.arange(size)))
+        return self._session.sample(self._outputs, h, size) - (turn[:, None] * self._run_out).real
+
+    def _phasors(self, at: float) -> Phasors:
+        return per_force(detect(self._window(at, periods=1), self._plan.samples_per_period))
+
+    def _line(self, frequency_hz: float, at: float, settled: _Settled, force: complex, remark: str) -> Line:
+        plan, windows = self._plan, settled.windows
+        clean = self._window(at, plan.periods)
+        noisy = clean.copy()
+        noisy[:, :-1] = plan.noise.add(clean[:, :-1], self._stream(frequency_hz))
+        detected = detect(noisy, plan.samples_per_period, any_harmonics=self._rig.nonlinear)
+        phasors, applied = per_force(detected), complex(detected.amplitude[0, -1])
+        size, spread = np.abs(phasors.amplitude[0]), _spread(clean[:, :-1], plan.samples_per_period) / abs(applied)
+        if windows:
+            judged = np.where(size > 0, np.maximum(size, self._share * size.max()), 0.0)
+            std = np.sqrt(phasors.std**2 + (min(settled.estimate, 1.0) * judged) ** 2 + spread**2)
+        else:  # a transient is in the data, and nobody knows
+            std = detect(noisy - clean, plan.samples_per_period).std[:-1] / abs(applied)
+        relative_spread = _relative(spread, size, self._share)
+        periodic = not windows or relative_spread <= PERIODIC
+        drift = _change(windows[-2], windows[-1], self._share) if len(windows) > 1 else np.nan
+        factor = self._reported(at, force)
+        return Line(
+            frequency_hz=frequency_hz,
+            response=phasors.amplitude * factor,
+            std=std * np.abs(factor[0]),
+            transient=settled.estimate,
+            drift_per_period=drift / (plan.settle_time * at + 1),
+            windows=max(len(windows), 1),
+            force=applied,
+            spread=relative_spread,
+            periodic=periodic,
+            remark=remark if periodic else _does_not_repeat(frequency_hz, relative_spread),
+        )
+
+    def _stream(self, frequency_hz: float) -> tuple[str | int | float, ...]:
+        """What tells this line's noise from that of all others."""
+        rig = self._rig
+        place = int(rig.excitation_node), rig.excitation_plane
+        return rig.support, float(self._plan.force_amplitude), *place, float(rig.spin_rpm), round(1e9 * frequency_hz)
+
+    def _reported(self, at: float, force: complex) -> ComplexArray:
+        """(n_harmonics, n_channels) what the run says over response per newton on the rotor."""
+        omega = 2 * np.pi * at * np.array(HARMONICS)
+        sensors = np.array([channel_factor(self._effects, omega, c.node) for c in self.channels]).T
+        exciter = np.array([abs(force) * (force / abs(force)) ** k for k in HARMONICS])
+        unit = self._plan.force_amplitude if self._rig.quantity == "acceleration" else 1.0
+        return unit * exciter[:, None] * sensors
+
+
+def channels_of(session: FmuSession, rig: Rig) -> tuple[Channel, ...]:
+    """The FMU's accelerometers in the plane of the force."""
+    names = [v for v in session.variables if v.endswith(f".acceleration_{rig.excitation_plane}")]
+    return tuple(Channel(int(name.split(".")[0].removeprefix("node_")), rig.excitation_plane) for name in names)
+
+
+def per_force(phasors: Phasors) -> Phasors:
+    """Response phasors referred to the force in the last channel, harmonics to its k-th power's phase."""
+    force = phasors.amplitude[0, -1]
+    turn = np.array([abs(force) * (force / abs(force)) ** k for k in HARMONICS])
+    return replace(phasors, amplitude=phasors.amplitude[:, :-1] / turn[:, None], std=phasors.std[:-1] / abs(force))
+
+
+def remaining_transient(windows: Sequence[Phasors], *, time_stepped: bool = False) -> float:
+    """What is left of the transient after the last of equally spaced windows, inf where it is not known.
+
+    A transient that decays by the factor r from window to window changes the phasor by d, then by
+    r d; what is left after the last window is at most d r / (1 - r), with d the last change. Modes
+    beat with the force and with each other, so that a change may be small by chance: of the last
+    three changes the largest counts, of their decays the slowest, which takes five windows. Where
+    nothing but round-off changes, three windows do.
+
+    A rotor that is stepped in time (``time_stepped``) ends in small irregular changes instead of
+    round-off. There the last five windows must agree, and a decay must be over where one is seen.
+    """
+    share = _SHARE_TIME_STEPPED if time_stepped else _SHARE
+    changes = [_change(*pair, share) for pair in itertools.pairwise(windows[-_WINDOWS:])]
+    if len(changes) >= 2 and max(changes[-2:]) <= _ROUND_OFF:
+        return max(changes[-2:])
+    if len(changes) < _WINDOWS - 1:
+        return np.inf
+    ratio = max(after / before if before else np.inf for before, after in itertools.pairwise(changes))
+    left = np.inf if ratio >= 1 else max(changes[1:]) * ratio / (1 - ratio)
+    if not time_stepped:
+        return left
+    disagreement = max(_change(window, windows[-1], share) for window in windows[-_WINDOWS:-1])
+    return max(disagreement, left) if np.isfinite(left) else disagreement
+
+
+def _is_stationary(windows: Sequence[Phasors]) -> bool:
+    """Whether the windows scatter now as they did before, so that waiting longer changes nothing."""
+    if len(windows) < _STATIONARY_WINDOWS:
+        return False
+    last = np.array([window.amplitude[0] for window in windows[-_STATIONARY_WINDOWS:]])
+    before, after = (half.std(axis=0).max() for half in np.split(last, 2))
+    return bool(0.7 * before <= after <= before / 0.7)
+
+
+def _change(before: Phasors, after: Phasors, share: float) -> float:
+    """Largest change over channels, see ``_relative``."""
+    return _relative(np.abs(after.amplitude[0] - before.amplitude[0]), np.abs(after.amplitude[0]), share)
+
+
+def _relative(difference: FloatArray, size: FloatArray, share: float) -> float:
+    """Largest difference over channels, relative to the channel, or to a share of the largest channel."""
+    if not size.any():  # the force sits on a rigidly held node
+        return 0.0
+    return float(np.max(difference / np.maximum(size, share * size.max())))
+
+
+def _spread(samples: FloatArray, samples_per_period: int) -> FloatArray:
+    """(n_channels,) root-mean-square deviation of the fundamental from its mean over the periods."""
+    periods = samples.reshape(-1, samples_per_period, samples.shape[1])
+    basis = 2 / samples_per_period * np.exp(-2j * np.pi * np.arange(samples_per_period) / samples_per_period)
+    fundamental = np.einsum("n,pnc->pc", basis, periods)
+    return np.sqrt(np.mean(np.abs(fundamental - fundamental.mean(axis=0)) ** 2, axis=0))
+
+
+def _does_not_repeat(frequency_hz: float, spread: float) -> str:
+    return (
+        f"{frequency_hz:.4f} Hz: the motion does not repeat, its fundamental spreads by {100 * spread:.2g} % "
+        "from period to period; the standard error holds the spread"
+    )
+
+
+def _next_amplitude(tried: Sequence[tuple[float, float]]) -> float:
+    """Where force and motion may agree, by the secant through the last two of (force, force by its motion) [N]."""
+    force, wanted = tried[-1]
+    if len(tried) == 1 or tried[-2][0] == force:
+        return wanted
+    before, wanted_before = tried[-2]
+    slope = (wanted - wanted_before) / (force - before)
+    step = (wanted - force) / (1 - slope) if slope < 0.9 else wanted - force
+    return float(np.clip(force + step, force / 4, 4 * force))

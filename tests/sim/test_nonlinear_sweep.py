@@ -1,0 +1,186 @@
+"""Sweeps of rotors whose response depends on level and history: branches, jumps, motion that does not repeat."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from rotor.effects import BearingClearance, BearingCubic, BilinearSupport, FastSweep, Rub
+from sim.detection import detect
+from sim.lines import PERIODIC
+from sim.sensors import SensorNoise
+from sim.session import FmuSession
+from sim.stepped_sine import NotSettledError, Rig, SweepPlan, measure_lines, sweep
+from tests.sim.stand_ins import DuffingOscillator, SwellingMotion
+from tests.tolerances import SAME_LINE
+
+NONLINEAR = Rig(effects=(BearingCubic(),))
+PLAN = SweepPlan(f_min_hz=90.0, f_max_hz=125.0, n_lines=36, force_amplitude=1000.0)
+
+
+def slow_sweep(frequency_hz: np.ndarray, direction: str) -> np.ndarray:
+    """(n_freq,) amplitudes on the branch that is there when one comes from below ("up") or from above."""
+    return np.array([DuffingOscillator().amplitudes(f, 1000.0)[-1 if direction == "up" else 0] for f in frequency_hz])
+
+
+# -- branches and jumps ----------------------------------------------------------------------------
+
+
+def test_the_oscillator_has_two_stable_motions_at_some_frequencies():
+    roots = [len(DuffingOscillator().amplitudes(f, 1000.0)) for f in np.arange(90.0, 125.0)]
+    assert 3 <= roots.count(3) <= 30
+    assert set(roots) == {1, 3}
+
+
+@pytest.mark.parametrize("direction", ["up", "down"])
+@pytest.mark.parametrize("refine", [True, False])
+def test_every_line_is_on_the_branch_of_a_slow_sweep(direction, refine):
+    """Refined lines, too, though they were found last."""
+    plan = replace(PLAN, direction=direction, refine=refine)
+    run = sweep(DuffingOscillator().as_session(), NONLINEAR, plan).run
+    assert run.sweep == direction
+    assert (len(run.frequency_hz) > 36) is refine
+    amplitude = 1000.0 * np.abs(run.H[:, 0]) / (2 * np.pi * run.frequency_hz) ** 2
+    assert_allclose(amplitude, slow_sweep(run.frequency_hz, direction), rtol=SAME_LINE)
+
+
+@pytest.mark.parametrize("direction", ["up", "down"])
+def test_lines_are_added_on_the_branch_that_is_swept(direction):
+    """The highest line of the branch has neighbours much closer than the base lines are."""
+    run = sweep(DuffingOscillator().as_session(), NONLINEAR, replace(PLAN, direction=direction)).run
+    highest = np.abs(run.H[:, 0]).argmax()
+    f = run.frequency_hz
+    assert f[highest + 1] - f[highest - 1] < 0.1
+    assert np.count_nonzero(np.abs(f - f[highest]) < 1e-3) < 5  # and a jump is not closed in on for ever
+
+
+def test_the_jump_comes_later_upwards_than_downwards():
+    up, down = (
+        sweep(DuffingOscillator().as_session(), NONLINEAR, replace(PLAN, direction=d)).run for d in ("up", "down")
+    )
+    highest = [run.frequency_hz[np.abs(run.H[:, 0]).argmax()] for run in (up, down)]
+    assert highest[0] > highest[1] + 5.0
+
+
+def test_a_linear_rotor_takes_one_pass_and_a_nonlinear_one_two():
+    counts = {}
+    for name, rig in (("linear", Rig()), ("nonlinear", NONLINEAR)):
+        seen: list[int] = []
+        measured = sweep(DuffingOscillator(k3=1.0).as_session(), rig, replace(PLAN, noise=SensorNoise()), seen.append)
+        counts[name] = seen[-1] / len(measured.lines)
+    assert counts == {"linear": 1.0, "nonlinear": 2.0}
+
+
+@pytest.fixture(scope="module")
+def session(rotor_fmu):
+    with FmuSession(rotor_fmu) as opened:
+        yield opened
+
+
+def test_a_rotor_with_hardening_bearings_jumps_later_upwards_than_downwards(session):
+    """Through the FMU: at 97.5 Hz the upward sweep is still on the upper branch, the downward one on the lower."""
+    rig = Rig(
+        parameters={"bearing_damping": 20.0, "shaft_damping_ratio": 0.002}, effects=(BearingCubic(stiffness=1e16),)
+    )
+    plan = SweepPlan(force_amplitude=5.0)
+    up = measure_lines(session, rig, plan, [97.25, 97.5])
+    down = measure_lines(session, rig, replace(plan, direction="down"), [97.5, 98.5])
+    assert up.remarks == down.remarks == ()
+    assert up.run.frequency_hz[1] == down.run.frequency_hz[0]
+    assert np.abs(up.run.channel(4)[1] / down.run.channel(4)[0]) > 3
+
+
+# -- what a nonlinear rotor needs ------------------------------------------------------------------
+
+
+def test_a_nonlinear_rotor_gets_samples_periods_and_close_windows():
+    plan = NONLINEAR.carry_out(SweepPlan())
+    assert (plan.samples_per_period, plan.periods, plan.accept_nonperiodic) == (128, 8, True)
+    assert plan.settle_time < SweepPlan().settle_time
+    assert plan.settling_tolerance == 1e-3
+    own = SweepPlan(samples_per_period=256, periods=20, settle_time=2.0, settling_tolerance=1e-4)
+    assert NONLINEAR.carry_out(own) == replace(own, accept_nonperiodic=True)
+
+
+@pytest.mark.parametrize(
+    ("rig", "nonlinear"),
+    [
+        (Rig(), False),
+        (Rig(effects=(FastSweep(),)), False),
+        (Rig("bearing", effects=(BilinearSupport(),)), True),
+        (Rig("rigid", effects=(BilinearSupport(), BearingClearance())), False),
+        (Rig("rigid", effects=(Rub(),)), True),
+    ],
+)
+def test_bearings_make_a_rotor_nonlinear_only_where_it_runs_in_them(rig, nonlinear):
+    assert rig.nonlinear is nonlinear
+    assert (rig.carry_out(SweepPlan()) != SweepPlan(dwell=rig.carry_out(SweepPlan()).dwell)) is nonlinear
+
+
+class RichInHarmonics(DuffingOscillator):
+    """Harmonics from the fifth on, which detection does not report."""
+
+    def acceleration(self, phi: np.ndarray) -> np.ndarray:
+        return 3 * np.sin(phi) + 0.5 * np.sin(3 * phi) + 0.3 * np.sin(5 * phi) + 0.1 * np.sin(7 * phi)
+
+
+def test_higher_harmonics_are_no_noise():
+    run = measure_lines(RichInHarmonics().as_session(), NONLINEAR, PLAN, [100.0]).run
+    assert run.std is not None
+    assert run.std[0, 0] < 1e-6 * abs(run.H[0, 0])
+    assert abs(run.harmonics[3][0, 0] / run.H[0, 0]) == pytest.approx(0.5 / 3)
+    noisy = replace(PLAN, noise=SensorNoise(relative=0.01))
+    stds = np.array(
+        [measure_lines(RichInHarmonics().as_session(), NONLINEAR, noisy, [f]).run.std for f in (99.0, 100.0)]
+    )
+    assert_allclose(stds[:, 0, 0] / abs(run.H[0, 0]), 0.01, rtol=0.15)
+
+
+def test_detection_of_any_harmonics_needs_a_second_period():
+    samples = RichInHarmonics().acceleration(2 * np.pi * np.arange(64) / 32)[:, None]
+    assert detect(samples, 32, any_harmonics=True).std[0] < 1e-12
+    assert detect(samples, 32).std[0] > 0.01
+    assert_array_equal(detect(samples[:32], 32, any_harmonics=True).std, detect(samples[:32], 32).std)
+
+
+# -- motion that does not repeat -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("share", "frequency"), [(0.01, 50.0), (0.3, 50.0), (0.01, 52.0)])
+def test_a_motion_that_does_not_repeat_is_marked_and_its_error_holds_the_spread(share, frequency):
+    """Also at 52 Hz, where all windows begin at the same point of the four periods and look alike.
+
+    Over a period cos(phi/4) is sin(pi/4)/(pi/4) = 0.9 of its middle; its rms over four periods is 1/sqrt(2) of that.
+    """
+    (line,) = measure_lines(SwellingMotion(share).as_session(), NONLINEAR, PLAN, [frequency]).lines
+    assert not line.periodic
+    assert line.spread == pytest.approx(0.9 * share / np.sqrt(2), rel=0.05)
+    assert line.std[0] >= line.spread * abs(line.response[0, 0])
+    assert "the motion does not repeat" in line.remark
+    assert line.remark.startswith(f"{frequency:.4f} Hz: ")
+
+
+def test_a_motion_that_repeats_is_not_marked():
+    (line,) = measure_lines(SwellingMotion(1e-4).as_session(), NONLINEAR, PLAN, [50.0]).lines
+    assert line.periodic
+    assert line.remark == ""
+    assert 0 < line.spread < PERIODIC
+
+
+def test_a_sweep_lists_what_is_wrong_with_its_lines():
+    measured = measure_lines(SwellingMotion(0.1).as_session(), NONLINEAR, PLAN, [50.0, 60.0])
+    assert [remark[:10] for remark in measured.remarks] == ["50.0000 Hz", "60.0000 Hz"]
+
+
+def test_waiting_ends_when_it_is_of_no_use():
+    """Long before the windows are used up."""
+    (line,) = measure_lines(SwellingMotion(0.1).as_session(), NONLINEAR, PLAN, [50.0]).lines
+    assert line.windows < PLAN.max_windows / 2
+
+
+def test_a_linear_rotor_that_does_not_repeat_is_an_error():
+    with pytest.raises(NotSettledError):
+        measure_lines(SwellingMotion(0.1).as_session(), Rig(), replace(PLAN, settle_time=0.77), [50.3])

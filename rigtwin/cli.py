@@ -39,6 +39,13 @@ class Plane(StrEnum):
     z = "z"
 
 
+class Direction(StrEnum):
+    """Order of the lines of a sweep."""
+
+    up = "up"
+    down = "down"
+
+
 class Quantity(StrEnum):
     """What the numbers of a measured run are."""
 
@@ -99,13 +106,21 @@ def sweep(
         str, typer.Argument(metavar="FMU_or_RIG", help="RotorRig.fmu, a rig TOML or a shipped rig.")
     ] = RIG,
     support: Annotated[Support, typer.Option(help="How the rotor is held.")] = Support.bearing,
+    effects: Annotated[
+        list[str] | None, typer.Option("--effect", metavar="ID", help="Effect of rotor or measurement chain; repeat.")
+    ] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="FMU parameter; repeat.")
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="FMU parameter, or ID.PARAM of an effect; repeat."),
     ] = None,
     f_min: Annotated[float, typer.Option(help="Lowest frequency [Hz].")] = 20.0,
     f_max: Annotated[float, typer.Option(help="Highest frequency [Hz].")] = 400.0,
     lines: Annotated[int, typer.Option(help="Evenly spaced lines; more are added at resonances.")] = 201,
     force: Annotated[float, typer.Option(help="Force amplitude [N], peak.")] = 1.0,
+    levels: Annotated[
+        str | None, typer.Option(metavar="F1,F2,...", help="Force amplitudes in place of --force, a run each [N].")
+    ] = None,
+    direction: Annotated[Direction, typer.Option(help="Order of the lines.")] = Direction.up,
     excitation_node: Annotated[int | None, typer.Option(min=1, help="Node of the force; default the rig's.")] = None,
     plane: Annotated[Plane, typer.Option(help="Plane of the force.")] = Plane.y,
     spin_rpm: Annotated[float, typer.Option(help="Spin [rev/min].")] = 0.0,
@@ -114,13 +129,24 @@ def sweep(
     out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .h5 or .mat.")] = None,
     as_json: JSON = False,
 ) -> None:
-    """Measure one stepped-sine run on the virtual rig and fit its modes."""
-    from rigtwin.sweep import SweepRequest, plan_of, run_sweep
+    """Measure stepped-sine runs on the virtual rig, with effects, and fit their modes."""
+    from rigtwin.sweep import SweepRequest, levels_of, plan_of, run_sweep
 
-    plan, given = plan_of(f_min, f_max, lines, force), tuple(settings or ())
     run_sweep(
         SweepRequest(
-            source, support.value, given, plan, noise, seed, excitation_node, plane.value, spin_rpm, out, as_json
+            source=source,
+            support=support.value,
+            effects=tuple(effects or ()),
+            settings=tuple(settings or ()),
+            plan=plan_of(f_min, f_max, lines, force, direction.value),
+            levels=levels_of(levels),
+            noise=noise,
+            seed=seed,
+            excitation_node=excitation_node,
+            plane=plane.value,
+            spin_rpm=spin_rpm,
+            out=out,
+            as_json=as_json,
         )
     )
 
@@ -190,6 +216,20 @@ def check(
     expectation = Expectation(expect_k_b, tolerance, estimator) if expect_k_b else None
     if not check_fmu(fmu, expectation, junit, as_json=as_json):
         raise typer.Exit(GATE_FAILED)
+
+
+@app.command(short_help="What reality may have and the nominal rotor lacks.")
+def effects(
+    effect_id: Annotated[str | None, typer.Argument(metavar="[ID]", help="One effect; default: a list of all.")] = None,
+    as_json: JSON = False,
+) -> None:
+    """The effect library: what each effect adds, with its parameters, prior ranges and places."""
+    from rigtwin.effects import print_effect, print_effects
+
+    if effect_id is None:
+        print_effects(as_json=as_json)
+    else:
+        print_effect(effect_id, as_json=as_json)
 
 
 @app.command(short_help="One HTML page of measured runs.")

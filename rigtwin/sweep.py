@@ -1,23 +1,25 @@
-"""``rigtwin sweep``: one stepped-sine run on the virtual rig."""
+"""``rigtwin sweep``: stepped-sine runs on the virtual rig."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from estimator.dataset import noisy
-from rigtwin.console import print_json, progress, say, table
+from rigtwin.console import note, print_json, progress, say, table
 from rigtwin.exits import UserError
 from rigtwin.fmus import excitation_node, rotor_fmu
 from rigtwin.wording import with_error
-from sim.campaign import Plane, Run, SupportKind
+from rotor.effects import EFFECTS, Effect, Parameter
+from sim.campaign import Plane, Run, SupportKind, SweepDirection
 from sim.formats import SUFFIXES, write_run
 from sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
 from sim.session import FmuSession
-from sim.stepped_sine import Rig, Sweep, SweepPlan
+from sim.stepped_sine import Rig, SetupError, Sweep, SweepPlan
 from sim.stepped_sine import sweep as measure
 
 # Settings with an option of their own: the run's record must say the same as the FMU does.
@@ -31,14 +33,20 @@ _OPTIONS = {
 }
 
 
+# Remarks on single lines that are printed; the others are counted.
+_REMARKS = 3
+
+
 @dataclass(frozen=True)
 class SweepRequest:
     """What was asked for on the command line."""
 
     source: str  # an FMU or a rig
     support: SupportKind
+    effects: tuple[str, ...]  # ids
     settings: tuple[str, ...]  # "name=value"
     plan: SweepPlan
+    levels: tuple[float, ...]  # force amplitudes, a run each; none: the plan's alone [N]
     noise: float  # relative
     seed: int
     excitation_node: int | None  # default the FMU's own
@@ -49,21 +57,38 @@ class SweepRequest:
 
 
 def run_sweep(request: SweepRequest) -> None:
-    """Measure, write the file, print what was found."""
+    """Measure, write the files, print what was found."""
     _check_output(request.out)
     plan = noisy(request.plan, request.noise, request.seed) if request.noise else request.plan
+    summaries = []
     with rotor_fmu(request.source) as fmu, FmuSession(fmu) as session:
-        rig = _rig(session, request)
-        with progress(f"{request.support} support", plan.n_lines) as count:
-            result = measure(session, rig, plan, count)
-        guid = str(session.description.guid)
-    if request.out:
-        write_run(result.run, request.out)
-    modes, why_none = _modes(result.run)
+        rig, guid = _rig(session, request), str(session.description.guid)
+        for level in request.levels or (plan.force_amplitude,):
+            out = _file_of(request, level)
+            result = _measure(session, rig, replace(plan, force_amplitude=level))
+            if out:
+                write_run(result.run, out)
+            modes, why_none = _modes(result.run)
+            summaries.append(_summary(request.source, rig, result, modes, guid, out))
+            if not request.as_json:
+                _print(rig, result, modes, why_none, out)
     if request.as_json:
-        print_json(_summary(request, rig, result, modes, guid))
-    else:
-        _print(request, rig, result.run, modes, why_none)
+        print_json({"runs": summaries} if request.levels else summaries[0])
+
+
+def _measure(session: FmuSession, rig: Rig, plan: SweepPlan) -> Sweep:
+    try:
+        with progress(f"{rig.support} support, {plan.force_amplitude:g} N", rig.carry_out(plan).n_lines) as count:
+            return measure(session, rig, plan, count)
+    except SetupError as error:
+        raise UserError(str(error)) from error
+
+
+def _file_of(request: SweepRequest, level: float) -> Path | None:
+    """Where a run goes: the file that was asked for, of several levels each with its own in the name."""
+    if request.out is None or not request.levels:
+        return request.out
+    return request.out.with_stem(f"{request.out.stem}_{level:g}N")
 
 
 def _check_output(out: Path | None) -> None:
@@ -75,13 +100,50 @@ def _check_output(out: Path | None) -> None:
 
 
 def _rig(session: FmuSession, request: SweepRequest) -> Rig:
+    effects, settings = parse_effects(request.effects, request.settings)
     return Rig(
         support=request.support,
         excitation_node=request.excitation_node or excitation_node(session),
         excitation_plane=request.plane,
         spin_rpm=request.spin_rpm,
-        parameters=parse_settings(session, request.settings),
+        parameters=parse_settings(session, settings),
+        effects=effects,
     )
+
+
+def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+    """Effects with the "ID.PARAM=VALUE" settings that are theirs, and all other settings. Raises UserError."""
+    values: dict[str, dict[str, float | int]] = {key: {} for key in ids}
+    for key in ids:
+        if key not in EFFECTS:
+            raise UserError(f"--effect {key}: there is no such effect; there are {', '.join(EFFECTS)}")
+        if ids.count(key) > 1:
+            raise UserError(
+                f"--effect {key}: given twice; give it once, and its parameters with --set {key}.NAME=VALUE"
+            )
+    others = []
+    for setting in settings:
+        key, _, parameter = setting.partition("=")[0].partition(".")
+        if key not in EFFECTS:
+            others.append(setting)
+        elif key not in values or parameter == "enabled":
+            raise UserError(f"--set {setting}: an effect is switched on with --effect {key}")
+        else:
+            values[key][parameter] = _effect_value(setting, EFFECTS[key], parameter)
+    try:
+        return tuple(EFFECTS[key](**given) for key, given in values.items()), tuple(others)
+    except ValueError as error:  # says the effect and the parameter
+        raise UserError(str(error)) from error
+
+
+def _effect_value(setting: str, effect: type[Effect], parameter: str) -> float | int:
+    if parameter not in effect.roles():
+        raise UserError(
+            f"--set {setting}: {effect.id} has no parameter {parameter}; it has {', '.join(effect.roles())}"
+        )
+    role = effect.roles()[parameter]
+    whole = not isinstance(role, Parameter) and role.kind == "node"
+    return _value(setting, setting.partition("=")[2], "Integer" if whole else "Real")
 
 
 def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, float | int | bool]:
@@ -95,7 +157,8 @@ def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, 
         if name in _OPTIONS:
             raise UserError(f"--set {setting}: use {_OPTIONS[name]} for this")
         if name not in variables:
-            raise UserError(f"--set {setting}: the FMU has no parameter {name}; it has {', '.join(variables)}")
+            known = ", ".join(known for known in variables if "." not in known)
+            raise UserError(f"--set {setting}: the FMU has no parameter {name}; it has {known}, and those of --effect")
         parameters[name] = _value(setting, text, variables[name].type)
     return parameters
 
@@ -117,17 +180,23 @@ def _modes(run: Run) -> tuple[tuple[Mode, ...], str]:
         return (), str(error)
 
 
-def _summary(request: SweepRequest, rig: Rig, result: Sweep, modes: tuple[Mode, ...], guid: str) -> dict[str, Any]:
+def _summary(
+    source: str, rig: Rig, result: Sweep, modes: tuple[Mode, ...], guid: str, out: Path | None
+) -> dict[str, Any]:
     return {
-        "source": request.source,
+        "source": source,
         "guid": guid,
         "support": rig.support,
         "excitation_node": rig.excitation_node,
+        "force_amplitude_N": result.run.force_amplitude_N,
+        "sweep": result.run.sweep,
         "parameters": rig.parameters,
+        "effects": {effect.id: asdict(effect) for effect in rig.effects},
         "lines": len(result.lines),
         "largest_remaining_transient": max(line.transient for line in result.lines),
+        "remarks": result.remarks,
         "modes": [mode_record(result.run, mode) for mode in modes],
-        "file": str(request.out) if request.out else None,
+        "file": str(out) if out else None,
     }
 
 
@@ -164,10 +233,13 @@ def mode_row(run: Run, mode: Mode) -> tuple[str, str, str, str]:
     )
 
 
-def _print(request: SweepRequest, rig: Rig, run: Run, modes: tuple[Mode, ...], why_none: str) -> None:
-    where = f"force at node {rig.excitation_node} in {rig.excitation_plane}"
+def _print(rig: Rig, result: Sweep, modes: tuple[Mode, ...], why_none: str, out: Path | None) -> None:
+    run = result.run
+    where = f"force {run.force_amplitude_N:g} N at node {rig.excitation_node} in {rig.excitation_plane}"
     band = f"{run.frequency_hz[0]:g} to {run.frequency_hz[-1]:g} Hz"
     say(f"{rig.support} support, {where}: {len(run.frequency_hz)} lines, {band}")
+    for effect in rig.effects:
+        say(f"with {effect.id}: " + ", ".join(f"{name} = {value:g}" for name, value in asdict(effect).items()))
     if modes:
         table(
             MODE_HEADER,
@@ -175,16 +247,33 @@ def _print(request: SweepRequest, rig: Rig, run: Run, modes: tuple[Mode, ...], w
         )
     else:
         say(f"no mode fitted: {why_none}")
-    if request.out:
-        say(f"written to {request.out}")
+    for remark in result.remarks[:_REMARKS]:
+        note(remark)
+    if len(result.remarks) > _REMARKS:
+        note(f"and {len(result.remarks) - _REMARKS} more lines with such remarks; --json lists them")
+    if out:
+        say(f"written to {out}")
 
 
-def plan_of(f_min: float, f_max: float, lines: int, force: float) -> SweepPlan:
+def plan_of(f_min: float, f_max: float, lines: int, force: float, direction: SweepDirection) -> SweepPlan:
     """A sweep plan from the command line's numbers. Raises UserError."""
     if not 0 < f_min < f_max:
         raise UserError(f"--f-min {f_min:g} --f-max {f_max:g}: need 0 < f-min < f-max")
     if lines < 8:
         raise UserError(f"--lines {lines}: at least 8 are needed to find a resonance")
-    if not force > 0:
+    if not 0 < force < math.inf:
         raise UserError(f"--force {force:g}: the force must be positive")
-    return replace(SweepPlan(), f_min_hz=f_min, f_max_hz=f_max, n_lines=lines, force_amplitude=force)
+    return SweepPlan(f_min_hz=f_min, f_max_hz=f_max, n_lines=lines, force_amplitude=force, direction=direction)
+
+
+def levels_of(text: str | None) -> tuple[float, ...]:
+    """Force levels from "0.5,1,2". Raises UserError."""
+    if text is None:
+        return ()
+    try:
+        levels = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise UserError(f"--levels {text}: write forces in newtons, for example --levels 0.5,1,2") from None
+    if not all(0 < level < math.inf for level in levels) or len(set(levels)) < len(levels):
+        raise UserError(f"--levels {text}: the forces must be positive and different")
+    return levels

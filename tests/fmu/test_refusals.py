@@ -222,7 +222,7 @@ def warned(fmu):
         (stepper,) = (m for name, m in sys.modules.items() if name.startswith("rotor_") and name.endswith(".stepper"))
         expm = stepper.expm
         stepper.expm = lambda matrix: (
-            warnings.warn("overflow encountered", RuntimeWarning, stacklevel=2) or expm(matrix)
+            warnings.warn("overflow", RuntimeWarning, stacklevel=2) or expm(matrix)
         )
         message = ""
         try:

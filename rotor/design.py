@@ -99,12 +99,6 @@ class Design:
             raise ValueError(f"{effect} is given twice, and takes the place of one value; give it once")
         self._replaced.add(effect)
 
-    @property
-    def middle(self) -> float:
-        """Middle between the supports that carry k_b [m]."""
-        x = self.structure.x[self.structure.support_node[np.isnan(self.structure.support_stiffness)]]
-        return float(x.min() + x.max()) / 2
-
 
 def _bearings(structure: Structure, condition: Condition) -> list[Bearing]:
     """The bearings of a rotor that runs in them; none on rigid supports."""

@@ -103,9 +103,9 @@ class Balance:
 
     def read_out(self, plane: int) -> ComplexArray:
         """(n_nodes, n_states) deflection of every node in a plane, from the states in eigenvector coordinates."""
-        return self._state.displacement(self.system.read_out(plane)) @ self.V
+        return np.asarray(self._state.displacement(self.system.read_out(plane)) @ self.V, dtype=complex)
 
-    def resolvent(self, omega: FloatArray, loads: NDArray[Any]) -> ComplexArray:
+    def resolvent(self, omega: FloatArray, loads: ComplexArray) -> ComplexArray:
         """(i k omega - A)^-1 loads, in the coordinates of A's eigenvectors.
 
         Parameters
@@ -119,9 +119,9 @@ class Balance:
         """
         s = 1j * omega[:, None] * np.arange(self.harmonics + 1)  # (B, K)
         if self.values.ndim == 1:
-            return np.asarray(loads / (s[..., None] - self.values)[..., None], dtype=complex)
+            return loads / (s[..., None] - self.values)[..., None]
         one = np.eye(len(self.values))
-        return np.linalg.solve(s[..., None, None] * one - self.values, loads).astype(complex)
+        return np.linalg.solve(s[..., None, None] * one - self.values, loads)
 
     def receptance(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Receptances of the joints among each other and to the exciting force.

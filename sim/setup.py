@@ -144,9 +144,7 @@ class Rig:
                 samples_per_period=max(plan.samples_per_period, _NONLINEAR_SAMPLES),
                 periods=max(plan.periods, _NONLINEAR_PERIODS),
                 accept_nonperiodic=True,
-                **{
-                    name: value for name, value in _NONLINEAR.items() if getattr(plan, name) == getattr(SweepPlan, name)
-                },
+                **left_open,
             )
         return plan
 

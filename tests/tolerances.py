@@ -108,8 +108,9 @@ NEARLY_LINEAR = 1e-5
 # Energy of a resonance, a small difference of what is stored; eigenvectors' round-off over the damping.
 ENERGY = 1e-6
 
-# A corner rounded over half the way between two samples: what folds back of it, e^-pi of a 512th squared.
-SAMPLED_CORNERS = 1e-5
+# A corner rounded over half the way between two samples: what folds back is e^-pi of the force's step of
+# slope, over the 512 samples squared, times some hundred of stored over fed energy.
+SAMPLED_CORNERS = 1e-4
 
 # A fold, where the frequency changes with the square of the arc length: 1e-4 of a step in slope, squared,
 # beside what the curve's start contributes.
@@ -117,3 +118,9 @@ FOLD = 1e-6
 
 # A jump in a stepped sweep against the fold (bar of the project) [Hz].
 JUMP_HZ = 0.1
+
+# Floquet multipliers by kicks at 256 samples: (2 pi / 256)^2 / 24 of the local stiffness' part in the phase.
+KICKS = 1e-3
+
+# The multiplier at a fold, which is one: the root of KICKS, as two multipliers meet near there at light damping.
+MULTIPLIER_AT_FOLD = 0.02

@@ -44,7 +44,8 @@ def oscillator(damping_ratio: float, *laws: tuple[ForceLaw, tuple[float, ...]]) 
     pattern = np.array([[1.0], [0.0]])
     forces = (LocalForce(law, coefficients, pattern) for law, coefficients in laws)
     damping = 2 * damping_ratio * OMEGA_0 * MASS
-    return masses(*(np.array([[value]]) for value in (MASS, STIFFNESS, damping)), *forces)
+    M, K, C = (np.array([[value]]) for value in (MASS, STIFFNESS, damping))
+    return masses(M, K, C, *forces)
 
 
 def two_masses(law: ForceLaw, coefficients: tuple[float, ...]) -> RotorModel:

@@ -159,7 +159,7 @@ def test_real_and_complex_form_are_inverse():
 
 @pytest.mark.parametrize("effect", SYMMETRIC, ids=lambda e: e.id)
 def test_symmetric_laws_give_no_even_harmonics(effect):
-    motions = paper_balance(effect).solve(LINES_HZ, 1.0)
+    motions = paper_balance(effect).solve(LINES_HZ[::3], 1.0)
     sizes = np.abs(motions.joints[motions.converged]).max(axis=(0, 2))
     assert sizes[3] > 1e-3 * sizes[1]
     assert sizes[[0, 2, 4, 6]].max() < tol.ROUND_OFF * sizes[1]
@@ -175,7 +175,7 @@ def test_lopsided_laws_shift_the_mean_and_give_even_harmonics(effect):
 @pytest.mark.parametrize("effect", [*SYMMETRIC, *LOPSIDED], ids=lambda e: e.id + "-preloaded" * (e is PRELOADED))
 def test_what_the_force_feeds_in_dampers_and_local_forces_take_out(effect):
     force = 2.0
-    motions = paper_balance(effect).solve(LINES_HZ, force)
+    motions = paper_balance(effect).solve(LINES_HZ[::2], force)
     balance, k = motions.balance, np.arange(8)[:, None]
     omega = 2 * np.pi * motions.frequency_hz[:, None, None] * k
     velocity = 1j * omega * every_harmonic(motions)
@@ -183,7 +183,7 @@ def test_what_the_force_feeds_in_dampers_and_local_forces_take_out(effect):
     damping = np.einsum("lki,ij,lkj->lk", velocity.conj(), balance.system.C, velocity).real[:, 1:]
     damped = np.pi * np.sum(damping / omega[:, 1, 0, None], axis=1)
     found = motions.converged
-    assert found.sum() > 50
+    assert found.sum() > 25
     taken = motions.dissipated.sum(axis=1)
     np.testing.assert_allclose((damped + taken)[found], fed[found], rtol=tol.ENERGY)
     if isinstance(effect, BearingFriction):
@@ -199,7 +199,7 @@ def every_harmonic(motions: Motions) -> np.ndarray:
     force = np.zeros((*motions.joints.shape[:2], system.n), dtype=complex)
     force[:, 1] = motions.force_amplitude * system.unit_vector(2, 1)
     force -= motions.forces @ motions.balance.forces.patterns
-    w = 2 * np.pi * motions.frequency_hz[:, None, None, None] * np.arange(force.shape[1])[:, None, None]
+    w = 2 * np.pi * motions.frequency_hz[:, None, None, None] * np.arange(8)[:, None, None]
     return np.linalg.solve(system.K + 1j * w * system.C - w**2 * system.M, force[..., None])[..., 0]
 
 

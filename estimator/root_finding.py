@@ -7,8 +7,9 @@ from scipy.optimize import brentq
 
 from estimator.features import Features
 from rotor.condition import Condition
-from rotor.modal import damped_modes, state_matrix
+from rotor.modal import damped_modes
 from rotor.model import build_system
+from rotor.state_space import StateSpace
 from rotor.structure import Structure
 from rotor.system import LinearSystem
 
@@ -103,10 +104,10 @@ def _resonance_acceleration(system: LinearSystem, node: int) -> float:
     denominator is 2 i zeta omega_r^2, and acceleration is omega_r^2 times it. The two planes share
     their eigenvalues, so the residues of both are added up.
     """
-    force = system.unit_vector(node, 1)
-    eigenvalue, V = np.linalg.eig(state_matrix(system))
-    inputs = np.concatenate([np.zeros(system.n), np.linalg.solve(system.M, force)])
-    residue = (force @ V[: system.n]) * np.linalg.solve(V, inputs.astype(complex))  # (2n,)
+    space, force = StateSpace(system), system.unit_vector(node, 1)
+    eigenvalue, V = np.linalg.eig(space.A)
+    read_out, inputs = space.displacement(force[None])[0], space.input(force[:, None])[:, 0]
+    residue = (read_out @ V) * np.linalg.solve(V, inputs.astype(complex))  # (n_states,)
     oscillating = np.imag(eigenvalue) > 1e-9 * np.abs(eigenvalue).max()
     first = eigenvalue[oscillating][np.argmin(np.abs(eigenvalue[oscillating]))]
     R = residue[np.abs(eigenvalue - first) < 1e-6 * np.abs(first)].sum()

@@ -92,7 +92,7 @@ def linear(system: LinearSystem) -> ModalStepper:
 
 def sine(amplitude: float, omega: float, t: float, h: float, direction: tuple[complex, complex] = Y) -> Drive:
     """A sine that runs through, from t to t + h."""
-    return Drive(0.0, (Tone(omega, omega * t, omega * (t + h), amplitude * np.array([*direction, 0j])[:2]),))
+    return Drive(0.0, (Tone(omega, omega * t, omega * (t + h), np.array(direction, dtype=np.complex128) * amplitude),))
 
 
 def march(
@@ -151,6 +151,28 @@ def test_a_bilinear_spring_takes_half_a_period_of_either(ratio):
     k = 8e5
     period = np.pi * np.sqrt(2.0 / k) * (1 + 1 / np.sqrt(ratio))
     returns_after(one_mass(BILINEAR, k, ratio, 1e-12, stiffness=k), 0.0, 0.05, period)
+
+
+def test_a_joint_loaded_in_y_stays_centred_in_z():
+    """Pushed far onto its stiff side in y, a bilinear spring is a linear one there and a bilinear one across."""
+    k, ratio, offset = 8e5, 4.0, 1e-2
+    model = one_mass(BILINEAR, k, ratio, 1e-12, stiffness=k, offset=offset)
+    periods = 2 * np.pi * np.sqrt(2.0 / (ratio * k)), np.pi * np.sqrt(2.0 / k) * (1 + 1 / np.sqrt(ratio))
+    for plane, period in enumerate(periods):
+        start = 0.05 * np.eye(2)[plane]
+        q, v = let_go(stepper(model), np.zeros(2), start, np.array([0.0, period]))
+        assert_allclose(v[1], start, rtol=0, atol=NONLINEAR_STEPPER * 0.05)
+        assert_allclose(q[1], 0, rtol=0, atol=NONLINEAR_STEPPER * 0.05 * period)
+
+
+def test_two_halves_of_a_law_are_the_whole():
+    k3, x = 1e15, np.array([2e-3, -1e-3])
+    whole = one_mass(CUBIC, k3, stiffness=8e5)
+    half = replace(whole.forces[0], coefficients=(k3 / 2,))
+    times = np.linspace(0, 5e-3, 6)
+    expected, _ = let_go(stepper(whole), x, np.zeros(2), times)
+    both, _ = let_go(stepper(replace(whole, forces=(half, half))), x, np.zeros(2), times)
+    assert_allclose(both, expected, rtol=0, atol=NONLINEAR_STEPPER * np.abs(x).max())
 
 
 def test_a_friction_element_that_sticks_is_a_spring():

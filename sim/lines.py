@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotor.effects.chain import SensorPosition
-from rotor.effects.effect import Effect
 from rotor.effects.spinning import UnbalanceForce
-from rotor.measured import ChannelGroup, channel_factor, force_factor
+from rotor.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
 from sim.campaign import Channel, ComplexArray, FloatArray
 from sim.detection import HARMONICS, Phasors, detect
 from sim.session import FmuSession, SavedState
@@ -82,7 +81,7 @@ class LineReader:
         self._session, self._rig, self._plan, self._effects = session, rig, plan, group.effects
         self.channels = channels_of(session, rig)
         self._outputs = [*(f"node_{c.node}.acceleration_{c.plane}" for c in self.channels), "force_applied"]
-        self._controlled = any(type(effect).force_factor is not Effect.force_factor for effect in group.effects)
+        self._controlled = at_constant_current(group.effects)
         if self._controlled and plan.dwell is not None:
             raise SetupError(
                 "the force of an exciter at constant current follows from the settled motion, and fast_sweep reads "

@@ -151,7 +151,6 @@ class _Raster:
         for peak in self._candidates():
             closest = self._close_in(peak)
             if closest is None:
-                self._warn_of_resonance_beyond(peak)
                 continue
             centre, width = half_power_band(*self._magnitude(), closest)
             if self._keep_states:
@@ -179,10 +178,11 @@ class _Raster:
     def _candidates(self) -> list[float]:
         """Lines that stand out; the ends count when the response rises towards them."""
         f, magnitude = self._magnitude()
-        return resonances(np.pad(f, 1), np.pad(magnitude, 1)) if len(f) > 1 and magnitude.any() else []
+        found = resonances(np.pad(f, 1), np.pad(magnitude, 1)) if len(f) > 1 and magnitude.any() else []
+        return [line for line in found if self.lines[line].periodic]
 
     def _close_in(self, peak: float) -> float | None:
-        """The highest line next to a maximum, once its half-power band is seen; None: it lies beyond the end.
+        """The highest line next to a maximum, once its half-power band is seen; None where there is no such thing.
 
         Lines half way to the neighbours are added until these are nearly as high. At an end of the
         band there is one neighbour, which is that high, too, when it is twice as far from the
@@ -190,6 +190,8 @@ class _Raster:
         """
         sharpest = _SHARPEST_JUMP if self._keep_states else _SHARPEST
         for _ in range(40):
+            if not self.lines[peak].periodic:
+                return None
             f, magnitude = self._magnitude()
             here = int(np.flatnonzero(f == peak)[0])
             beside = [k for k in (here - 1, here + 1) if 0 <= k < len(f)]
@@ -203,6 +205,7 @@ class _Raster:
             near = (f >= low) & (f <= high)
             highest = float(f[near][np.argmax(magnitude[near])])
             if seen and highest == peak:
+                self._warn_of_resonance_beyond(peak)
                 return None
             peak = highest
         return peak

@@ -34,6 +34,10 @@ PERIODIC = 1e-3
 _FORCE_STEPS = 20
 
 
+# Samples a period while waiting: what folds back is the same in every window.
+_WAITING_SAMPLES = 128
+
+
 class NotSettledError(RuntimeError):
     """A line did not settle within the allowed time; ``frequency_hz`` and ``estimate`` say where."""
 
@@ -110,7 +114,8 @@ class LineReader:
         while len(windows) < self._plan.max_windows:
             self._session.step(self._plan.settle_time)
             turn = np.exp(-2j * np.pi * self._spin_hz * self._session.time * np.array(HARMONICS))
-            found = detect(self._window(self._spin_hz, periods=1), self._plan.samples_per_period)
+            samples = self._plan.samples_per_period
+            found = detect(self._window(self._spin_hz, 1, samples), samples)
             windows.append(replace(found, amplitude=found.amplitude * turn[:, None]))
             if len(windows) >= 3 and remaining_transient(windows) <= _ROUND_OFF:
                 return windows[-1].amplitude[0]
@@ -200,12 +205,11 @@ class LineReader:
 
     # -- reading -------------------------------------------------------------------------------
 
-    def _window(self, at: float, periods: int) -> FloatArray:
-        """Samples of whole periods, less the motion by unbalance.
+    def _window(self, at: float, periods: int, n: int) -> FloatArray:
+        """n samples of each of whole periods, less the motion by unbalance.
 
         What is stepped in time gets one more period, to find into the samples' rhythm.
         """
-        n = self._plan.samples_per_period
         run_in = n if self._rig.nonlinear else 0
         h, size = 1 / (n * at), n * periods + run_in
         if self._run_out is None:
@@ -214,11 +218,13 @@ class LineReader:
         return self._session.sample(self._outputs, h, size) - (turn[:, None] * self._run_out).real
 
     def _phasors(self, at: float) -> Phasors:
-        return per_force(detect(self._window(at, periods=1), self._plan.samples_per_period))
+        """Phasors of one period, to see whether they still change."""
+        samples = min(self._plan.samples_per_period, _WAITING_SAMPLES)
+        return per_force(detect(self._window(at, 1, samples), samples))
 
     def _line(self, frequency_hz: float, at: float, settled: _Settled, force: complex, remark: str) -> Line:
         plan, windows = self._plan, settled.windows
-        clean = self._window(at, plan.periods)
+        clean = self._window(at, plan.periods, plan.samples_per_period)
         noisy = clean.copy()
         noisy[:, :-1] = plan.noise.add(clean[:, :-1], self._stream(frequency_hz))
         detected = detect(noisy, plan.samples_per_period, any_harmonics=self._rig.nonlinear)

@@ -123,8 +123,8 @@ def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tupl
             )
     others = []
     for setting in settings:
-        key, _, parameter = setting.partition("=")[0].partition(".")
-        if key not in EFFECTS:
+        key, dot, parameter = setting.partition("=")[0].partition(".")
+        if not dot or key not in EFFECTS:
             others.append(setting)
         elif key not in values or parameter == "enabled":
             raise UserError(f"--set {setting}: an effect is switched on with --effect {key}")

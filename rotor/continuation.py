@@ -169,7 +169,7 @@ def trace(
     curve, with ``reason`` when it does not reach ``stop_hz``
     """
     step_hz = abs(stop_hz - start_hz) / 400 if step_hz is None else step_hz
-    start = _from_rest(balance, start_hz, force_amplitude)
+    start = from_rest(balance, start_hz, force_amplitude)
     tracer = _Tracer(balance, "omega", 2 * np.pi * step_hz)
     if start.converged[0]:
         reason = tracer.follow(_point(start), 2 * np.pi * stop_hz)
@@ -179,8 +179,16 @@ def trace(
     return tracer.curve(stop_hz > start_hz, step_hz, reason)
 
 
-def _from_rest(balance: Balance, frequency_hz: float, force_amplitude: float) -> Motions:
-    """The motion that a slowly rising force ends on."""
+def from_rest(balance: Balance, frequency_hz: float, force_amplitude: float) -> Motions:
+    """The motion that a force of one frequency ends on when it rises slowly from zero to its amplitude.
+
+    Finds it where ``Balance.solve`` fails, and the one that a rotor at rest is driven to where there are several.
+
+    Parameters
+    ----------
+    frequency_hz : [Hz]
+    force_amplitude : peak of the exciting force [N]
+    """
     share = _FIRST_SHARE * force_amplitude
     linear = share * balance.receptance(np.array([2 * np.pi * frequency_hz]))[1]
     first = balance.solve(frequency_hz, share, linear)
@@ -188,7 +196,8 @@ def _from_rest(balance: Balance, frequency_hz: float, force_amplitude: float) ->
         return balance.solve(frequency_hz, force_amplitude)
     ramp = _Tracer(balance, "force_amplitude", force_amplitude / 2)
     ramp.follow(_point(first), force_amplitude)
-    return balance.solve(frequency_hz, force_amplitude, ramp.end(force_amplitude)[None])
+    last = balance.solve(frequency_hz, force_amplitude, ramp.end(force_amplitude)[None])
+    return last if last.converged[0] else balance.solve(frequency_hz, force_amplitude)
 
 
 @dataclass(frozen=True)
@@ -233,7 +242,7 @@ class _Linearised:
         H = balance.left @ states  # (K, n_joints, n_joints + 2)
         self._by_force, self._drive = states[..., :-2], at.force_amplitude * states[..., -2]
         self._by_varied = -states[..., -1]
-        self._N, self._DN = N[0], DN[0].reshape(*N.shape[1:], -1)
+        self._N, self._DN = N[0], DN[0].reshape(*N.shape[1:], N[0].size * 2 - balance.n_joints)
         self.J = jacobian(H[None, ..., :-2], DN)[0]
         linear = at.force_amplitude * H[..., -2] - (H[..., :-2] @ N[0, ..., None])[..., 0]
         self.residual, self.by_varied = _flat(at.joints - linear), _flat(H[..., -1])
@@ -352,7 +361,7 @@ class _Tracer:
 
     def _after(self, at: _Point, change: FloatArray, states: ComplexArray) -> _Point:
         """A point after a change of joints and what varies, with its states."""
-        joints = complex_form(change[:-1].reshape(1, self.balance.forces.n_unknowns, -1))[0]
+        joints = complex_form(change[:-1].reshape(1, self.balance.forces.n_unknowns, self.balance.n_joints))[0]
         varied = {self.varied: self.value(at) + float(change[-1])}
         return replace(at, joints=at.joints + joints, states=states, **varied)
 
@@ -360,7 +369,7 @@ class _Tracer:
         """Joints where the last step of the curve crosses a value of what varies, by interpolation."""
         before, after = self.points[-2:] if len(self.points) > 1 else self.points * 2
         width = self.value(after) - self.value(before)
-        share = (value - self.value(before)) / width if width else 0.0
+        share = float(np.clip((value - self.value(before)) / width, 0.0, 1.0)) if width else 0.0
         return before.joints + share * (after.joints - before.joints)
 
     def curve(self, rising: bool, step_hz: float, reason: str) -> Curve:

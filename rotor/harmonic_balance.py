@@ -156,7 +156,7 @@ class Balance:
         H, H_force = receptance
         N, DN = self.forces(joints)
         R = joints - force_amplitude * H_force + (H @ N[..., None])[..., 0]
-        return real_form(R).reshape(len(R), -1), jacobian(H, DN)
+        return real_form(R).reshape(len(R), self.forces.n_unknowns * self.n_joints), jacobian(H, DN)
 
     def solve(
         self, frequency_hz: FloatArray | float, force_amplitude: float, start: ComplexArray | None = None
@@ -168,8 +168,8 @@ class Balance:
         frequency_hz : (n,) or one [Hz]
         force_amplitude : peak of the exciting force [N]
         start : (n, K, n_joints) joint phasors to start from [m]; by default the force is raised
-            from zero in a few steps. Where several motions exist it is left to the start which one is found:
-            ``continuation.trace`` knows.
+            from zero in a few steps. That can fail in strongly nonlinear motion, and where there are several motions
+            it is left to the start which is found: ``continuation`` follows them.
 
         Returns
         -------
@@ -202,7 +202,7 @@ class _Newton:
         start: ComplexArray,
     ):
         self.balance, self.receptance, self.force_amplitude = balance, receptance, force_amplitude
-        self.u = real_form(start).reshape(len(start), -1)
+        self.u = real_form(start).reshape(len(start), balance.forces.n_unknowns * balance.n_joints)
         R, J = balance.residual(receptance, force_amplitude, start)
         self.size, self.step = np.linalg.norm(R, axis=1), _solve(J, -R)
         self.determinant = np.linalg.slogdet(J)[0]
@@ -215,7 +215,7 @@ class _Newton:
         return self._joints(self.u)
 
     def _joints(self, u: FloatArray) -> ComplexArray:
-        return complex_form(u.reshape(len(u), self.balance.forces.n_unknowns, -1))
+        return complex_form(u.reshape(len(u), self.balance.forces.n_unknowns, self.balance.n_joints))
 
     def run(self) -> _Newton:
         """Iterate until every motion has converged or stalled."""

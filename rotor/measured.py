@@ -69,14 +69,24 @@ def check_nodes(effects: Sequence[Effect], n_nodes: int) -> None:
 
 def channel_factor(effects: Sequence[Effect], omega: FloatArray, node: int) -> ComplexArray:
     """(n_freq,) reported over true response of the sensor at a node, by all effects."""
-    factors = [effect.channel_factor(omega, node) for effect in effects]
-    return np.prod(factors, axis=0) if factors else np.ones(len(omega), dtype=complex)
+    factor = np.ones(len(omega), dtype=complex)
+    for effect in effects:
+        if type(effect).channel_factor is not Effect.channel_factor:
+            factor *= effect.channel_factor(omega, node)
+    return factor
+
+
+def at_constant_current(effects: Sequence[Effect]) -> bool:
+    """Whether an effect makes the force depend on the motion."""
+    return any(type(effect).force_factor is not Effect.force_factor for effect in effects)
 
 
 def force_factor(effects: Sequence[Effect], omega: FloatArray, drive_receptance: ComplexArray) -> ComplexArray:
     """(n_freq,) force on the rotor over the nominal force, by all effects; arguments as ``Effect.force_factor``."""
-    factors = [effect.force_factor(omega, drive_receptance) for effect in effects]
-    return np.prod(factors, axis=0) if factors else np.ones(len(omega), dtype=complex)
+    factor = np.ones(len(omega), dtype=complex)
+    for effect in effects:
+        factor *= effect.force_factor(omega, drive_receptance)
+    return factor
 
 
 def measured_response(
@@ -118,16 +128,17 @@ def measured_response(
         structure.dof(node, 1)  # raises where there is no such node
     check_nodes(effects, structure.n_nodes)
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
+    unit = force_amplitude if quantity == "acceleration" else 1.0
     nominal = quantity == "acceleration" or referred_to == "nominal_force"
     response = np.empty((len(omega), len(read)), dtype=complex)
     for group in channel_groups(effects, read):
         H, drive = _receptance(structure, condition, group, omega, plane or condition.excitation_plane)
-        factor = np.array([channel_factor(group.effects, omega, node) for node in group.nodes]).T
+        scale = unit * (1j * omega) ** _ORDER[quantity]
         if nominal:
-            factor = factor * force_factor(group.effects, omega, drive)[:, None]
-        response[:, [read.index(node) for node in group.nodes]] = H * factor
-    amplitude = force_amplitude if quantity == "acceleration" else 1.0
-    return amplitude * (1j * omega[:, None]) ** _ORDER[quantity] * response
+            scale = scale * force_factor(group.effects, omega, drive)
+        sensors = [scale * channel_factor(group.effects, omega, node) for node in group.nodes]
+        response[:, [read.index(node) for node in group.nodes]] = H * np.array(sensors).T
+    return response
 
 
 def _receptance(

@@ -25,8 +25,8 @@ from rotor.structure import FloatArray
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
-# Rounding of a corner, relative to the way that the joint makes between two samples. At a half, ten
-# times closer sampling changes nothing that matters; sharper corners fold the curve.
+# Rounding of a corner, relative to the way that the joint makes between two samples. Well below a half,
+# curves of lightly damped rotors break into small folds that closer sampling moves about.
 TRAVEL = 0.5
 
 # Relative step into the complex plane that gives the derivative by the rounding: no difference is taken.

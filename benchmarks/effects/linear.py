@@ -149,9 +149,9 @@ def section() -> str:
 
 Every linear effect at its start value (of the measurement chain, too; a spinning one at {SPIN_RPM:g} rev/min), measured
 through `RotorRig.fmu` by the virtual rig on both supports, against `rotor.measured`. {EVEN_LINES} even lines from
-{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz and {len(LINES_AT_A_RESONANCE)} at each resonance. Largest complex error over all nodes,
-relative to each line's own value, where it is above {100 * SHARE_OF_MEDIAN:g} % of its channel's median. At constant
-current (`force_dropout`) the response is per nominal force.
+{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz and {len(LINES_AT_A_RESONANCE)} at each resonance. Largest complex error over all
+nodes, relative to each line's own value, where it is above {100 * SHARE_OF_MEDIAN:g} % of its channel's median. At
+constant current (`force_dropout`) the response is per nominal force.
 
 Beside it, what one response of {TIMED_LINES} lines at 7 nodes costs on bearings, best of {REPEATS}: from the design to
 the response, and from the matrices to the response. A sensor with a mass is read from a rotor of its own; the time is

@@ -128,9 +128,10 @@ def test_a_critically_damped_rotor_has_no_eigenvectors_and_a_response():
 # -- the equations ------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("size", [4e-6, 2e-7], ids=["large", "small"])
 @pytest.mark.parametrize("both_planes", [False, True], ids=["one plane", "both planes"])
 @pytest.mark.parametrize("effect", [*SYMMETRIC, *LOPSIDED], ids=lambda e: e.id + "-preloaded" * (e is PRELOADED))
-def test_the_jacobian_is_the_derivative_of_the_residual(effect, both_planes):
+def test_the_jacobian_is_the_derivative_of_the_residual(effect, both_planes, size):
     pattern = None
     if both_planes:
         system = build_model(paper_structure(), PAPER).system
@@ -138,7 +139,7 @@ def test_the_jacobian_is_the_derivative_of_the_residual(effect, both_planes):
     balance = paper_balance(effect, harmonics=3, samples=64, pattern=pattern)
     rng = np.random.default_rng(5)
     receptance = balance.receptance(np.array([2 * np.pi * 70.0]))
-    u = 4e-6 * rng.standard_normal((1, 7, balance.n_joints))
+    u = size * rng.standard_normal((1, 7, balance.n_joints))
 
     def residual(unknowns: FloatArray) -> FloatArray:
         return balance.residual(receptance, 1.0, complex_form(unknowns))[0][0]
@@ -159,7 +160,7 @@ def test_real_and_complex_form_are_inverse():
 
 @pytest.mark.parametrize("effect", SYMMETRIC, ids=lambda e: e.id)
 def test_symmetric_laws_give_no_even_harmonics(effect):
-    motions = paper_balance(effect).solve(LINES_HZ[::3], 1.0)
+    motions = paper_balance(effect).solve(LINES_HZ[::3], 5.0)
     sizes = np.abs(motions.joints[motions.converged]).max(axis=(0, 2))
     assert sizes[3] > 1e-3 * sizes[1]
     assert sizes[[0, 2, 4, 6]].max() < tol.ROUND_OFF * sizes[1]
@@ -356,7 +357,9 @@ def test_a_motion_that_is_not_found_is_a_result_with_a_reason():
     balance = paper_balance(BearingClearance(gap=2e-6))
     far_off = np.full((1, 8, 2), 1.0 + 0j)
     motions = balance.solve(61.0, 3.0, far_off)
-    assert not motions.converged[0] and motions.reasons[0] and not motions.stable[0]
+    assert not motions.converged[0]
+    assert motions.reasons == ("Newton's method found no motion",)
+    assert not motions.stable[0]
     assert np.isfinite(motions.joints).all()
 
 

@@ -65,6 +65,20 @@ def test_a_constant_slope_acts_like_a_spring(samples):
     assert closest(found, expected_linear(1.5 * STIFFNESS, 0.02, 40.0)) < bound
 
 
+def test_modes_above_the_harmonics_yield_statically():
+    """Bearings that are only pushed are half as stiff again, and the fast modes' share of that must not be lost."""
+    condition = Condition(k_b=5e6, bearing_damping=50.0, shaft_damping_ratio=0.0)
+    stiffer = Condition(k_b=7.5e6, bearing_damping=50.0, shaft_damping_ratio=0.0)
+    balance = Balance(build_model(paper_structure(), condition, [BilinearSupport(ratio=1.5)]), condition)
+    joints = np.zeros((1, 8, 2), dtype=complex)
+    joints[0, 0] = 1.0
+    found = floquet_multipliers(Motions(balance, 1.0, np.array([150.0]), joints, np.array([True]), ("",)))[0]
+    expected = Balance(build_model(paper_structure(), stiffer), stiffer).values
+    low = expected[np.abs(expected) < 2 * np.pi * 300.0]
+    assert len(low) == 4
+    assert max(closest(found, value) for value in np.exp(low / 150.0)) < tol.KICKS
+
+
 def test_an_element_that_sticks_is_a_spring_and_leaves_its_force_free():
     k_t = 0.3 * STIFFNESS
     motion = Balance(oscillator(0.02, jenkins(k_t, 1.0)), CONDITION).solve(25.0, 1e-3)

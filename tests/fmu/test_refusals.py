@@ -221,9 +221,7 @@ def warned(fmu):
         session.start({"force": 1.0})
         (stepper,) = (m for name, m in sys.modules.items() if name.startswith("rotor_") and name.endswith(".stepper"))
         expm = stepper.expm
-        stepper.expm = lambda matrix: (
-            warnings.warn("overflow", RuntimeWarning, stacklevel=2) or expm(matrix)
-        )
+        stepper.expm = lambda matrix: warnings.warn("overflow", RuntimeWarning, stacklevel=2) or expm(matrix)
         message = ""
         try:
             session.step(2e-3)

@@ -18,7 +18,7 @@ from rotor.system import LinearSystem, slide
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
-# Condition of the eigenvectors beyond which the spectral form loses more than half the digits.
+# Condition of the eigenvectors (Frobenius) beyond which the spectral form loses more than half the digits.
 _DEFECTIVE = 1e7
 
 
@@ -105,9 +105,13 @@ class StateSpace:
     def spectrum(self) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
         """Eigenvalues, right eigenvectors V and V^-1; None where A is close to defective."""
         values, V = np.linalg.eig(self.A)
-        if np.linalg.cond(V) > _DEFECTIVE:
+        try:
+            inverse = np.linalg.inv(V)
+        except np.linalg.LinAlgError:
             return None
-        return values.astype(complex), V.astype(complex), np.linalg.inv(V).astype(complex)
+        if np.linalg.norm(V) * np.linalg.norm(inverse) > _DEFECTIVE:
+            return None
+        return values.astype(complex), V.astype(complex), inverse.astype(complex)
 
     def receptance(self, omega: FloatArray, inputs: FloatArray, outputs: FloatArray) -> ComplexArray:
         """Displacements per unit force.

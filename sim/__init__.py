@@ -9,7 +9,9 @@ module                what it holds                                         star
 ``session``           one FMU instance from unzip to free                   ``FmuSession``
 ``detection``         synchronous detection over whole periods              ``detect``
 ``sensors``           repeatable sensor noise                               ``SensorNoise``
-``stepped_sine``      settled lines, refined round each resonance           ``sweep``
+``setup``             the rig with its effects, the plan of a sweep         ``Rig``, ``SweepPlan``
+``lines``             one line: wait until settled, set the force, read     ``LineReader``
+``stepped_sine``      sweeps, refined round each resonance                  ``sweep``
 ``modal_fit``         modes of a measured frequency response                ``fit_modes``
 ====================  ====================================================  ==========================
 

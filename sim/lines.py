@@ -152,7 +152,7 @@ class LineReader:
         while True:
             self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
             settled, remark = self._settle(frequency_hz, at)
-            factor = self._force_factor(at, settled)
+            factor = self._force_factor(at)
             wanted = self._plan.force_amplitude * abs(factor)
             off = abs(wanted / self._amplitude - 1)
             agreed = off <= self._plan.settling_tolerance
@@ -190,14 +190,15 @@ class LineReader:
             estimate=estimate,
         )
 
-    def _force_factor(self, at: float, settled: _Settled) -> complex:
+    def _force_factor(self, at: float) -> complex:
         """Force on the rotor over the nominal one, by the motion at the exciter."""
         if not self._controlled:
             return 1.0
-        phasors = settled.windows[-1]
         if self._beside_drive:  # the sensor reads beside the exciter: set it back for a moment
             self._session.set({"sensor_position.enabled": False})
-            phasors = self._phasors(at)
+        samples = self._plan.samples_per_period
+        phasors = per_force(detect(self._window(at, 1, samples), samples))
+        if self._beside_drive:
             self._session.set({"sensor_position.enabled": True})
         drive = [c.node for c in self.channels].index(self._rig.excitation_node)
         omega = np.array([2 * np.pi * at])

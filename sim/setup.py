@@ -97,6 +97,9 @@ class Rig:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.drift) and abs(self.drift) < 0.5):
             raise SetupError(f"drift is a small relative change of frequency, got {self.drift:g}")
+        for name in self.parameters:
+            if name.endswith(".enabled"):
+                raise SetupError(f"{name} in parameters: the rig has to know its effects; give them as effects")
 
     @property
     def nonlinear(self) -> bool:

@@ -353,6 +353,11 @@ def test_a_drift_is_small():
         Rig(drift=-1.0)
 
 
+def test_effects_are_no_parameters():
+    with pytest.raises(SetupError, match=r"bearing_cubic.enabled in parameters: .* give them as effects"):
+        Rig(parameters={"bearing_cubic.enabled": True})
+
+
 def test_two_gains_are_two_sensors(session):
     """Effects that the FMU knows nothing of may be there more than once."""
     rig = Rig(effects=(SensorGain(gain=0.9, node=2), SensorGain(gain=1.2, node=5)))

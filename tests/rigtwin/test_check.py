@@ -54,8 +54,8 @@ def test_another_stiffness_than_expected_fails_with_both_numbers(rotor_fmu, esti
     stuck = altered(
         rotor_fmu,
         tmp_path / "stuck.fmu",
-        r"resources/rotor_\w+/system\.py",
-        lambda text: text.replace("condition.k_b\n", "1e7\n"),
+        r"resources/rotor_\w+/design\.py",
+        lambda text: text.replace("stiffness=condition.k_b", "stiffness=1e7"),
     )
     junit = tmp_path / "reports" / "junit.xml"
     failed, _ = check_failing(stuck, "--expect-k-b", 1.3e6, "--estimator", estimator_fmu, "--junit", junit)
@@ -127,7 +127,7 @@ def test_a_state_that_is_not_whole_fails_the_replay(rotor_fmu, tmp_path):
         rotor_fmu,
         tmp_path / "forgetful.fmu",
         r"resources/rotor_slave_\w+\.py",
-        lambda text: text.replace("self._simulator.restore(state)", "pass"),
+        lambda text: text.replace("self._simulator.restore(state, self._condition(), self._effects())", "pass"),
     )
     failed, _ = check_failing(forgetful)
     assert list(failed) == ["a saved state replays exactly"]

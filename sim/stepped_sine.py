@@ -162,12 +162,10 @@ class _Raster:
         """Say so where a resonance lies less than a base line outside the band: 1 / magnitude goes to zero there."""
         f, magnitude = self._magnitude()
         inside = 1 if end == f[0] else -2
-        flexibility = magnitude[inside] / magnitude[f == end][0]
-        beyond = abs(f[inside] - end) * flexibility / (1 - flexibility)
-        if beyond < np.ptp(f) / (self._plan.n_lines - 1):
-            logger.warning(
-                "a resonance lies within %.2g Hz beyond the band's end at %g Hz; widen the band", beyond, end
-            )
+        ratio, gap = magnitude[inside] / magnitude[f == end][0], abs(f[inside] - end)
+        if gap * ratio < (1 - ratio) * np.ptp(f) / (self._plan.n_lines - 1):
+            beyond = gap * ratio / (1 - ratio)
+            logger.warning("a resonance lies within %.2g Hz beyond the end of the band, %g Hz; widen it", beyond, end)
 
     def _magnitude(self) -> tuple[FloatArray, FloatArray]:
         """Frequencies and root-sum-square displacement over all channels."""
@@ -178,8 +176,7 @@ class _Raster:
     def _candidates(self) -> list[float]:
         """Lines that stand out; the ends count when the response rises towards them."""
         f, magnitude = self._magnitude()
-        found = resonances(np.pad(f, 1), np.pad(magnitude, 1)) if len(f) > 1 and magnitude.any() else []
-        return [line for line in found if self.lines[line].periodic]
+        return resonances(np.pad(f, 1), np.pad(magnitude, 1)) if len(f) > 1 and magnitude.any() else []
 
     def _close_in(self, peak: float) -> float | None:
         """The highest line next to a maximum, once its half-power band is seen; None where there is no such thing.
@@ -190,7 +187,7 @@ class _Raster:
         """
         sharpest = _SHARPEST_JUMP if self._keep_states else _SHARPEST
         for _ in range(40):
-            if not self.lines[peak].periodic:
+            if not self.lines[peak].periodic:  # high by chance
                 return None
             f, magnitude = self._magnitude()
             here = int(np.flatnonzero(f == peak)[0])

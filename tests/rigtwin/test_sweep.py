@@ -109,8 +109,8 @@ def test_what_makes_no_sense_gives_one_message(refused, rotor_fmu, options, said
 def test_remarks_on_lines_are_told(rotor_fmu, monkeypatch):
     """All of them in the record, the first three in the text."""
 
-    def with_remarks(*arguments):
-        result = measure_lines(*arguments[:3], [91.0, 92.0, 93.0, 94.0, 95.0])
+    def with_remarks(session, rig, plan, _progress):
+        result = measure_lines(session, rig, plan, [91.0, 92.0, 93.0, 94.0, 95.0])
         lines = [replace(line, remark=f"{line.frequency_hz:g} Hz: it rattles") for line in result.lines]
         return replace(result, lines=tuple(lines))
 

@@ -53,8 +53,8 @@ def reported(rig: Rig, frequency_hz: np.ndarray) -> np.ndarray:
         rigid_support=rig.support == "rigid",
         excitation_node=rig.excitation_node,
         spin_speed=rig.spin_rpm * np.pi / 30,
-        **rig.parameters,
     )
+    condition = replace(condition, **rig.parameters)
     return measured_response(STRUCTURE, condition, rig.effects, frequency_hz, referred_to="nominal_force")
 
 

@@ -169,6 +169,13 @@ def test_a_motion_that_repeats_is_not_marked():
     assert 0 < line.spread < PERIODIC
 
 
+def test_peaks_of_a_motion_that_does_not_repeat_are_not_closed_in_on():
+    """They are chance; a steady motion of the same size rises towards the lower end of the band."""
+    plan = replace(PLAN, n_lines=12)
+    counts = [len(sweep(SwellingMotion(share).as_session(), NONLINEAR, plan).lines) for share in (0.1, 0.0)]
+    assert counts == [12, 13]
+
+
 def test_a_sweep_lists_what_is_wrong_with_its_lines():
     measured = measure_lines(SwellingMotion(0.1).as_session(), NONLINEAR, PLAN, [50.0, 60.0])
     assert [remark[:10] for remark in measured.remarks] == ["50.0000 Hz", "60.0000 Hz"]

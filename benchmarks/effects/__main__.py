@@ -1,13 +1,14 @@
 """Write docs/solvers.md: ``python -m benchmarks.effects``; print each measured figure beside its bar.
 
-The whole takes about twenty minutes; ``python -m benchmarks.effects.closed_forms`` and the like
-print one section alone.
+The whole takes about half an hour on a quiet machine. ``python -m benchmarks.effects ross curves``
+measures these sections anew and keeps the others as the page has them.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 
 from benchmarks.effects import closed_forms, curves, folds, linear, periodic, ross
 from benchmarks.page import DOCS, MISSED, bars_in
@@ -20,20 +21,53 @@ independent code and with closed forms, and what they cost. Written by `python -
 hand. Timings depend on the machine; they are the best of several runs on one core.
 """
 
+SECTIONS: dict[str, Callable[[], str]] = {
+    "linear": linear.section,
+    "ross": ross.section,
+    "closed_forms": closed_forms.section,
+    "periodic": periodic.section,
+    "folds": folds.section,
+    "curves": curves.section,
+}
+PAGE = DOCS / "solvers.md"
 
-def main() -> int:
-    """Run every section; 1 when a bar was missed."""
-    parts = [INTRODUCTION]
-    for module in (linear, ross, closed_forms, periodic, folds, curves):
-        markdown = module.section()
-        for line in bars_in(markdown):
+
+def main(names: list[str]) -> int:
+    """Measure sections, all by default; 1 when a bar is missed."""
+    unknown = [name for name in names if name not in SECTIONS]
+    if unknown:
+        print(f"there is no section {', '.join(unknown)}; there are {', '.join(SECTIONS)}", file=sys.stderr)
+        return 2
+    parts = _parts_of_the_page() if names else {}
+    for name in names or SECTIONS:
+        parts[name] = SECTIONS[name]()
+        for line in bars_in(parts[name]):
             print(line.replace("**", ""), flush=True)
-        parts.append(markdown)
-    beside = DOCS / f".solvers.md.{os.getpid()}"
-    beside.write_text("\n".join(part.rstrip() + "\n" for part in parts), encoding="utf-8")
-    os.replace(beside, DOCS / "solvers.md")
-    return int(any(MISSED in part for part in parts))
+        _write(parts)
+    return int(any(MISSED in part for part in parts.values()))
+
+
+def _mark(name: str) -> str:
+    return f"<!-- section {name} -->"
+
+
+def _parts_of_the_page() -> dict[str, str]:
+    """The sections as they stand; a mark precedes each."""
+    parts, name = {}, None
+    for line in PAGE.read_text(encoding="utf-8").splitlines():
+        name = next((n for n in SECTIONS if line == _mark(n)), name)
+        if name and line != _mark(name):
+            parts[name] = parts.get(name, "") + line + "\n"
+    return parts
+
+
+def _write(parts: dict[str, str]) -> None:
+    """Beside the page, then renamed; after each section, so that nothing measured is lost."""
+    texts = [INTRODUCTION, *(f"{_mark(name)}\n{parts[name].strip()}\n" for name in SECTIONS if name in parts)]
+    beside = PAGE.with_name(f".{PAGE.name}.{os.getpid()}")
+    beside.write_text("\n".join(texts), encoding="utf-8")
+    os.replace(beside, PAGE)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

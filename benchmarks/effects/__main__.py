@@ -54,6 +54,8 @@ def _mark(name: str) -> str:
 def _parts_of_the_page() -> dict[str, str]:
     """The sections as they stand; a mark precedes each."""
     parts, name = {}, None
+    if not PAGE.exists():
+        return parts
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         name = next((n for n in SECTIONS if line == _mark(n)), name)
         if name and line != _mark(name):

@@ -207,10 +207,14 @@ class _Assembly:
         """(2, n_nodes, size) deflection that each node's accelerometer sees."""
         structure = self.structure
         sensors = np.zeros((2, structure.n_nodes, self.size))
+        nodes = np.arange(structure.n_nodes)
         for plane in (1, 2):
-            for node in range(1, structure.n_nodes + 1):
-                x = float(structure.x[structure.stations[node - 1]]) + self.design.sensor_offsets.get(node, 0.0)
+            sensors[plane - 1, nodes, DOF_PER_NODE * structure.stations + plane - 1] = 1.0
+        for node, offset in self.design.sensor_offsets.items():
+            x = float(structure.x[structure.stations[node - 1]]) + offset
+            for plane in (1, 2):
                 (places, weights), _ = shaft_point(structure, x, plane)
+                sensors[plane - 1, node - 1] = 0.0
                 sensors[plane - 1, node - 1, places] = weights
         return sensors
 

@@ -13,7 +13,7 @@ from fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
 from fmu_src.slave import TableSlave, read_manifest
 from fmu_src.variables import Variable
 from rotor.condition import Condition
-from rotor.effects.effect import Effect
+from rotor.effects.effect import SWITCH, Effect
 from rotor.simulator import RotorSimulator
 from rotor.structure import from_arrays
 
@@ -72,7 +72,7 @@ class RotorRig(TableSlave):
     def _effects(self) -> tuple[Effect, ...]:
         """The effects that are switched on, with their parameters."""
         return tuple(
-            effect(**{name: self.value(f"{effect.id}.{name}") for name in effect.roles()})
+            effect(**{name: self.value(effect.full_name(name)) for name in effect.roles()})
             for effect in effects_in_fmu()
-            if self.value(f"{effect.id}.enabled")
+            if self.value(effect.full_name(SWITCH))
         )

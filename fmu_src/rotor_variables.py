@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from fmu_src.variables import Variable
-from rotor.effects.effect import Effect, Parameter
+from rotor.effects.effect import SWITCH, Effect, Parameter
 from rotor.effects.library import EFFECTS
 
 
@@ -112,7 +112,7 @@ def effect_variables(rig: RotorFacts) -> tuple[Variable, ...]:
     for effect in effects_in_fmu():
         switch = f"Switch the effect on: {effect.meaning}"
         variability = "fixed" if effect.changes_size else "tunable"
-        table.append(Variable(f"{effect.id}.enabled", "parameter", switch, start=False, variability=variability))
+        table.append(Variable(effect.full_name(SWITCH), "parameter", switch, start=False, variability=variability))
         table += [_effect_parameter(effect, f.name, getattr(effect, f.name), rig) for f in fields(effect)]
     return tuple(table)
 
@@ -120,11 +120,11 @@ def effect_variables(rig: RotorFacts) -> tuple[Variable, ...]:
 def _acting_at_once() -> tuple[str, ...]:
     """Variables of effects that change the accelerations of a rotor at rest."""
     effects = [effect for effect in effects_in_fmu() if effect.acts_at_once]
-    return tuple(f"{effect.id}.{name}" for effect in effects for name in ("enabled", *effect.roles()))
+    return tuple(effect.full_name(name) for effect in effects for name in (SWITCH, *effect.roles()))
 
 
 def _effect_parameter(effect: type[Effect], name: str, start: float, rig: RotorFacts) -> Variable:
-    role, full_name = effect.roles()[name], f"{effect.id}.{name}"
+    role, full_name = effect.roles()[name], effect.full_name(name)
     if isinstance(role, Parameter):
         limits = role.minimum, role.maximum
         return Variable(full_name, "parameter", role.meaning, role.unit, start, *limits, "tunable")

@@ -1,7 +1,7 @@
 """The rotor while effects are put into it.
 
 An effect writes down what it changes, in words of the machine (a bearing's stiffness, a mass at a
-node, a crack); ``assemble`` then makes the matrices, always in the same order. So effects compose,
+node, a crack); ``build_model`` then makes the matrices, always in the same order. So effects compose,
 and the order in which they are put in does not matter.
 """
 
@@ -52,9 +52,7 @@ class Bearing:
     damping: float  # radial, beside the stiffness [N s/m]
     tilt_stiffness: float  # [N m/rad]
     directions: FloatArray = field(default_factory=lambda: np.eye(2))  # (2, 2) stiffness in (y, z) over ``stiffness``
-    branches: list[tuple[float, float]] = field(
-        default_factory=list
-    )  # Maxwell: relative stiffness, relaxation time [s]
+    branches: list[tuple[float, float]] = field(default_factory=list)  # Maxwell: stiffness ratio, relaxation time [s]
     pedestal: Pedestal | None = None
     laws: list[JointLaw] = field(default_factory=list)
 

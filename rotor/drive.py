@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
+from rotor.structure import ComplexArray
 
 
 @dataclass(frozen=True)

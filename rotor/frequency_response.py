@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from rotor.state_space import StateSpace
-from rotor.structure import FloatArray
+from rotor.structure import ComplexArray, FloatArray
 from rotor.system import LinearSystem
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 
 def dynamic_stiffness(system: LinearSystem, omega: FloatArray, spin_speed: float = 0.0) -> ComplexArray:
@@ -79,9 +74,30 @@ def accelerance(
     -------
     (n_freq, n_nodes, 1) accelerance -omega^2 H [(m/s^2)/N]; rows of rigidly held nodes are zero
     """
-    if not system.couples_planes(spin_speed):
-        system = system.in_plane(plane)
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
-    force = system.unit_vector(excitation_node, plane)[:, None]
-    H = StateSpace(system, spin_speed).receptance(omega, force, system.read_out(plane))
+    exciter = system.unit_vector(excitation_node, plane)
+    H = driven_receptance(system, omega, exciter, system.read_out(plane), spin_speed)
     return -(omega[:, None, None] ** 2) * H
+
+
+def driven_receptance(
+    system: LinearSystem, omega: FloatArray, exciter: FloatArray, outputs: FloatArray, spin_speed: float = 0.0
+) -> ComplexArray:
+    """Outputs per unit force of one exciter, solved in its plane alone where the planes do not couple.
+
+    Parameters
+    ----------
+    system : the supported rotor
+    omega : (n_freq,) excitation frequencies [rad/s]
+    exciter : (n,) force pattern
+    outputs : (n_out, n) read-out
+    spin_speed : Omega [rad/s]
+
+    Returns
+    -------
+    (n_freq, n_out, 1) receptance [m/N]
+    """
+    if plane := system.plane_of_motion(exciter, spin_speed):
+        inside = system.plane == plane
+        system, exciter, outputs = system.in_plane(plane), exciter[inside], outputs[:, inside]
+    return StateSpace(system, spin_speed).receptance(omega, exciter[:, None], outputs)

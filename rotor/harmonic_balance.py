@@ -12,7 +12,6 @@ with the force F(t) = Re[F e^{i omega t}], peak phasors, and N_k the harmonics o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +20,7 @@ from rotor.condition import Condition
 from rotor.model import RotorModel
 from rotor.periodic_force import PeriodicForces, complex_form, real_form
 from rotor.state_space import StateSpace
-from rotor.structure import FloatArray
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
+from rotor.structure import ComplexArray, FloatArray
 
 # Length over which the corners of a law with a gap are rounded, relative to the gap; what it costs
 # is measured by benchmarks/effects/curves.py.
@@ -269,10 +266,7 @@ def _solve(J: FloatArray, R: FloatArray) -> FloatArray:
 
 def _plane_of_motion(model: RotorModel, pattern: ComplexArray, spin_speed: float) -> int | None:
     """1 or 2 where the motion stays in that plane, None where both planes move."""
-    driven = {int(plane) for plane in model.system.plane[np.abs(pattern) > 0]}
-    if model.system.couples_planes(spin_speed) or len(driven) > 1:
-        return None
-    plane = driven.pop() if driven else 1
+    plane = model.system.plane_of_motion(pattern, spin_speed)
     pushed_aside = any(force.law.radial and force.offset for force in model.forces)
     return None if plane == 2 and pushed_aside else plane
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from rotor.condition import Condition
 from rotor.effects.chain import SensorMass
-from rotor.effects.effect import ComplexArray, Effect
+from rotor.effects.effect import Effect
+from rotor.frequency_response import driven_receptance
 from rotor.model import build_model
-from rotor.state_space import StateSpace
-from rotor.structure import FloatArray, Structure
+from rotor.structure import ComplexArray, FloatArray, Structure
 
 Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
 
@@ -150,9 +150,7 @@ def _receptance(
         laws = ", ".join(force.law.name for force in model.forces)
         raise ValueError(f"a rotor with the force laws {laws} has no frequency response; see rotor.harmonic_balance")
     system = model.system
-    if not system.couples_planes(condition.spin_speed):
-        system = system.in_plane(condition.excitation_plane)
     exciter = system.unit_vector(condition.excitation_node, condition.excitation_plane)
     outputs = np.vstack([system.read_out(plane)[np.array(group.nodes) - 1], exciter])
-    H = StateSpace(system, condition.spin_speed).receptance(omega, exciter[:, None], outputs)[:, :, 0]
+    H = driven_receptance(system, omega, exciter, outputs, condition.spin_speed)[:, :, 0]
     return H[:, :-1], H[:, -1]

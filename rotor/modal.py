@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotor.state_space import StateSpace
-from rotor.structure import FloatArray
+from rotor.structure import ComplexArray, FloatArray
 from rotor.system import LinearSystem
 
 
@@ -17,8 +15,8 @@ from rotor.system import LinearSystem
 class DampedModes:
     """Oscillating modes of the damped, spinning rotor; one of each conjugate pair."""
 
-    eigenvalue: NDArray[np.complexfloating[Any, Any]]  # (m,) lambda [1/s], imaginary part positive
-    shape: NDArray[np.complexfloating[Any, Any]]  # (n, m) displacement shapes
+    eigenvalue: ComplexArray  # (m,) lambda [1/s], imaginary part positive
+    shape: ComplexArray  # (n, m) displacement shapes
 
     @property
     def frequency_hz(self) -> FloatArray:

@@ -36,10 +36,9 @@ else decides what comes next, so a saved state replays to the last bit.
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -51,9 +50,8 @@ from rotor.local_force import LocalForce
 from rotor.model import RotorModel
 from rotor.printed_laws import SCALAR
 from rotor.state_space import StateSpace
-from rotor.stepper import Block
+from rotor.stepper import CACHE_SIZE, Block, add_tone
 from rotor.structure import FloatArray, IntArray
-from rotor.system import RIGID_BODY
 
 # Error of a joint's pull within a substep, relative to the pull's scale.
 FORCE_ERROR = 3e-5
@@ -92,9 +90,6 @@ _ROUND_OFF = 1e-9
 # Displacements [m] at which a law is straight but for round-off, and at which a radial one has no direction.
 _STRAIGHT = 1e-13
 _CENTRE = 1e-15
-
-# Propagators kept: a few substeps for each of a few communication steps and frequencies.
-_CACHE_SIZE = 64
 
 # Rows of the joints' part of the state: g, g', g_s, v_s, substep.
 _ROWS = 5
@@ -233,8 +228,8 @@ class _Times:
 
 def _times(model: RotorModel, fastest: float) -> _Times:
     """Times of a rotor; fastest: its largest rate [1/s]."""
-    frequencies = model.system.modes.omega
-    elastic = frequencies[frequencies > RIGID_BODY * frequencies.max()]
+    modes = model.system.modes
+    elastic = modes.omega[modes.elastic]
     slowest = float(elastic.min()) if len(elastic) else 0.0
     return _Times(_FIRST / fastest, _FIRST * _SHORTEST / fastest, slowest / (2 * math.pi * _PERIODS_KEPT))
 
@@ -455,7 +450,7 @@ class _Part:
         self.rotor, self.joints, self.times = rotor, joints, times
         self.velocity_round_off = _ROUND_OFF * np.linalg.norm(rotor.V, axis=1)
         self._reach = rotor.B.any(axis=0)
-        self._cache: OrderedDict[tuple[_Tones, float], _Propagator] = OrderedDict()
+        self.propagator = lru_cache(maxsize=CACHE_SIZE)(partial(_propagator, rotor, joints))  # of tones and substep
 
     def sources(self, drive: Drive) -> tuple[_Tones, list[float]]:
         """The tones that this part hears; and the states that drive it: of every tone, then the held force."""
@@ -468,19 +463,9 @@ class _Part:
                 sources += [*now.imag.tolist(), *now.real.tolist()]
         return tuple(tones), [*sources, drive.held]
 
-    def propagator(self, tones: _Tones, tau: float) -> _Propagator:
-        """The substep tau under these tones."""
-        key = tones, tau
-        if key in self._cache:
-            self._cache.move_to_end(key)
-            return self._cache[key]
-        self._cache[key] = _propagator(self.rotor, self.joints, tones, tau)
-        if len(self._cache) > _CACHE_SIZE:
-            self._cache.popitem(last=False)
-        return self._cache[key]
-
 
 def _propagator(rotor: _Matrices, joints: list[_Joint], tones: _Tones, tau: float) -> _Propagator:
+    """The substep tau of a part under these tones."""
     n, J = rotor.G.shape
     m = n + 2 * sum(len(inputs) for _, inputs in tones) + 1
     exponential, powers = _exponential(rotor, tones, tau, m)
@@ -508,11 +493,8 @@ def _exponential(rotor: _Matrices, tones: _Tones, tau: float, m: int) -> tuple[F
     generator[:n, :n], generator[:n, m - 1], generator[:n, m : m + J] = rotor.A, rotor.B[:, 0], rotor.G
     first = n
     for omega, inputs in tones:
-        k = len(inputs)
-        sine, cosine = slice(first, first + k), slice(first + k, first + 2 * k)
-        generator[:n, sine] = rotor.B[:, inputs]
-        generator[sine, cosine], generator[cosine, sine] = omega * np.eye(k), -omega * np.eye(k)
-        first += 2 * k
+        add_tone(generator, first, omega, rotor.B[:, inputs])
+        first += 2 * len(inputs)
     generator[m : m + 3 * J, m + J :] = np.eye(3 * J) / tau  # every power is the integral of the one before
     exponential = expm(tau * generator)
     powers = [math.factorial(k) * exponential[:n, m + k * J : m + (k + 1) * J] for k in range(4)]

@@ -16,14 +16,11 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
 from rotor.local_force import LocalForce
 from rotor.printed_laws import SCALAR
-from rotor.structure import FloatArray
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
+from rotor.structure import ComplexArray, FloatArray
 
 # Rounding of a corner, relative to the way that the joint makes between two samples. Well below a half,
 # curves of lightly damped rotors break into small folds that closer sampling moves about.

@@ -10,11 +10,11 @@ import numpy as np
 
 from rotor.condition import Condition
 from rotor.design import Unbalance
-from rotor.drive import ComplexArray, Drive, Tone
+from rotor.drive import Drive, Tone
 from rotor.model import Change, build_model
 from rotor.nonlinear_stepper import NonlinearStepper
 from rotor.stepper import ModalStepper
-from rotor.structure import FloatArray, Structure
+from rotor.structure import ComplexArray, FloatArray, Structure
 
 # A phase at the start and at the end of a step.
 Span = tuple[float, float]

@@ -8,15 +8,11 @@ series with a spring has one) deviate from their static position.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotor.structure import FloatArray
-from rotor.system import LinearSystem, slide
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
+from rotor.structure import ComplexArray, FloatArray
+from rotor.system import LinearSystem
 
 # Condition of the eigenvectors (Frobenius) beyond which the spectral form loses more than half the digits.
 _DEFECTIVE = 1e7
@@ -37,8 +33,8 @@ class StateSpace:
         self._n, self._heavy, self._light = system.n, heavy, light
         self._Phi = modes.Phi[heavy]  # (n_heavy, m) square
         self._to_modal = self._Phi.T @ system.M[np.ix_(heavy, heavy)]
-        self._scale = np.where(modes.omega > 1e-6 * modes.omega.max(), modes.omega, 1.0)
-        self._slide = slide(system)  # (n_light, n_heavy) static position of the massless ones
+        self._scale = np.where(modes.elastic, modes.omega, 1.0)
+        self._slide = system.slide
         m, k = len(modes.omega), len(light)
         C = system.C + spin_speed * system.G
         A = np.zeros((2 * m + k, 2 * m + k))
@@ -52,14 +48,13 @@ class StateSpace:
     def _add_massless(self, A: FloatArray, system: LinearSystem, C: FloatArray) -> None:
         """Rows and columns of w: C_ww w' = -(C_wq + C_ww T) q' - K_ww w, and its force on q."""
         heavy, light, m = self._heavy, self._light, len(self._scale)
-        C_lh, C_ll = C[np.ix_(light, heavy)], C[np.ix_(light, light)]
+        C_hl, C_lh, C_ll = C[np.ix_(heavy, light)], C[np.ix_(light, heavy)], C[np.ix_(light, light)]
         K_ll, K_hl = system.K[np.ix_(light, light)], system.K[np.ix_(heavy, light)]
         relax = np.linalg.solve(C_ll, K_ll)
         drag = np.linalg.solve(C_ll, C_lh)
         A[2 * m :, 2 * m :] = -relax
         A[2 * m :, m : 2 * m] = -(drag + self._slide) @ self._Phi
         # s' = -drag q' - relax w acts back on q through C_hl, w itself through K_hl.
-        C_hl = C_lh.T if np.allclose(C_lh.T, C[np.ix_(heavy, light)]) else C[np.ix_(heavy, light)]
         A[m : 2 * m, m : 2 * m] += self._Phi.T @ C_hl @ drag @ self._Phi
         A[m : 2 * m, 2 * m :] = -self._Phi.T @ (K_hl - C_hl @ relax)
 

@@ -12,32 +12,28 @@ resonance has no steady response; there the tone becomes two more states of the 
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 
 from rotor.drive import Drive, Tone
 from rotor.state_space import StateSpace
-from rotor.structure import FloatArray, IntArray
+from rotor.structure import ComplexArray, FloatArray, IntArray
 from rotor.system import LinearSystem
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 # Steady response above which the rotor counts as undamped at a resonance, in units of b / omega:
 # subtracting a steady state so much larger than the motion would cost its digits.
 _NO_STEADY_STATE = 1e5
 
-# Propagators and steady states kept: a stepped-sine sweep needs a handful at a time, a variable-step master more.
-_CACHE_SIZE = 64
+# Propagators, and steady states, kept: a stepped-sine sweep needs a handful at a time, a variable-step master more;
+# with local forces, a few substeps for each of a few communication steps and frequencies.
+CACHE_SIZE = 64
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """States that couple with each other; others are stepped without them."""
 
@@ -73,7 +69,8 @@ class ModalStepper:
         self._output = velocity @ A  # (n_out, n_states) acceleration from the state
         self.feedthrough = velocity @ B  # (n_out, n_inputs) acceleration per newton
         self._blocks = decoupled_blocks(A, B)
-        self._cache: OrderedDict[tuple[Any, ...], Any] = OrderedDict()
+        remember = lru_cache(maxsize=CACHE_SIZE)
+        self._propagator, self._steady, self._growth = remember(_propagate), remember(_steady_state), remember(_grow)
 
     @property
     def n_states(self) -> int:
@@ -102,60 +99,39 @@ class ModalStepper:
         h : step [s]
         """
         after = np.zeros_like(state)
-        for number, block in enumerate(self._blocks):
+        for block in self._blocks:
             x = state[block.places]
             if block.reached_by(drive) or x.any():
-                after[block.places] = self._step_block(number, x, drive, h)
+                after[block.places] = self._step_block(block, x, drive, h)
         return after
 
     def acceleration(self, state: FloatArray, forces: FloatArray) -> FloatArray:
         """(n_out,) accelerations [m/s^2] at this state under these (n_inputs,) forces [N]."""
         return self._output.dot(state) + self.feedthrough.dot(forces)
 
-    def _step_block(self, number: int, x: FloatArray, drive: Drive, h: float) -> FloatArray:
-        block = self._blocks[number]
-        free, held = self._propagator(number, h)
+    def _step_block(self, block: Block, x: FloatArray, drive: Drive, h: float) -> FloatArray:
+        free, held = self._propagator(block, h)
         after = held * drive.held
         for tone in drive.tones:
             if not block.hears(tone):
                 continue
-            steady = self._steady(number, tone.omega)
+            steady = self._steady(block, tone.omega)
             if steady is None:
-                after = after + self._driven_from_rest(number, tone, h)
+                after = after + self._driven_from_rest(block, tone, h)
             else:
                 phasor = steady.dot(tone.force)
                 x = x - (phasor * np.exp(1j * tone.start)).imag
                 after = after + (phasor * np.exp(1j * tone.stop)).imag
         return after + free.dot(x)
 
-    def _driven_from_rest(self, number: int, tone: Tone, h: float) -> FloatArray:
+    def _driven_from_rest(self, block: Block, tone: Tone, h: float) -> FloatArray:
         """What a tone alone makes of a block at rest, where it has no steady state."""
         now = tone.force * np.exp(1j * tone.start)  # force = Im now, quarter of a period later: Re now
-        return self._growth(number, tone.omega, h).dot(np.concatenate([now.imag, now.real]))
-
-    def _propagator(self, number: int, h: float) -> tuple[FloatArray, FloatArray]:
-        """e^{hA} and int_0^h e^{sA} ds b of one block, b for the first input."""
-        return self._remember(("propagator", number, h), lambda: _propagate(self._blocks[number], h))
-
-    def _steady(self, number: int, omega: float) -> ComplexArray | None:
-        """(m, n_inputs) phasors of one block's steady state under unit tones; None where there is none."""
-        return self._remember(("steady", number, omega), lambda: _steady_state(self._blocks[number], omega))
-
-    def _growth(self, number: int, omega: float, h: float) -> FloatArray:
-        """(m, 2 n_inputs) what sines and cosines make of one block at rest."""
-        return self._remember(("growth", number, omega, h), lambda: _grow(self._blocks[number], omega, h))
-
-    def _remember(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
-        if key in self._cache:
-            self._cache.move_to_end(key)
-            return self._cache[key]
-        self._cache[key] = make()
-        if len(self._cache) > _CACHE_SIZE:
-            self._cache.popitem(last=False)
-        return self._cache[key]
+        return self._growth(block, tone.omega, h).dot(np.concatenate([now.imag, now.real]))
 
 
 def _propagate(block: Block, h: float) -> tuple[FloatArray, FloatArray]:
+    """e^{hA} and int_0^h e^{sA} ds b of one block, b for the first input."""
     m = len(block.places)
     generator = np.zeros((m + 1, m + 1))
     generator[:m, :m] = block.A
@@ -165,6 +141,7 @@ def _propagate(block: Block, h: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _steady_state(block: Block, omega: float) -> ComplexArray | None:
+    """(m, n_inputs) phasors of one block's steady state under unit tones; None where there is none."""
     try:
         phasors = np.linalg.solve(1j * omega * np.eye(len(block.places)) - block.A, block.B.astype(complex))
     except np.linalg.LinAlgError:
@@ -174,12 +151,20 @@ def _steady_state(block: Block, omega: float) -> ComplexArray | None:
 
 
 def _grow(block: Block, omega: float, h: float) -> FloatArray:
+    """(m, 2 n_inputs) what sines and cosines make of one block at rest."""
     m, k = block.B.shape
     generator = np.zeros((m + 2 * k, m + 2 * k))
     generator[:m, :m] = block.A
-    generator[:m, m : m + k] = block.B
-    generator[m : m + k, m + k :], generator[m + k :, m : m + k] = omega * np.eye(k), -omega * np.eye(k)
+    add_tone(generator, m, omega, block.B)
     return np.ascontiguousarray(expm(h * generator)[:m, m:])
+
+
+def add_tone(generator: FloatArray, first: int, omega: float, B: FloatArray) -> None:
+    """Put k sines, then k cosines, into a generator as its states from ``first`` on; the sines act by B (n, k)."""
+    n, k = B.shape
+    sine, cosine = slice(first, first + k), slice(first + k, first + 2 * k)
+    generator[:n, sine] = B
+    generator[sine, cosine], generator[cosine, sine] = omega * np.eye(k), -omega * np.eye(k)
 
 
 def decoupled_blocks(A: FloatArray, B: FloatArray) -> list[Block]:

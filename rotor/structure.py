@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating[Any]]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 IntArray = NDArray[np.int64]
 
 DOF_PER_NODE = 4  # y, z, theta_y, theta_z

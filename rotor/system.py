@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.sparse.csgraph import connected_components
 
-from rotor.structure import FloatArray, IntArray, Structure
+from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 
 # A natural frequency below this share of the highest is a rigid-body motion.
-RIGID_BODY = 1e-6
+_RIGID_BODY = 1e-6
 
 # A negative strain energy of this share of what adds up to it is not round-off: the rotor buckles.
 _BUCKLED = 1e-12
@@ -53,6 +54,18 @@ class LinearSystem:
         return np.flatnonzero(self.M.diagonal() == 0)
 
     @cached_property
+    def slide(self) -> FloatArray:
+        """(n_massless, n_heavy) static position of the massless degrees of freedom, -K_ll^-1 K_lh."""
+        light = self.massless
+        return -np.linalg.solve(self.K[np.ix_(light, light)], self.K[np.ix_(light, self.heavy)])
+
+    @property
+    def condensed_stiffness(self) -> FloatArray:
+        """(n_heavy, n_heavy) stiffness of the degrees of freedom with mass, the massless ones following statically."""
+        heavy = self.heavy
+        return self.K[np.ix_(heavy, heavy)] + self.K[np.ix_(heavy, self.massless)] @ self.slide
+
+    @cached_property
     def modes(self) -> Modes:
         """See ``undamped_modes``."""
         return undamped_modes(self)
@@ -79,6 +92,13 @@ class LinearSystem:
         matrices = (self.M, self.K, self.C_support, spin_speed * self.G)
         return any(bool(matrix[across].any()) for matrix in matrices)
 
+    def plane_of_motion(self, pattern: ComplexArray | FloatArray, spin_speed: float = 0.0) -> int | None:
+        """Plane in which a force with pattern (n,) moves the rotor, 1 for no force; None where it moves both planes."""
+        driven = {int(plane) for plane in self.plane[pattern != 0]}
+        if self.couples_planes(spin_speed) or len(driven) > 1:
+            return None
+        return driven.pop() if driven else 1
+
     def in_plane(self, plane: int) -> LinearSystem:
         """The rotor's motion in one plane, for planes that do not couple."""
         keep = np.flatnonzero(self.plane == plane)
@@ -94,6 +114,11 @@ class Modes:
     omega: FloatArray  # (n_heavy,) natural frequencies [rad/s]
     Phi: FloatArray  # (n, n_heavy) mass-normalised: Phi' M Phi = 1
 
+    @property
+    def elastic(self) -> NDArray[np.bool_]:
+        """(n_heavy,) whether a mode bends the rotor or its supports; the others are rigid-body motions."""
+        return self.omega > _RIGID_BODY * self.omega.max()
+
 
 def undamped_modes(system: LinearSystem) -> Modes:
     """Undamped modes, each in one plane where the planes do not couple.
@@ -103,9 +128,8 @@ def undamped_modes(system: LinearSystem) -> Modes:
 
     Raises ValueError when the stiffness is not positive: the rotor buckles.
     """
-    heavy, T = system.heavy, slide(system)
-    M = system.M[np.ix_(heavy, heavy)]
-    K = system.K[np.ix_(heavy, heavy)] + system.K[np.ix_(heavy, system.massless)] @ T
+    heavy = system.heavy
+    M, K = system.M[np.ix_(heavy, heavy)], system.condensed_stiffness
     n_groups, group = connected_components((M != 0) | (K != 0))
     omega, Phi = np.zeros(len(heavy)), np.zeros((len(heavy), len(heavy)))
     column = 0
@@ -123,16 +147,8 @@ def undamped_modes(system: LinearSystem) -> Modes:
     order = np.argsort(omega, kind="stable")
     every = np.zeros((system.n, len(heavy)))
     every[heavy] = Phi[:, order]
-    every[system.massless] = T @ Phi[:, order]
+    every[system.massless] = system.slide @ Phi[:, order]
     return Modes(omega[order], every)
-
-
-def slide(system: LinearSystem) -> FloatArray:
-    """(n_massless, n_heavy) static position of the massless degrees of freedom, -K_ll^-1 K_lh."""
-    light = system.massless
-    if not len(light):
-        return np.zeros((0, system.n))
-    return -np.linalg.solve(system.K[np.ix_(light, light)], system.K[np.ix_(light, system.heavy)])
 
 
 def shaft_damping(system: LinearSystem) -> FloatArray:
@@ -148,8 +164,8 @@ def shaft_damping(system: LinearSystem) -> FloatArray:
     (n, n) damping matrix [N s/m]
     """
     modes = system.modes
-    moving = modes.omega > RIGID_BODY * modes.omega.max()  # a rigid-body mode strains nothing
-    Phi, root = modes.Phi[:, moving], np.sqrt(modes.omega[moving])
+    strained = modes.elastic  # a rigid-body mode strains nothing
+    Phi, root = modes.Phi[:, strained], np.sqrt(modes.omega[strained])
     shaft_energy = Phi.T @ system.K_shaft @ Phi  # (m, m)
     modal = 2 * system.shaft_damping_ratio * shaft_energy / np.outer(root, root)
     MPhi = system.M @ Phi

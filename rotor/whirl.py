@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from rotor.frequency_response import dynamic_stiffness
 from rotor.modal import damped_modes
 from rotor.model import RotorModel
-from rotor.structure import FloatArray
-from rotor.system import RIGID_BODY, LinearSystem, slide
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
+from rotor.structure import ComplexArray, FloatArray
+from rotor.system import LinearSystem
 
 # A mode whose orbits enclose less than this share of the area of circles has no direction: it
 # moves in a plane, or its two planes are alike and the choice between the two whirls is arbitrary.
@@ -86,12 +82,11 @@ def critical_speeds(system: LinearSystem, n: int = 4) -> CriticalSpeeds:
 
     Raises ValueError for a rotor that is free to move as a rigid body.
     """
-    if system.modes.omega[0] <= RIGID_BODY * system.modes.omega[-1]:
+    if not system.modes.elastic[0]:
         raise ValueError("the rotor is free to move as a rigid body: it has no critical speeds")
     heavy = system.heavy
     block = np.ix_(heavy, heavy)
-    K = system.K[block] + system.K[np.ix_(heavy, system.massless)] @ slide(system)
-    flexibility, shapes = eigh(system.M[block] - 1j * system.G[block], K)
+    flexibility, shapes = eigh(system.M[block] - 1j * system.G[block], system.condensed_stiffness)
     caught = flexibility > 1e-12 * flexibility[-1]
     order = np.argsort(-flexibility[caught])[:n]
     every = np.zeros((system.n, len(order)), dtype=complex)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from rotor.effects.effect import Effect
+from rotor.effects.effect import SWITCH, Effect
 from sim.campaign import FloatArray, Plane, SupportKind, SweepDirection
 from sim.sensors import SensorNoise
 
@@ -98,7 +98,7 @@ class Rig:
         if not (math.isfinite(self.drift) and abs(self.drift) < 0.5):
             raise SetupError(f"drift is a small relative change of frequency, got {self.drift:g}")
         for name in self.parameters:
-            if name.endswith(".enabled"):
+            if name.endswith(f".{SWITCH}"):
                 raise SetupError(f"{name} in parameters: the rig has to know its effects; give them as effects")
 
     @property
@@ -120,17 +120,13 @@ class Rig:
         ids = [effect.id for effect in acting]
         if twice := {name for name in ids if ids.count(name) > 1}:
             raise SetupError(f"{', '.join(sorted(twice))} is given twice; the FMU has one of each effect")
-        switched: dict[str, float | int | bool] = {}
-        for effect in acting:
-            switched[f"{effect.id}.enabled"] = True
-            switched |= {f"{effect.id}.{f.name}": getattr(effect, f.name) for f in fields(effect)}
         return {
             "rigid_support": self.support == "rigid",
             "excitation_node": self.excitation_node,
             "excitation_plane": "yz".index(self.excitation_plane) + 1,
             "spin_speed": self.spin_rpm * np.pi / 30,
             **self.parameters,
-            **switched,
+            **{name: value for effect in acting for name, value in effect.start_values().items()},
         }
 
     def carry_out(self, plan: SweepPlan) -> SweepPlan:

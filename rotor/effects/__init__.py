@@ -12,7 +12,7 @@ module            what it holds
 ``library``       all of them by id
 ================  ==========================================================
 
-A new effect is one class in one of these modules and its line in ``library``.
+A new effect is one class in one of these modules, and its name here.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotor.design import Design
-from rotor.effects.effect import ComplexArray, Effect, node, parameter
-from rotor.structure import FloatArray
+from rotor.effects.effect import Effect, node, parameter
+from rotor.structure import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotor.condition import Condition
 from rotor.design import Design
-from rotor.structure import FloatArray
+from rotor.structure import ComplexArray, FloatArray
 
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
+# Name, among an effect's variables in the FMU, of the one that switches it on.
+SWITCH = "enabled"
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,16 @@ class Effect(ABC):
         for name, role in self.roles().items():
             value = getattr(self, name)
             if isinstance(role, Parameter):
-                _check_parameter(f"{self.id}.{name}", value, role)
+                _check_parameter(self.full_name(name), value, role)
             elif role.kind == "node":
-                _check_node(f"{self.id}.{name}", value, role)
+                _check_node(self.full_name(name), value, role)
             elif not math.isfinite(value):
-                raise ValueError(f"{self.id}.{name} must be a finite position in m, got {value}")
+                raise ValueError(f"{self.full_name(name)} must be a finite position in m, got {value}")
+
+    @classmethod
+    def full_name(cls, name: str) -> str:
+        """A field, or ``SWITCH``, as the FMU, the command line and messages call it."""
+        return f"{cls.id}.{name}"
 
     @classmethod
     def roles(cls) -> Mapping[str, Parameter | Place]:
@@ -123,6 +128,10 @@ class Effect(ABC):
             elif math.isinf(null):
                 values[name] = 1e6 * cls.parameters()[name].high
         return cls(**values, **places)
+
+    def start_values(self) -> dict[str, float | int | bool]:
+        """FMU variables that switch the effect on, with their values."""
+        return {self.full_name(SWITCH): True, **{self.full_name(name): getattr(self, name) for name in self.roles()}}
 
     def add_to(self, design: Design) -> None:  # noqa: B027
         """Write into the design of the rotor what the effect changes."""

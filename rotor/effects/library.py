@@ -1,56 +1,13 @@
-"""All effects by id, in the order of the documentation."""
+"""All effects by id, in the order of the documentation: that of these modules, and of the classes in each."""
 
 from __future__ import annotations
 
-from rotor.effects.chain import (
-    CoarseGrid,
-    FastSweep,
-    ForceDropout,
-    SensorDelay,
-    SensorGain,
-    SensorMass,
-    SensorPosition,
-)
+from rotor.effects import chain, nonlinear, spinning, structure, supports
 from rotor.effects.effect import Effect
-from rotor.effects.nonlinear import (
-    BearingClearance,
-    BearingCubic,
-    BearingFriction,
-    BearingHertz,
-    BilinearSupport,
-    Rub,
-)
-from rotor.effects.spinning import Gyroscopic, UnbalanceForce
-from rotor.effects.structure import (
-    AttachedMass,
-    AxialLoad,
-    DiskInertia,
-    DiskMass,
-    ExciterSuspension,
-    HubStiffening,
-    OpenCrack,
-    ShaftDamping,
-    ShaftModulus,
-)
-from rotor.effects.supports import (
-    BearingAsymmetry,
-    BearingDamping,
-    BearingOffset,
-    BearingTiltStiffness,
-    CompliantRigidSupport,
-    PedestalFlexibility,
-    PlaneAnisotropy,
-    ViscoelasticSupport,
-)
 
-# fmt: off
-EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in (
-    AttachedMass, ExciterSuspension, DiskMass, DiskInertia, HubStiffening, ShaftModulus, AxialLoad, OpenCrack,
-    ShaftDamping,
-    BearingDamping, BearingTiltStiffness, PedestalFlexibility, BearingAsymmetry, BearingOffset,
-    CompliantRigidSupport, PlaneAnisotropy, ViscoelasticSupport,
-    BearingCubic, BearingHertz, BearingClearance, BearingFriction, BilinearSupport, Rub,
-    SensorGain, SensorDelay, SensorMass, SensorPosition, ForceDropout, CoarseGrid, FastSweep,
-    Gyroscopic, UnbalanceForce,
-)}
-# fmt: on
+EFFECTS: dict[str, type[Effect]] = {
+    effect.id: effect
+    for module in (structure, supports, nonlinear, chain, spinning)
+    for effect in vars(module).values()
+    if isinstance(effect, type) and issubclass(effect, Effect) and effect.__module__ == module.__name__
+}

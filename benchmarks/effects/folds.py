@@ -23,8 +23,9 @@ from sim.stepped_sine import Rig, SweepPlan, measure_lines
 
 BAR_HZ = 0.1
 STEP_HZ = 0.04  # of the FMU's sweep near a jump
-REACH_HZ = (2.0, 0.6)  # the FMU sweeps from so far before the jump to so far behind it
-HARMONICS = 15
+REACH_HZ = (0.8, 0.4)  # the FMU sweeps from so far before the jump to so far behind it
+RUN_UP_HZ, RUN_UP_STEP_HZ = 4.0, 1.0  # the sweep begins so far before all folds, where a single motion exists
+HARMONICS, SAMPLES, CORNER = 15, 512, 0.002
 
 CASES = (
     (Case(BearingCubic(stiffness=1e15), (1.0, 1.0, 1.0)), (60.0, 100.0)),
@@ -50,14 +51,17 @@ class Jump:
 
 def jumps(session: FmuSession, case: Case, span_hz: tuple[float, float]) -> list[Jump]:
     """Every jump of the case, upwards and downwards."""
-    balance = Balance(build_model(structure(), condition(), [case.effect]), condition(), harmonics=HARMONICS)
+    model = build_model(structure(), condition(), [case.effect])
+    balance = Balance(model, condition(), harmonics=HARMONICS, samples=SAMPLES, corner=CORNER)
     curve = trace(balance, *span_hz, case.levels_N[0])
     found = []
     for direction, sign in (("up", 1.0), ("down", -1.0)):
+        first_fold = sign * min(sign * curve.folds_hz)
         for predicted in curve.sweep(np.array(span_hz), direction).jumps_hz:
             start, stop = predicted - sign * REACH_HZ[0], predicted + sign * REACH_HZ[1]
             lines = np.sort(np.arange(start, stop, sign * STEP_HZ))
-            run_up = np.linspace(span_hz[0] if sign > 0 else span_hz[1], start, 9)[:-1]
+            alone = sign * (min(sign * first_fold, sign * start) - RUN_UP_HZ)
+            run_up = np.arange(alone, start, sign * RUN_UP_STEP_HZ)
             plan = replace(PLAN, force_amplitude=case.levels_N[0], direction=direction)
             rig = Rig("bearing", parameters=fmu_parameters(), effects=(case.effect,))
             run = measure_lines(session, rig, plan, np.union1d(run_up, lines)).run

@@ -114,7 +114,7 @@ class LineReader:
         while len(windows) < self._plan.max_windows:
             self._session.step(self._plan.settle_time)
             turn = np.exp(-2j * np.pi * self._spin_hz * self._session.time * np.array(HARMONICS))
-            samples = self._plan.samples_per_period
+            samples = self._plan.samples(self._spin_hz)
             found = detect(self._window(self._spin_hz, 1, samples), samples)
             windows.append(replace(found, amplitude=found.amplitude * turn[:, None]))
             if len(windows) >= 3 and remaining_transient(windows) <= _ROUND_OFF:
@@ -196,7 +196,7 @@ class LineReader:
             return 1.0
         if self._beside_drive:  # the sensor reads beside the exciter: set it back for a moment
             self._session.set({"sensor_position.enabled": False})
-        samples = self._plan.samples_per_period
+        samples = self._plan.samples(at)
         phasors = per_force(detect(self._window(at, 1, samples), samples))
         if self._beside_drive:
             self._session.set({"sensor_position.enabled": True})
@@ -220,22 +220,23 @@ class LineReader:
 
     def _phasors(self, at: float) -> Phasors:
         """Phasors of one period, to see whether they still change."""
-        samples = min(self._plan.samples_per_period, _WAITING_SAMPLES)
+        samples = min(self._plan.samples(at), _WAITING_SAMPLES)
         return per_force(detect(self._window(at, 1, samples), samples))
 
     def _line(self, frequency_hz: float, at: float, settled: _Settled, force: complex, remark: str) -> Line:
         plan, windows = self._plan, settled.windows
-        clean = self._window(at, plan.periods, plan.samples_per_period)
+        samples = plan.samples(at)
+        clean = self._window(at, plan.periods, samples)
         noisy = clean.copy()
         noisy[:, :-1] = plan.noise.add(clean[:, :-1], self._stream(frequency_hz))
-        detected = detect(noisy, plan.samples_per_period, any_harmonics=self._rig.nonlinear)
+        detected = detect(noisy, samples, any_harmonics=self._rig.nonlinear)
         phasors, applied = per_force(detected), complex(detected.amplitude[0, -1])
-        size, spread = np.abs(phasors.amplitude[0]), _spread(clean[:, :-1], plan.samples_per_period) / abs(applied)
+        size, spread = np.abs(phasors.amplitude[0]), _spread(clean[:, :-1], samples) / abs(applied)
         if windows:
             judged = np.where(size > 0, np.maximum(size, self._share * size.max()), 0.0)
             std = np.sqrt(phasors.std**2 + (min(settled.estimate, 1.0) * judged) ** 2 + spread**2)
         else:  # a transient is in the data, and nobody knows
-            std = detect(noisy - clean, plan.samples_per_period).std[:-1] / abs(applied)
+            std = detect(noisy - clean, samples).std[:-1] / abs(applied)
         relative_spread = _relative(spread, size, self._share)
         periodic = not windows or relative_spread <= PERIODIC
         drift = _change(windows[-2], windows[-1], self._share) if len(windows) > 1 else np.nan

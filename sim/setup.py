@@ -14,11 +14,12 @@ from sim.campaign import FloatArray, Plane, SupportKind, SweepDirection
 from sim.sensors import SensorNoise
 
 # What a rotor with a nonlinear effect needs: samples that keep harmonics from folding back (a law
-# with corners excites modes of tens of kHz, whose accelerations are large: 128 samples a period leave
-# 1 to 3 % of error in the fundamental and 50 % in the third harmonic of a clearance), and periods
-# that show whether the motion repeats. And, where the plan leaves it open, windows that are close
-# together, because the rotor is stepped in time, which is exact to about the tolerance.
-_NONLINEAR_SAMPLES, _NONLINEAR_PERIODS = 1024, 4
+# with corners excites all modes, up to 52 kHz on the shipped rotor, whose accelerations are large: at
+# 50 Hz, 128 samples a period leave 50 % of error in the third harmonic of a clearance, and 1024 still
+# 3 % of a bilinear support's), and periods that show whether the motion repeats. And, where the plan
+# leaves it open, windows that are close together, because the rotor is stepped in time, which is
+# exact to about the tolerance.
+_NONLINEAR_SAMPLES, _NONLINEAR_RATE_HZ, _NONLINEAR_PERIODS = 128, 150e3, 4
 _NONLINEAR = {"settle_time": 0.5, "settling_tolerance": 1e-3}
 _SEARCH_TOLERANCE = 1e-2
 
@@ -43,7 +44,8 @@ class SweepPlan:
     refine: bool = True
     lines_per_half_power_band: int = 8
     force_amplitude: float = 1.0  # [N]; of an exciter at constant current the nominal one
-    samples_per_period: int = 16
+    samples_per_period: int = 16  # at least
+    sample_rate_hz: float = 0.0  # at least
     periods: int = 1  # of the window a line is read from
     settle_time: float = 30.0  # [s], between windows
     settling_tolerance: float = 1e-5
@@ -67,6 +69,10 @@ class SweepPlan:
             raise SetupError(f'direction must be "up" or "down", got {self.direction!r}')
         if self.dwell is not None and not 0 < self.dwell < math.inf:
             raise SetupError(f"dwell must be a positive number of seconds, got {self.dwell:g}")
+
+    def samples(self, frequency_hz: float) -> int:
+        """Samples a period, at a frequency of the exciter."""
+        return max(self.samples_per_period, math.ceil(self.sample_rate_hz / frequency_hz))
 
     def base_lines(self) -> FloatArray:
         """(n_lines,) evenly spaced frequencies before refinement [Hz], increasing."""
@@ -143,6 +149,7 @@ class Rig:
             plan = replace(
                 plan,
                 samples_per_period=max(plan.samples_per_period, _NONLINEAR_SAMPLES),
+                sample_rate_hz=max(plan.sample_rate_hz, _NONLINEAR_RATE_HZ),
                 periods=max(plan.periods, _NONLINEAR_PERIODS),
                 accept_nonperiodic=True,
                 **left_open,

@@ -27,7 +27,7 @@ FUNDAMENTAL, THIRD = 0.005, 0.02  # bars
 SHOWN_THIRD = 0.02  # of the fundamental: a smaller third harmonic is not judged
 AT_A_JUMP_HZ = 0.1
 CORNER = 0.002
-SAMPLES_PER_HARMONIC = 34
+SAMPLES_PER_HARMONIC = 68
 
 # Jumps are approached upwards, from rest at the first line.
 PLAN = SweepPlan(settling_tolerance=2e-4, max_windows=40)
@@ -156,8 +156,8 @@ def section() -> str:
     return f"""## Harmonic balance against time stepping
 
 `RotorRig.fmu`, each effect at three levels, swept upwards over {len(LINES_HZ)} lines through the virtual rig
-(1024 samples a period), against harmonic balance (15 harmonics; 31 for clearance, friction and the bilinear support,
-whose corners excite higher modes; corners rounded over {100 * CORNER:g} % of the gap) on the branch of an upward or of
+(150,000 samples a second), against harmonic balance (15 harmonics; 31 for clearance, friction and the bilinear
+support, whose corners excite higher modes; corners rounded over {100 * CORNER:g} % of the gap) on the branch of an upward or of
 a downward sweep, whichever the FMU is on: from one of these lines to the next it may fall off a branch. Largest
 difference of a line's phasors over all nodes, relative to the line. A third harmonic is judged where it is at least
 {100 * SHOWN_THIRD:g} % of the fundamental. A line whose fundamental spreads by more than 0.1 % from period to period,

@@ -97,10 +97,10 @@ def test_a_rotor_with_hardening_bearings_jumps_later_upwards_than_downwards(sess
 
 def test_a_nonlinear_rotor_gets_samples_periods_and_close_windows():
     plan = NONLINEAR.carry_out(SweepPlan())
-    assert (plan.samples_per_period, plan.periods, plan.accept_nonperiodic) == (1024, 4, True)
+    assert (plan.samples(50.0), plan.samples(1e4), plan.periods, plan.accept_nonperiodic) == (3000, 128, 4, True)
     assert plan.settle_time < SweepPlan().settle_time
     assert plan.settling_tolerance == 1e-3
-    own = SweepPlan(samples_per_period=2048, periods=20, settle_time=2.0, settling_tolerance=1e-4)
+    own = SweepPlan(samples_per_period=2048, sample_rate_hz=3e5, periods=20, settle_time=2.0, settling_tolerance=1e-4)
     assert NONLINEAR.carry_out(own) == replace(own, accept_nonperiodic=True)
 
 

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from rotor.structure import ComplexArray, FloatArray
-from rotor.system import LinearSystem
+from rotor.system import LinearSystem, Modes
 
 # Condition of the eigenvectors (Frobenius) beyond which the spectral form loses more than half the digits.
 _DEFECTIVE = 1e7
@@ -25,13 +25,19 @@ class StateSpace:
     ----------
     system : the supported rotor, n degrees of freedom, of which n_massless have no mass
     spin_speed : Omega [rad/s]
+    modes_below_hz : modes above have no states; ``receptance`` takes them as undamped and coupled to nothing, which
+        leaves about 1e-4 where the bearings' dampers are as strong as their springs and the limit is 30 times the
+        highest line
     """
 
-    def __init__(self, system: LinearSystem, spin_speed: float = 0.0):
-        modes = system.modes
+    def __init__(self, system: LinearSystem, spin_speed: float = 0.0, modes_below_hz: float = np.inf):
+        every = system.modes
+        n_kept = int(np.searchsorted(every.omega, 2 * np.pi * modes_below_hz))
+        modes = Modes(every.omega[:n_kept], every.Phi[:, :n_kept])
+        self._beyond = Modes(every.omega[n_kept:], every.Phi[:, n_kept:])
         heavy, light = system.heavy, system.massless
         self._n, self._heavy, self._light = system.n, heavy, light
-        self._Phi = modes.Phi[heavy]  # (n_heavy, m) square
+        self._Phi = modes.Phi[heavy]  # (n_heavy, m)
         self._to_modal = self._Phi.T @ system.M[np.ix_(heavy, heavy)]
         self._scale = np.where(modes.elastic, modes.omega, 1.0)
         self._slide = system.slide
@@ -123,13 +129,30 @@ class StateSpace:
         -------
         (n_freq, n_out, n_in) receptance [m/N]
         """
-        B, C = self.input(inputs), self.displacement(outputs)
         w = np.asarray(omega, dtype=float)
         if self.spectrum is None:
-            one = np.eye(self.n_states)
-            return C @ np.linalg.solve(1j * w[:, None, None] * one - self.A, B[None].astype(complex))
+            B, C, one = self.input(inputs), self.displacement(outputs), np.eye(self.n_states)
+            return C @ np.linalg.solve(1j * w[:, None, None] * one - self.A, B[None].astype(complex)) + self.beyond(
+                w, inputs, outputs
+            )
+        poles, residues = self.poles(inputs, outputs)
+        shares = 1 / (1j * w[:, None] - poles)  # (n_freq, n_states)
+        H = (shares @ residues.reshape(-1, len(poles)).T).reshape(len(w), len(outputs), inputs.shape[1])
+        return H + self.beyond(w, inputs, outputs) if len(self._beyond.omega) else H
+
+    def poles(self, inputs: FloatArray, outputs: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """(n_states,) poles [rad/s] and (n_out, n_in, n_states) residues of the receptance; arguments as there.
+
+        Raises numpy.linalg.LinAlgError where A is close to defective.
+        """
+        if self.spectrum is None:
+            raise np.linalg.LinAlgError("the poles of this rotor are too close together for residues")
         values, V, inverse = self.spectrum
-        poles = 1 / (1j * w[:, None] - values)  # (n_freq, n_states)
-        left, right = C @ V, inverse @ B
-        residues = left[:, None, :] * right.T[None]  # (n_out, n_in, n_states)
-        return (poles @ residues.reshape(-1, len(values)).T).reshape(len(w), len(C), B.shape[1])
+        left, right = self.displacement(outputs) @ V, inverse @ self.input(inputs)
+        return values, left[:, None, :] * right.T[None]
+
+    def beyond(self, omega: FloatArray, inputs: FloatArray, outputs: FloatArray) -> ComplexArray:
+        """(n_freq, n_out, n_in) receptance of the modes without states; arguments as in ``receptance``."""
+        Phi, squares = self._beyond.Phi, self._beyond.omega**2
+        residues = (outputs @ Phi)[:, None, :] * (Phi.T @ inputs).T[None]
+        return np.tensordot(1 / (squares - np.asarray(omega)[:, None] ** 2), residues, axes=(1, 2)).astype(complex)

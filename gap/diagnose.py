@@ -1,0 +1,391 @@
+"""A measured campaign in, a diagnosis out: audit, recalibrate, where, which, how far, what next."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from gap import wording
+from gap.adequacy import Adequacy, judge
+from gap.audit import audit, estimate_noise
+from gap.curves import Curve, log_distance_db, nrmse
+from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Shrink, Verdict, Where
+from gap.forward import TOLERANCES, Forward
+from gap.held_out import Confirm, measure_shrink
+from gap.hypotheses import NOMINAL, Hypothesis, candidates
+from gap.likelihood import Fit, Observed, Problem, observe
+from gap.search import Search, pairs, polished, recalibrate, search
+from gap.where import locate
+from rotor.assembly import assemble
+from rotor.effects.library import EFFECTS
+from rotor.rig import load_rig
+from rotor.structure import ComplexArray, Structure
+from sim.campaign import Campaign, Run
+
+# Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
+ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
+ADEQUATE_CORRELATION = 5.0  # of neighbouring residuals, in standard errors, at most
+ADEQUATE_NUISANCE = 3.0  # mean square of the nuisances that are determined, in their priors' units, at most
+SURE = 0.9  # probability from which one cause is named
+NO_GAP_PRIOR = 0.5  # probability of no gap before the data
+PAIR_GAIN = 10.0  # logarithm of the evidence that a pair must add
+ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
+AT_MOST = 3  # effects in that set
+BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
+
+# Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
+_ELEMENTS = 2
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A diagnosis and the curves that it rests on."""
+
+    diagnosis: Diagnosis
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True)
+class _Ranked:
+    """All candidates with their probabilities, the nominal model among them."""
+
+    fits: tuple[Fit, ...]
+    probabilities: tuple[float, ...]
+    no_gap: float
+
+
+def structure_of(rig: str) -> Structure:
+    """The campaign's rig, meshed finely enough for a diagnosis."""
+    loaded = load_rig(rig)
+    return assemble(loaded, elements_between_nodes=max(_ELEMENTS, loaded.elements_between_nodes))
+
+
+def diagnose(
+    campaign: Campaign,
+    exclude: Sequence[str] = (),
+    progress: Progress | None = None,
+    confirm: Confirm | None = None,
+) -> Outcome:
+    """Say where the gap between the campaign and its model lies, what causes it, and how far it shrinks.
+
+    Parameters
+    ----------
+    campaign : measured or simulated
+    exclude : ids of effects that are withheld from the library
+    progress : called with (done, total, words)
+    confirm : measures the corrected rotor on the virtual rig, for the after-figure; None: the model's figure stands
+
+    Raises
+    ------
+    ValueError : an excluded effect does not exist
+    """
+    if unknown := sorted(set(exclude) - set(EFFECTS)):
+        raise ValueError(f"exclude: no effect {', '.join(unknown)}; see rigtwin effects")
+    clock = _Clock()
+    findings = audit(campaign)
+    clock.lap("audit")
+    if not campaign.runs:
+        from gap.peaks import diagnose_peaks
+
+        return Outcome(diagnose_peaks(campaign, exclude, findings), ())
+    structure = structure_of(campaign.rig)
+    problem = Problem(Forward(structure, campaign.nominal), [_observed(run) for run in campaign.runs])
+    nominal = recalibrate(problem)
+    clock.lap("recalibration")
+    hypotheses = candidates(campaign.runs, structure, exclude)
+    found = search(problem, hypotheses, nominal, progress)
+    clock.lap("single effects")
+    quality = judge(problem, found.fits[0]) if found.fits else judge(problem, nominal)
+    fits = list(found.fits)
+    if not _adequate(problem, fits[0], quality):
+        fits = _with_pairs(problem, found, hypotheses, progress)
+        clock.lap("pairs")
+    fits[0] = polished(problem, fits[0])
+    quality = judge(problem, fits[0])
+    ranked = _rank(problem, nominal, fits, quality)
+    verdict, adequate = _verdict(problem, nominal, ranked, quality)
+    return _report(campaign, problem, nominal, ranked, quality, verdict, adequate, findings, exclude, confirm, clock)
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name], self._last = now - self._last, now
+
+
+def _observed(run: Run) -> Observed:
+    std = run.std if run.std is not None else estimate_noise(run).std
+    return observe(run, np.asarray(std))
+
+
+def _with_pairs(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None) -> list[Fit]:
+    """Singles and pairs, best first; a pair counts only where it earns its evidence."""
+    best = found.fits[0].log_evidence()
+    kept = [fit for fit in pairs(problem, found, hypotheses, progress) if fit.log_evidence() > best + PAIR_GAIN]
+    every = [*found.fits, *kept]
+    every.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
+    return every
+
+
+def _scale(quality: Adequacy) -> float:
+    """True over believed error, where the data's own scatter contradicts the given errors."""
+    low, high = BELIEVED_SCALE
+    return 1.0 if low <= quality.scale <= high else quality.scale
+
+
+def nuisance_size(problem: Problem, fit: Fit) -> float:
+    """Mean square of the nuisances in units of their priors, over those that the data determine."""
+    covariance = fit.covariance()[len(fit.u) :, len(fit.u) :]
+    prior = fit.prior_std**2
+    told = np.clip(1 - covariance.diagonal() / prior, 0.0, 1.0)
+    told[problem.nuisances.gain] = [
+        0.0 if run.quantity == "acceleration" else t
+        for run, t in zip(problem.runs, told[problem.nuisances.gain], strict=True)
+    ]
+    freedom = max(float(told.sum()), 1.0)
+    return float(np.sum(told * fit.nu**2 / prior)) / freedom
+
+
+def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
+    return (
+        quality.misfit < ADEQUATE_MISFIT
+        and quality.correlation < ADEQUATE_CORRELATION
+        and nuisance_size(problem, fit) < ADEQUATE_NUISANCE
+    )
+
+
+def _unknown_score(problem: Problem, fit: Fit, quality: Adequacy) -> float:
+    """0 where the best candidate leaves nothing but noise, 1/2 at the threshold, 1 where it leaves a lot."""
+    excess = max(
+        (quality.misfit - 1) / (ADEQUATE_MISFIT - 1),
+        quality.correlation / ADEQUATE_CORRELATION,
+        nuisance_size(problem, fit) / ADEQUATE_NUISANCE,
+        0.0,
+    )
+    return float(excess**2 / (1 + excess**2))
+
+
+def _rank(problem: Problem, nominal: Fit, fits: Sequence[Fit], quality: Adequacy) -> _Ranked:
+    """Probabilities by evidence; the nominal model has its own prior."""
+    scale = _scale(quality)
+    single = [fit.log_evidence(scale) + np.log(fit.hypothesis.prior * (1 - NO_GAP_PRIOR)) for fit in fits]
+    every = np.array([*single, nominal.log_evidence(scale) + np.log(NO_GAP_PRIOR)])
+    share = np.exp(every - logsumexp(every))
+    order = np.argsort(-share[:-1], kind="stable")
+    return _Ranked(tuple(fits[k] for k in order), tuple(float(share[k]) for k in order), float(share[-1]))
+
+
+def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, quality: Adequacy) -> tuple[Verdict, bool]:
+    before = judge(problem, nominal)
+    if ranked.no_gap > 0.5 and _adequate(problem, nominal, before):
+        return "no_gap", True
+    if not _adequate(problem, ranked.fits[0], quality):
+        return "unknown", False
+    by_name = _by_name(ranked)
+    top = max(by_name.values()) / max(sum(by_name.values()), 1e-300)
+    return ("cause" if top >= SURE else "ambiguous"), True
+
+
+def _by_name(ranked: _Ranked) -> dict[tuple[str, ...], float]:
+    """Probability of each set of effects, its places together; most probable first."""
+    total: dict[tuple[str, ...], float] = {}
+    for fit, probability in zip(ranked.fits, ranked.probabilities, strict=True):
+        name = tuple(sorted(fit.hypothesis.ids))
+        total[name] = total.get(name, 0.0) + probability
+    return dict(sorted(total.items(), key=lambda item: -item[1]))
+
+
+# -- putting it together ---------------------------------------------------------------------------
+
+
+def _report(
+    campaign: Campaign,
+    problem: Problem,
+    nominal: Fit,
+    ranked: _Ranked,
+    quality: Adequacy,
+    verdict: Verdict,
+    adequate: bool,
+    findings: tuple[Finding, ...],
+    exclude: Sequence[str],
+    confirm: Confirm | None,
+    clock: _Clock,
+) -> Outcome:
+    scale = _scale(quality)
+    raster = _coarse_raster(findings, exclude) if verdict == "no_gap" else None
+    causes = _causes(problem, ranked, scale)
+    if raster is not None:
+        verdict, causes = "cause", (raster, *causes)
+    best = nominal if verdict in ("no_gap", "unknown") or raster is not None else ranked.fits[0]
+    believed = _bare(problem, nominal)
+    corrected = problem.predict(best)
+    where = _where(problem, nominal, believed, verdict, causes)
+    clock.lap("where")
+    shrink: Shrink | None = None
+    if verdict in ("cause", "ambiguous") and raster is None:
+        shrink = measure_shrink(problem, nominal, ranked.fits[0], scale, confirm)
+        clock.lap("held out")
+    equivalent = _equivalent(ranked, causes) if verdict == "ambiguous" else ()
+    curves = tuple(
+        Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.std)
+        for o, H0, H1 in zip(problem.observed, believed, corrected, strict=True)
+    )
+    gap = float(np.mean([nrmse(np.nan_to_num(c.run.H), _like(c.run, c.nominal)) for c in curves]))
+    diagnosis = Diagnosis(
+        title=campaign.title,
+        rig=campaign.rig,
+        verdict=verdict,
+        sentence="",
+        nominal={
+            "k_b": _k_b(problem, nominal, scale),
+            "gap": gap,
+            "gap_dB": float(np.mean([log_distance_db(c.run.H, c.nominal) for c in curves])),
+            "misfit": judge(problem, nominal).misfit,
+            "probability": ranked.no_gap,
+        },
+        where=where,
+        causes=causes,
+        equivalent=equivalent,
+        next_test=wording.next_test(verdict, campaign, causes, equivalent),
+        shrink=shrink,
+        audit=(*findings, *_noise_finding(problem, quality)),
+        excluded=tuple(exclude),
+        unknown_score=_unknown_score(problem, ranked.fits[0], quality) if ranked.fits else None,
+        calibration=_calibration(problem, best),
+        timing_s=clock.laps,
+    )
+    return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
+
+
+def _like(run: Run, model: ComplexArray) -> ComplexArray:
+    return np.abs(model) if run.magnitude_only else model
+
+
+def _bare(problem: Problem, nominal: Fit) -> list[ComplexArray]:
+    """The nominal model at its own k_b, nuisances left out; arbitrary units are fitted."""
+    made = []
+    for r, modal in enumerate(problem.modals(nominal.k_b, ())):
+        gain = np.exp(nominal.nu[problem.nuisances.gain][r]) if modal.run.quantity == "acceleration" else 1.0
+        made.append(modal.response() * gain)
+    return made
+
+
+def _k_b(problem: Problem, fit: Fit, scale: float) -> Estimate | None:
+    if not problem.with_k_b:
+        return None
+    return Estimate(fit.k_b, fit.k_b * float(np.sqrt(fit.covariance(scale)[0, 0])), "N/m")
+
+
+def _causes(problem: Problem, ranked: _Ranked, scale: float) -> tuple[Cause, ...]:
+    """One cause for every set of effects, at its most probable place, with the probability of all its places."""
+    names, seen, causes = _by_name(ranked), set(), []
+    alone = sum(names.values())
+    for fit in ranked.fits:
+        name = tuple(sorted(fit.hypothesis.ids))
+        if name not in seen:
+            seen.add(name)
+            causes.append(_cause(problem, fit, names[name] / max(alone, 1e-300), scale))
+    return tuple(causes)
+
+
+def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:
+    std = np.sqrt(fit.covariance(scale).diagonal())[1 : len(fit.u)]
+    parameters: dict[str, Estimate] = {}
+    places: dict[str, float] = {}
+    locations, edge, at = [], [], 0
+    for term in fit.hypothesis.terms:
+        effect = term.put(fit.u[1 + at : 1 + at + len(term.free)])
+        position, node = None, None
+        for name, value in term.fixed:
+            places[f"{term.effect.id}.{name}"] = value
+            node = int(value) if name == "node" and value else node
+        for free, u, error in zip(term.free, fit.u[1 + at :], std[at:], strict=False):
+            value = free.value(u)
+            spread = float(error * value if free.log else error)
+            if free.name == "position":
+                position = value
+                places[f"{term.effect.id}.position"] = value
+                parameters[f"{term.effect.id}.position"] = Estimate(value, spread, "m")
+                continue
+            unit = term.effect.parameters()[free.name].unit
+            parameters[f"{term.effect.id}.{free.name}"] = Estimate(float(getattr(effect, free.name)), spread, unit)
+            low, high = free.ends
+            if min(u - low, high - u) < 1e-3 * (high - low):
+                edge.append(f"{term.effect.id}.{free.name}")
+        locations.append(Location(term.effect.location, node, position))  # type: ignore[arg-type]
+        at += len(term.free)
+    return Cause(
+        effects=fit.hypothesis.ids,
+        location=locations[0],
+        probability=probability,
+        parameters=parameters,
+        k_b=_k_b(problem, fit, scale),
+        log_evidence=fit.log_evidence(scale),
+        locations=tuple(locations),
+        places=places,
+        at_prior_edge=tuple(edge),
+    )
+
+
+def _equivalent(ranked: _Ranked, causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """The smallest set that holds nearly all of the probability, of at most three."""
+    chosen: list[Cause] = []
+    for cause in causes:
+        if sum(c.probability for c in chosen) >= ANSWERED or len(chosen) == AT_MOST:
+            break
+        chosen.append(cause)
+    return tuple(chosen)
+
+
+def _where(problem: Problem, nominal: Fit, believed: Sequence[ComplexArray], verdict: Verdict, causes: Sequence[Cause]) -> Where:
+    families = {EFFECTS[name].family for name in causes[0].effects} if causes and verdict == "cause" else set()
+    regime = "measurement_chain" if families == {"chain"} else "linear"
+    if "nonlinear" in families:
+        regime = "amplitude_dependent"
+    elif "spinning" in families:
+        regime = "spin_dependent"
+    return locate(problem, nominal, believed, regime)
+
+
+def _coarse_raster(findings: Sequence[Finding], exclude: Sequence[str]) -> Cause | None:
+    """The raster as the cause, where the model is right and peaks lie between the lines."""
+    coarse = [f for f in findings if f.check == "raster" and f.severity in ("warning", "error")]
+    if not coarse or "coarse_grid" in exclude:
+        return None
+    return Cause(("coarse_grid",), Location("raster"), 0.9, {}, None, 0.0, locations=(Location("raster"),))
+
+
+def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:
+    low, high = BELIEVED_SCALE
+    if all(run.std is None for run in problem.runs) or low <= quality.scale <= high:
+        return ()
+    words = (
+        f"the values scatter {quality.scale:.2g} times as much as their standard errors say; "
+        "the errors were scaled by that before anything was judged"
+    )
+    return (Finding("noise", "warning", words, "", quality.scale, high),)
+
+
+def _calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
+    """What the fit says of sensors and of the workshop's tolerances: common to all runs of the rig."""
+    nuisances = problem.nuisances
+    return {
+        "sensor_gain": {
+            str(channel): float(np.exp(value))
+            for channel, value in zip(nuisances.sensors, fit.nu[nuisances.sensor], strict=True)
+        },
+        "tolerance": dict(zip(TOLERANCES, map(float, fit.nu[nuisances.tolerance]), strict=True)),
+    }
+
+
+__all__ = ["NOMINAL", "Outcome", "diagnose", "structure_of"]

@@ -1,0 +1,184 @@
+"""What a diagnosis says: the contents of ``diagnosis.json`` (schema rigtwin.diagnosis/1)."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from sim.formats.atomic import replacing
+
+SCHEMA = "rigtwin.diagnosis/1"
+FILE_NAME = "diagnosis.json"
+
+Verdict = Literal["no_gap", "cause", "ambiguous", "unknown", "not_enough_data"]
+Regime = Literal["linear", "amplitude_dependent", "measurement_chain", "spin_dependent"]
+LocationKind = Literal[
+    "node", "position", "bearings", "disks", "shaft", "sensor", "exciter", "rigid_support", "raster"
+]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its standard error."""
+
+    value: float
+    std: float
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where an effect sits."""
+
+    kind: LocationKind
+    node: int | None = None
+    x_m: float | None = None
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One candidate: one effect, or a pair, with what the data make of it."""
+
+    effects: tuple[str, ...]
+    location: Location  # of the first effect
+    probability: float
+    parameters: dict[str, Estimate]  # "<effect>.<parameter>"
+    k_b: Estimate | None  # None: no run on bearings
+    log_evidence: float
+    ess: float | None = None  # effective sample size of the evidence, where it was sampled
+    locations: tuple[Location, ...] = ()  # of every effect
+    places: dict[str, float] = field(default_factory=dict)  # "<effect>.<place>": node or position
+    at_prior_edge: tuple[str, ...] = ()  # parameters at the end of their prior range
+
+
+@dataclass(frozen=True)
+class Band:
+    """A stretch of frequency with at most one resonance."""
+
+    f_lo: float  # Hz
+    f_hi: float  # Hz
+    mode: int | None  # from 1; None: no resonance inside
+    share: float  # of the gap
+
+
+@dataclass(frozen=True)
+class NodeShare:
+    """A node's share of the gap."""
+
+    node: int
+    share: float
+
+
+@dataclass(frozen=True)
+class JointStiffness:
+    """Dynamic stiffness that, put in at one place, would explain the gap line by line."""
+
+    node: int
+    support: str
+    frequency_hz: tuple[float, ...]
+    real: tuple[float, ...]  # N/m
+    imag: tuple[float, ...]  # N/m
+    explained: float  # share of the gap's variance that it explains over all sensors
+    order: str  # what it looks like: "stiffness", "mass", "viscous", ... in words
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where the gap lies. Shares sum to 1."""
+
+    bands: tuple[Band, ...] = ()
+    supports: dict[str, float] = field(default_factory=dict)
+    nodes: tuple[NodeShare, ...] = ()
+    regime: Regime = "linear"
+    levels: dict[str, float] = field(default_factory=dict)  # force level [N] as text -> share
+    joint: JointStiffness | None = None
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """The measurement that would tell more."""
+
+    words: str
+    run: dict[str, Any] = field(default_factory=dict)  # settings of a [[run]]
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """How far the gap shrinks on data that were held out."""
+
+    held_out: str
+    before: float  # NRMSE of the recalibrated nominal model
+    after: float  # with the effect
+    floor: float  # noise alone
+    shrink: float  # 1 - after / before
+    explainable: float  # (before - after) / (before - floor)
+    ci90: tuple[float, float]  # of explainable
+    verified_by: Literal["fmu", "rig", "model"]
+    after_model: float | None = None  # the same after-figure by the fitting model
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One finding of the measurement audit."""
+
+    check: str  # raster, noise, sign, delay, reciprocity, repeatability, saturation, missing_lines, ...
+    severity: Literal["ok", "note", "warning", "error"]
+    words: str  # one sentence: what was found and what to do
+    run: str = ""  # name of the run, empty: the campaign
+    value: float | None = None
+    limit: float | None = None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that stands in ``diagnosis.json``."""
+
+    title: str
+    rig: str
+    verdict: Verdict
+    sentence: str  # the verdict in a sentence
+    nominal: dict[str, Any]  # {"k_b": Estimate or None, "gap": float, "gap_dB": float, ...}
+    where: Where
+    causes: tuple[Cause, ...] = ()
+    equivalent: tuple[Cause, ...] = ()
+    next_test: NextTest | None = None
+    shrink: Shrink | None = None
+    audit: tuple[Finding, ...] = ()
+    excluded: tuple[str, ...] = ()
+    unknown_score: float | None = None  # from 0 (a known effect is adequate) to 1
+    calibration: dict[str, dict[str, float]] = field(default_factory=dict)  # sensors' gains, workshop's tolerances
+    timing_s: dict[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """The file's text; numbers that are not finite become null."""
+        return json.dumps({"schema": SCHEMA, **_plain(self)}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def save(self, folder: Path) -> Path:
+        """Write ``diagnosis.json`` into a folder and return its path."""
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / FILE_NAME
+        with replacing(path) as beside:
+            beside.write_text(self.to_json(), encoding="utf-8")
+        return path
+
+
+def _plain(value: Any) -> Any:
+    """JSON types of nested dataclasses; fields that are None in a location are left out."""
+    if isinstance(value, Location):
+        return {key: _plain(v) for key, v in vars(value).items() if v is not None}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(key): _plain(v) for key, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,241 @@
+"""The model of a measured run: modal form of its response, so that resonances can drift one by one.
+
+A candidate is a tuple of effects. Its rotor is built and solved by ``rotor``; what is kept is, for every
+group of channels that sees one and the same rotor,
+
+    H(omega) = sum_k R_k / (i omega - lambda_k (1 + delta_m(k))) + what the modes far above leave,
+
+times the powers of i omega and the factors of the measurement chain. delta_m is the relative shift of the
+m-th resonance, which belongs to the run, not to the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rotor.condition import Condition
+from rotor.effects import Effect, FastSweep
+from rotor.measured import channel_factor, channel_groups, force_factor
+from rotor.model import build_model
+from rotor.state_space import StateSpace
+from rotor.structure import ComplexArray, FloatArray, Structure
+from rotor.system import LinearSystem
+from sim.campaign import NominalBelief, Run
+
+# Powers of i omega between a quantity and receptance.
+_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
+
+# Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
+_KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
+
+# Resonances of a run that may drift: those below so many times its highest line.
+_DRIFTING = 1.3
+MODES = 8  # at most
+
+# What a workshop does not know: relative standard deviations of a uniform +-0.1 %.
+TOLERANCE = 0.001 / np.sqrt(3)
+TOLERANCES = ("modulus", "span", "disk_mass_1", "disk_mass_2")
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Channels that see one rotor."""
+
+    columns: FloatArray  # places of its channels in the run
+    poles: ComplexArray  # (n_states,)
+    residues: ComplexArray  # (n_channels + 1, n_states); the last row is the exciter's own
+    mode: FloatArray  # (n_states,) number of the drifting resonance a pole belongs to, -1: none
+    rest: ComplexArray  # (n_freq, n_channels + 1) what modes far above leave
+    chain: ComplexArray  # (n_freq, n_channels)
+
+
+@dataclass(frozen=True)
+class Modal:
+    """Noise-free response of one run in modal form."""
+
+    run: Run
+    omega: FloatArray
+    groups: tuple[_Group, ...]
+    effects: tuple[Effect, ...]
+    sensitivity: FloatArray  # (MODES, n_tolerances) of the logarithm of each resonance
+    scale: ComplexArray  # (n_freq,) powers of i omega and nominal force
+
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """Resonances that may drift, lowest first [Hz]."""
+        group = self.groups[0]
+        positive = (group.mode >= 0) & (group.poles.imag > 0)
+        return np.sort(np.abs(group.poles[positive])) / (2 * np.pi)
+
+    @property
+    def damping_ratios(self) -> FloatArray:
+        """Their damping ratios."""
+        group = self.groups[0]
+        poles = group.poles[(group.mode >= 0) & (group.poles.imag > 0)]
+        poles = poles[np.argsort(np.abs(poles))]
+        return -poles.real / np.abs(poles)
+
+    def response(self, shift: FloatArray | None = None) -> ComplexArray:
+        """(n_freq, n_channels) response with every resonance shifted by (MODES,) relative amounts."""
+        return self._evaluate(shift, derivatives=False)[0]
+
+    def with_derivatives(self, shift: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """``response`` and its (MODES, n_freq, n_channels) derivatives by the shifts."""
+        return self._evaluate(shift, derivatives=True)
+
+    def _evaluate(self, shift: FloatArray | None, *, derivatives: bool) -> tuple[ComplexArray, ComplexArray]:
+        shift = np.zeros(MODES) if shift is None else shift
+        n_f, n_c = len(self.omega), len(self.run.channels)
+        H = np.empty((n_f, n_c), dtype=complex)
+        D = np.zeros((MODES if derivatives else 0, n_f, n_c), dtype=complex)
+        for group in self.groups:
+            drift = np.where(group.mode >= 0, shift[group.mode], 0.0)
+            poles = group.poles * (1 + drift)
+            shares = 1 / (1j * self.omega[:, None] - poles)
+            if self.dwell_s is not None:
+                shares = shares + self._unsettled(poles)
+            Y = shares @ group.residues.T + group.rest
+            factor = group.chain * self._force(Y[:, -1])[:, None]
+            H[:, group.columns] = Y[:, :-1] * factor
+            for m in range(len(D)):
+                mine = group.mode == m
+                if mine.any():
+                    dY = (shares[:, mine] ** 2 * group.poles[mine]) @ group.residues[:-1, mine].T
+                    D[m][:, group.columns] = dY * factor
+        return H, D
+
+    @property
+    def dwell_s(self) -> float | None:
+        """Time after which every line is read, settled or not; None: when it has settled."""
+        dwell = [effect.dwell for effect in self.effects if isinstance(effect, FastSweep)]
+        return dwell[-1] if dwell else None
+
+    def _unsettled(self, poles: ComplexArray) -> ComplexArray:
+        """(n_freq, n_states) what the transients add to 1 / (i omega - lambda), read over one period after the dwell.
+
+        A unit force whose phase goes on from line to line drives xi' = lambda xi + e^{i theta}; the real signal is
+        its imaginary part, and synchronous detection over a period T sees of a transient c e^{lambda t}
+        (c E(lambda - i omega) - c* E(lambda* - i omega)) / T with E(a) = (e^{aT} - 1) / a.
+        """
+        assert self.dwell_s is not None
+        order = np.arange(len(self.omega))
+        if self.run.sweep == "down":
+            order = order[::-1]
+        seen = np.zeros((len(self.omega), len(poles)), dtype=complex)
+        xi, phase = np.zeros(len(poles), dtype=complex), 1.0 + 0j
+        for n in order:
+            w = self.omega[n]
+            T = 2 * np.pi / w
+            steady = 1 / (1j * w - poles)
+            left = (xi / phase - steady) * np.exp((poles - 1j * w) * self.dwell_s)
+            own, image = poles - 1j * w, poles.conj() - 1j * w
+            seen[n] = (left * np.expm1(own * T) / own - left.conj() * np.expm1(image * T) / image) / T
+            phase *= np.exp(1j * w * (self.dwell_s + T))
+            xi = phase * (steady + left * np.exp(own * T))
+        return seen
+
+    def _force(self, drive: ComplexArray) -> ComplexArray:
+        if self.run.quantity != "acceleration":
+            return self.scale
+        return self.scale * force_factor(self.effects, self.omega, drive)
+
+
+class Forward:
+    """Makes the modal form of runs on one rotor; remembers what it made last.
+
+    Parameters
+    ----------
+    structure : the free-free rotor, meshed finely enough: its own error must not look like an effect
+    belief : damping that the nominal model believes in
+    """
+
+    def __init__(self, structure: Structure, belief: NominalBelief):
+        self.structure, self.belief = structure, belief
+        self._half_masses = _disk_places(structure)
+
+    def condition(self, run: Run, k_b: float) -> Condition:
+        """The test condition of a run."""
+        damping = self.belief.shaft_damping_ratio
+        return Condition(
+            k_b=k_b,
+            rigid_support=run.support == "rigid",
+            bearing_damping=self.belief.bearing_damping_Ns_per_m,
+            excitation_node=run.excitation_node,
+            excitation_plane=1 if run.excitation_plane == "y" else 2,
+            spin_speed=run.spin_rpm * np.pi / 30,
+            **({} if damping is None else {"shaft_damping_ratio": damping}),
+        )
+
+    def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> Modal:
+        """The run's response with these effects. Raises ValueError where an effect is nonlinear or impossible."""
+        omega = 2 * np.pi * run.frequency_hz
+        condition = self.condition(run, k_b)
+        nodes = sorted({channel.node for channel in run.channels})
+        groups, sensitivity = [], np.zeros((MODES, len(TOLERANCES)))
+        for group in channel_groups(effects, nodes):
+            columns = np.array([c for c, channel in enumerate(run.channels) if channel.node in group.nodes])
+            made, sensitivity = self._group(run, omega, condition, group.effects, columns)
+            groups.append(made)
+        amplitude = run.force_amplitude_N or 1.0
+        unit = amplitude if run.quantity == "acceleration" else 1.0
+        scale = unit * (1j * omega) ** _ORDER[run.quantity]
+        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, scale)
+
+    def _group(self, run: Run, omega, condition: Condition, effects: Sequence[Effect], columns) -> tuple[_Group, FloatArray]:
+        model = build_model(self.structure, condition, effects)
+        if model.forces:
+            raise ValueError("a nonlinear rotor has no modal form")
+        system = model.system
+        exciter = system.unit_vector(condition.excitation_node, condition.excitation_plane)
+        plane = system.plane_of_motion(exciter, condition.spin_speed)
+        if plane:
+            inside = system.plane == plane
+            system, exciter = system.in_plane(plane), exciter[inside]
+        rows = [system.read_out(1 if run.channels[c].plane == "y" else 2)[run.channels[c].node - 1] for c in columns]
+        outputs = np.vstack([*rows, exciter])
+        limit = max(_KEPT_HZ, _KEPT_RATIO * run.frequency_hz[-1])
+        space = StateSpace(system, condition.spin_speed, limit)
+        poles, residues = space.poles(exciter[:, None], outputs)
+        rest = space.beyond(omega, exciter[:, None], outputs)[:, :, 0]
+        factors = [channel_factor(effects, omega, run.channels[c].node) for c in columns]
+        top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
+        made = _Group(columns, poles, residues[:, 0], _numbers(poles, top), rest, np.array(factors).T)
+        return made, self._sensitivity(system)
+
+    def _sensitivity(self, system: LinearSystem) -> FloatArray:
+        """(MODES, n_tolerances) relative change of each undamped resonance by modulus, span and each disk's mass."""
+        modes = system.modes
+        count = min(MODES, len(modes.omega))
+        Phi, squares = modes.Phi[:, :count], np.maximum(modes.omega[:count] ** 2, 1e-12)
+        strain = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / squares
+        at = np.zeros((MODES, len(TOLERANCES)))
+        masses = [np.sum(mass * Phi[np.isin(system.free, places)] ** 2, axis=0) for places, mass in self._half_masses]
+        shaft = np.clip(1 - sum(masses, np.zeros(count)), 0.0, 1.0)
+        at[:count, 0] = strain / 2
+        at[:count, 1] = -1.5 * strain - 0.5 * shaft
+        for column, mass in enumerate(masses[:2]):
+            at[:count, 2 + column] = -mass / 2
+        return at
+
+
+def _disk_places(structure: Structure) -> list[tuple[FloatArray, float]]:
+    """Translational degrees of freedom and mass of every disk."""
+    return [
+        (4 * int(node) + np.arange(2), float(mass))
+        for node, mass in zip(structure.disk_node, structure.disk_mass, strict=True)
+    ]
+
+
+def _numbers(poles: ComplexArray, top: float) -> FloatArray:
+    """Number of the resonance that every pole belongs to; conjugates share it."""
+    number = np.full(len(poles), -1)
+    oscillating = np.flatnonzero((poles.imag > 0) & (np.abs(poles) < top))
+    order = oscillating[np.argsort(np.abs(poles[oscillating]))][:MODES]
+    for m, k in enumerate(order):
+        number[k] = m
+        number[np.argmin(np.abs(poles - poles[k].conj()))] = m
+    return number

@@ -1,0 +1,130 @@
+"""How far the gap shrinks on data that took no part in the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gap.diagnosis import Shrink
+from gap.likelihood import Fit, Observed, Problem
+from rotor.effects import Effect
+from rotor.structure import ComplexArray, FloatArray
+from sim.campaign import Run
+
+# Measures a run with effects and k_b on the virtual rig: (runs, effects, k_b) -> responses, and what measured.
+Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[ComplexArray], str]]
+
+_BLOCKS = 10  # stretches of lines of every run; every second one is held out
+_DRAWS = 400
+
+
+def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:
+    """Hold out every second stretch of lines, fit the rest, and compare the models on what was held out.
+
+    Parameters
+    ----------
+    problem : all runs
+    nominal, best : fits to all of them, where the new fits start
+    scale : true over believed standard error
+    confirm : measures on the virtual rig
+    """
+    masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
+    training = Problem(
+        problem.forward,
+        [
+            Observed(o.run, np.where(mask[:, None], np.inf, o.std))
+            for o, mask in zip(problem.observed, masks, strict=True)
+        ],
+    )
+    without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(0.0,))
+    with_it = training.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
+    before = _bare(problem, without)
+    after = problem.predict(with_it)
+    model_after, verified = after, "model"
+    if confirm is not None:
+        measured, verified = confirm(problem.runs, with_it.effects, with_it.k_b)
+        after = [
+            H * _nuisance_ratio(problem, with_it, r) for r, H in enumerate(measured)
+        ]
+    table = _table(problem, masks, before, after, scale)
+    numbers = _figures(table, np.arange(len(table)))
+    interval = _interval(table)
+    return Shrink(
+        held_out=f"every second of {_BLOCKS} stretches of lines of every run (interpolation)",
+        before=numbers[0],
+        after=numbers[1],
+        floor=numbers[2],
+        shrink=1 - numbers[1] / numbers[0],
+        explainable=_explainable(numbers),
+        ci90=interval,
+        verified_by=verified,  # type: ignore[arg-type]
+        after_model=_figures(_table(problem, masks, before, model_after, scale), np.arange(len(table)))[1],
+    )
+
+
+def _held_out(n: int) -> FloatArray:
+    return (np.arange(n) * _BLOCKS // n) % 2 == 1
+
+
+def _bare(problem: Problem, fit: Fit) -> list[ComplexArray]:
+    plain = replace(fit, nu=np.zeros_like(fit.nu))
+    plain.nu[problem.nuisances.gain] = [
+        fit.nu[problem.nuisances.gain][r] if run.quantity == "acceleration" else 0.0
+        for r, run in enumerate(problem.runs)
+    ]
+    return problem.predict(plain)
+
+
+def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
+    """What gains, drift and tolerances of a run do to its response: they are the run's, not the effect's."""
+    modal = problem.modals(fit.k_b, fit.effects)[r]
+    nuisances = problem.nuisances
+    with_them = modal.response(nuisances.shift(fit.nu, r, modal)) * nuisances.gains(fit.nu, r, modal)
+    without = modal.response()
+    return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
+
+
+def _table(problem: Problem, masks, before, after, scale: float) -> FloatArray:
+    """(n_stretches, n_run_channels, 4) sums over each held-out stretch: |H|^2, squared errors before and after, noise."""
+    rows: list[FloatArray] = []
+    width = sum(len(run.channels) for run in problem.runs)
+    at = 0
+    for observed, mask, H0, H1 in zip(problem.observed, masks, before, after, strict=True):
+        run, n = observed.run, len(mask)
+        y = np.nan_to_num(run.H)
+        a, b = (np.abs(H0), np.abs(H1)) if run.magnitude_only else (H0, H1)
+        valid = observed.valid & mask[:, None]
+        values = np.stack(
+            [np.abs(y) ** 2, np.abs(y - a) ** 2, np.abs(y - b) ** 2, (scale * observed.std) ** 2], axis=2
+        )
+        values = np.where(valid[:, :, None], values, 0.0)
+        place = np.arange(n) * _BLOCKS // n
+        for block in range(1, _BLOCKS, 2):
+            row = np.zeros((width, 4))
+            row[at : at + len(run.channels)] = values[place == block].sum(axis=0)
+            rows.append(row)
+        at += len(run.channels)
+    return np.array(rows)
+
+
+def _figures(table: FloatArray, rows) -> tuple[float, float, float]:
+    """NRMSE before, after and of the noise, averaged over channels that move."""
+    sums = table[rows].sum(axis=0)
+    size = np.sqrt(sums[:, 0])
+    moving = size > 1e-4 * size.max(initial=0.0)
+    return tuple(float(np.mean(np.sqrt(sums[moving, k]) / size[moving])) for k in (1, 2, 3))  # type: ignore[return-value]
+
+
+def _explainable(figures: tuple[float, float, float]) -> float:
+    before, after, floor = figures
+    return (before - after) / (before - floor) if before > floor else float("nan")
+
+
+def _interval(table: FloatArray) -> tuple[float, float]:
+    """90 % interval of the explainable share, by drawing stretches with replacement."""
+    rng = np.random.default_rng(0)
+    draws = [_explainable(_figures(table, rng.integers(0, len(table), len(table)))) for _ in range(_DRAWS)]
+    finite = np.array([d for d in draws if np.isfinite(d)])
+    return (float(np.quantile(finite, 0.05)), float(np.quantile(finite, 0.95))) if len(finite) else (np.nan, np.nan)

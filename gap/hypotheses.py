@@ -1,0 +1,177 @@
+"""Candidates: which effect, at which place, with which free numbers."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotor.effects import Effect
+from rotor.effects.library import EFFECTS
+from rotor.structure import FloatArray, Structure
+from sim.campaign import Run
+
+# Prior range of the bearing stiffness [N/m], even in its logarithm.
+K_B_RANGE = (1e5, 1e9)
+
+# Starting points along a parameter's prior range.
+_STARTS = (0.15, 0.5, 0.85)
+_POSITIONS = 5  # starting points along the shaft
+
+
+@dataclass(frozen=True)
+class Free:
+    """A number that is fitted: its prior is even between the ends, in the logarithm where ``log``."""
+
+    name: str
+    low: float
+    high: float
+    log: bool
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The range in the coordinate that is fitted."""
+        return (float(np.log(self.low)), float(np.log(self.high))) if self.log else (self.low, self.high)
+
+    def value(self, u: float) -> float:
+        """Physical value of a fitted coordinate."""
+        return float(np.clip(np.exp(u), self.low, self.high)) if self.log else float(u)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect of a candidate, its place fixed or free."""
+
+    effect: type[Effect]
+    fixed: tuple[tuple[str, float], ...]  # places and numbers that are not fitted
+    free: tuple[Free, ...]
+
+    def put(self, u: Sequence[float]) -> Effect:
+        """The effect for fitted coordinates."""
+        values = {free.name: free.value(x) for free, x in zip(self.free, u, strict=True)}
+        return self.effect(**dict(self.fixed), **values)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects that act together; none is the nominal model."""
+
+    terms: tuple[Term, ...] = ()
+    prior: float = 1.0  # probability before the data, over the candidates of its size
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Ids of its effects."""
+        return tuple(term.effect.id for term in self.terms)
+
+    @property
+    def free(self) -> tuple[Free, ...]:
+        """Everything that is fitted, in order."""
+        return tuple(free for term in self.terms for free in term.free)
+
+    def effects(self, u: Sequence[float]) -> tuple[Effect, ...]:
+        """The effects for fitted coordinates (n_free,)."""
+        made, at = [], 0
+        for term in self.terms:
+            made.append(term.put(u[at : at + len(term.free)]))
+            at += len(term.free)
+        return tuple(made)
+
+    def starts(self) -> list[FloatArray]:
+        """Starting points, each (n_free,); one parameter of each effect, and its position, take several values."""
+        choices = [list(_term_starts(term)) for term in self.terms]
+        return [np.concatenate(parts) if parts else np.zeros(0) for parts in itertools.product(*choices)]
+
+    def __str__(self) -> str:
+        return " + ".join(
+            term.effect.id + "".join(f" {name} {value:g}" for name, value in term.fixed if name in ("node",))
+            for term in self.terms
+        ) or "nominal"
+
+
+def _term_starts(term: Term) -> Iterator[FloatArray]:
+    """The first number over its range, a position over the shaft, everything else at the middle of its range."""
+    grid: list[tuple[float, ...]] = []
+    first = True
+    for free in term.free:
+        low, high = free.ends
+        if free.name == "position":
+            shares = tuple((np.arange(_POSITIONS) + 0.5) / _POSITIONS)
+        elif first:
+            shares = _STARTS if len(term.free) == 1 or free.name != "reduction" else (0.3,)
+            first = False
+        else:
+            shares = (0.3, 0.7) if term.effect.id in _SECOND else (0.5,)
+        grid.append(tuple(low + share * (high - low) for share in shares))
+    for point in itertools.product(*grid):
+        yield np.array(point)
+
+
+# Effects whose second number changes the character of what they do.
+_SECOND = ("pedestal_flexibility", "viscoelastic_support", "plane_anisotropy", "force_dropout")
+
+NOMINAL = Hypothesis()
+
+
+def candidates(runs: Sequence[Run], structure: Structure, exclude: Iterable[str] = ()) -> tuple[Hypothesis, ...]:
+    """Every linear effect of the library that could act in these runs, at every place where it could sit.
+
+    All effects are equally probable before the data; an effect's places share its probability.
+    """
+    found: list[Hypothesis] = []
+    for name, effect in EFFECTS.items():
+        if name in exclude or not _may_act(effect, runs):
+            continue
+        terms = list(_terms(effect, runs, structure))
+        found += [Hypothesis((term,), 1.0 / len(terms)) for term in terms]
+    total = sum(h.prior for h in found)
+    return tuple(Hypothesis(h.terms, h.prior / total) for h in found)
+
+
+def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
+    if effect.family in ("nonlinear", "spinning") or effect.id == "coarse_grid":
+        return False
+    supports = {run.support for run in runs}
+    if effect.location == "bearings" and "bearing" not in supports:
+        return False
+    if effect.location == "rigid_support" and "rigid" not in supports:
+        return False
+    if effect.id == "force_dropout" and not any(run.quantity == "acceleration" for run in runs):
+        return False
+    if effect.id == "sensor_delay" and all(run.magnitude_only for run in runs):
+        return False
+    return True
+
+
+def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> Iterator[Term]:
+    free = [Free(n, p.low, p.high, p.log and p.low > 0) for n, p in effect.parameters().items()]
+    sensors = sorted({channel.node for run in runs for channel in run.channels})
+    places = effect.places()
+    if not places:
+        yield Term(effect, (), tuple(free))
+    for name, place in places.items():
+        if place.kind == "position":
+            length = float(structure.x[-1])
+            yield Term(effect, (), (*free, Free(name, 0.03 * length, 0.97 * length, False)))
+        elif effect.location == "sensor":
+            everyone = [0] if place.all_nodes and len(sensors) > 1 else []
+            # A common gain is the exciter's, which is a nuisance; a common delay or mass is not.
+            if effect.id == "sensor_gain":
+                everyone = []
+            for node in [*everyone, *sensors]:
+                yield Term(effect, ((name, node),), tuple(free))
+        else:
+            held = _held(runs, structure)
+            for node in range(1, structure.n_nodes + 1):
+                if node not in held:
+                    yield Term(effect, ((name, node),), tuple(free))
+
+
+def _held(runs: Sequence[Run], structure: Structure) -> set[int]:
+    """Nodes that no run lets move."""
+    if any(run.support == "bearing" for run in runs):
+        return set()
+    stations = list(structure.stations)
+    return {stations.index(node) + 1 for node in structure.support_node if node in stations}

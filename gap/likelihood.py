@@ -1,0 +1,459 @@
+"""How well a candidate explains the runs: residuals, nuisances, and their joint fit.
+
+Of every run the force gain (relative standard deviation ``gain_tolerance``), of every sensor its gain (half of
+that) and of every resonance of every run a drift (``frequency_drift``) are unknown; so are modulus, span and
+disk masses within a workshop's tolerance. They have Gaussian priors, are fitted beside the candidate's numbers,
+and are integrated over in the evidence (Laplace). What a nuisance takes is judged by its prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal
+from gap.hypotheses import K_B_RANGE, Free, Hypothesis
+from rotor.effects import Effect
+from rotor.structure import ComplexArray, FloatArray
+from sim.campaign import NominalBelief, Run
+
+K_B = Free("k_b", *K_B_RANGE, True)
+
+# Errors below this share of a run's median response are not believed.
+_LEAST_STD = 1e-4
+
+# Values below this share of the run's largest say nothing about a logarithm.
+_SILENT = 1e-5
+
+# Prior standard deviation of the logarithm of an arbitrary unit.
+_ANY_SCALE = 5.0
+
+# What the model itself leaves at sharp places, relative to the response.
+_MODEL_ERROR = 1e-3
+
+_MEMORY = 64
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A run with its errors."""
+
+    run: Run
+    std: FloatArray  # (n_freq, n_channels)
+
+    @property
+    def valid(self) -> FloatArray:
+        """(n_freq, n_channels) whether a value is there."""
+        return np.isfinite(self.run.H) & np.isfinite(self.std)
+
+    @property
+    def n_values(self) -> int:
+        """Real numbers that were measured; a node that is held still tells none."""
+        moving = np.abs(np.nan_to_num(self.run.H)) > 0
+        return int((self.valid & moving).sum()) * (1 if self.run.magnitude_only else 2)
+
+
+def observe(run: Run, std: FloatArray) -> Observed:
+    """A run whose errors are at least what can be believed."""
+    size = np.abs(run.H[np.isfinite(run.H)])
+    least = _LEAST_STD * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
+    return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least))
+
+
+class Nuisances:
+    """Where each nuisance stands in the vector, and its prior."""
+
+    def __init__(self, runs: Sequence[Run], belief: NominalBelief):
+        self.sensors = sorted({channel for run in runs for channel in run.channels})
+        n_runs, n_sensors = len(runs), len(self.sensors)
+        self.gain = slice(0, n_runs)
+        self.sensor = slice(n_runs, n_runs + n_sensors)
+        at = n_runs + n_sensors
+        self.tolerance = slice(at, at + len(TOLERANCES))
+        at += len(TOLERANCES)
+        self.drift = [slice(at + MODES * r, at + MODES * (r + 1)) for r in range(n_runs)]
+        self.n = at + MODES * n_runs
+        std = np.empty(self.n)
+        std[self.gain] = [
+            _ANY_SCALE if run.quantity == "acceleration" else max(belief.gain_tolerance, 1e-6) for run in runs
+        ]
+        std[self.sensor] = max(belief.gain_tolerance / 2, 1e-6)
+        std[self.tolerance] = TOLERANCE
+        for each in self.drift:
+            std[each] = max(belief.frequency_drift, 1e-7)
+        self.std = std
+
+    def shift(self, nu: FloatArray, run: int, modal: Modal) -> FloatArray:
+        """(MODES,) relative shift of a run's resonances."""
+        return nu[self.drift[run]] + modal.sensitivity @ nu[self.tolerance]
+
+    def gains(self, nu: FloatArray, run: int, modal: Modal) -> FloatArray:
+        """(n_channels,) factor of a run's channels."""
+        places = [self.sensors.index(channel) for channel in modal.run.channels]
+        return np.exp(nu[self.gain][run] + nu[self.sensor][places])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A candidate at its best."""
+
+    hypothesis: Hypothesis
+    u: FloatArray  # (1 + n_free,) ln k_b and the candidate's coordinates
+    nu: FloatArray  # (n_nuisances,)
+    chi2: float  # misfit of the data
+    penalty: float  # of the nuisances by their priors
+    precision: FloatArray  # of (u, nu) at the best point, scaled data
+    n_data: int
+    prior_std: FloatArray  # of the nuisances
+    with_k_b: bool
+    floor: tuple[float, ...] = field(default=())
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects with their fitted numbers."""
+        return self.hypothesis.effects(self.u[1:])
+
+    @property
+    def k_b(self) -> float:
+        """Bearing stiffness [N/m]."""
+        return K_B.value(self.u[0])
+
+    def log_evidence(self, scale: float = 1.0) -> float:
+        """Laplace's approximation, up to a constant of the data.
+
+        A number's volume is capped at its prior's: its precision is at least that of the even prior.
+
+        Parameters
+        ----------
+        scale : true over believed standard error of the data
+        """
+        free = (K_B, *self.hypothesis.free) if self.with_k_b else self.hypothesis.free
+        width = np.array([f.ends[1] - f.ends[0] for f in free])
+        prior = np.concatenate([12 / width**2, 1 / self.prior_std**2])
+        data = self.precision / scale**2
+        keep = np.arange(0 if self.with_k_b else 1, len(self.precision))
+        posterior = data[np.ix_(keep, keep)] + np.diag(prior)
+        _, logdet = np.linalg.slogdet(posterior)
+        return -(self.chi2 / scale**2 + self.penalty + logdet - np.sum(np.log(prior))) / 2
+
+    def covariance(self, scale: float = 1.0) -> FloatArray:
+        """Of (u, nu)."""
+        free = (K_B, *self.hypothesis.free)
+        width = np.array([f.ends[1] - f.ends[0] for f in free])
+        prior = np.concatenate([12 / width**2, 1 / self.prior_std**2])
+        return np.linalg.inv(self.precision / scale**2 + np.diag(prior))
+
+
+class Problem:
+    """The runs of a campaign, and the model of each.
+
+    Parameters
+    ----------
+    forward : model
+    observed : the runs
+    """
+
+    def __init__(self, forward: Forward, observed: Sequence[Observed]):
+        self.forward, self.observed = forward, tuple(observed)
+        self.runs = tuple(o.run for o in observed)
+        self.nuisances = Nuisances(self.runs, forward.belief)
+        self.with_k_b = any(run.support == "bearing" for run in self.runs)
+        self._memory: dict[tuple, Modal] = {}
+
+    def modals(self, k_b: float, effects: Sequence[Effect]) -> list[Modal]:
+        """One for every run; what a run does not depend on is left out, so that it is solved once."""
+        return [self._modal(r, k_b, effects) for r in range(len(self.runs))]
+
+    def _modal(self, r: int, k_b: float, effects: Sequence[Effect]) -> Modal:
+        run = self.runs[r]
+        absent = "bearings" if run.support == "rigid" else "rigid_support"
+        acting = tuple(e for e in effects if e.location != absent)
+        key = (r, 0.0 if run.support == "rigid" else k_b, acting)
+        if key not in self._memory:
+            if len(self._memory) >= _MEMORY:
+                self._memory.pop(next(iter(self._memory)))
+            self._memory[key] = self.forward.modal(run, k_b, acting)
+        return self._memory[key]
+
+    def predict(self, fit: Fit, *, drifting: bool = True) -> list[ComplexArray]:
+        """Response of every run, nuisances included."""
+        made = []
+        for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
+            shift = self.nuisances.shift(fit.nu, r, modal) if drifting else None
+            made.append(modal.response(shift) * self.nuisances.gains(fit.nu, r, modal))
+        return made
+
+    # -- rough: logarithms, without nuisances --------------------------------------------------
+
+    def rough(self, hypothesis: Hypothesis, u: FloatArray, *, steps: int = 8, every: int = 3) -> tuple[FloatArray, float]:
+        """Bring a start near the data: least squares of ln(model / data), bounded, by few lines.
+
+        Returns
+        -------
+        (1 + n_free,) coordinates and the cost per value
+        """
+
+        def residual(x: FloatArray) -> FloatArray | None:
+            try:
+                modals = self.modals(K_B.value(x[0]), hypothesis.effects(x[1:]))
+            except (ValueError, np.linalg.LinAlgError):
+                return None
+            parts = []
+            for observed, modal in zip(self.observed, modals, strict=True):
+                y = observed.run.H[::every]
+                H = _thin(modal, every).response()
+                usable = np.isfinite(y) & (np.abs(y) > _SILENT * np.nanmax(np.abs(y))) & (np.abs(H) > 0)
+                usable &= observed.std[::every] < 0.5 * np.abs(y)
+                ratio = np.where(usable, H / np.where(usable, y, 1.0), 1.0)
+                log = np.log(np.abs(ratio))
+                if observed.run.quantity == "acceleration" and usable.any():
+                    log = log - np.median(log[usable])
+                parts.append((np.where(usable, log, 0.0) / _ROUGH).ravel())
+                if not observed.run.magnitude_only:
+                    parts.append((np.angle(ratio) / _ROUGH).ravel())
+            r = np.concatenate(parts)
+            return r / np.sqrt(1 + np.abs(r))  # grows like the root of large errors
+
+        return _minimise(residual, u, self._scales(hypothesis), self._ends(hypothesis), self.with_k_b, steps)
+
+    def _ends(self, hypothesis: Hypothesis) -> FloatArray:
+        return np.array([f.ends for f in (K_B, *hypothesis.free)])
+
+    def _scales(self, hypothesis: Hypothesis) -> FloatArray:
+        ends = self._ends(hypothesis)
+        return ends[:, 1] - ends[:, 0]
+
+    # -- fine: the data's own errors, nuisances included ---------------------------------------
+
+    def fit(
+        self,
+        hypothesis: Hypothesis,
+        u: FloatArray,
+        nu: FloatArray | None = None,
+        *,
+        anneal: Sequence[float] = (0.1, 0.02, 0.0),
+        steps: int = 12,
+    ) -> Fit:
+        """Gauss-Newton steps, damped, with what is left of a rough error added to the data's own.
+
+        Parameters
+        ----------
+        u : (1 + n_free,) start
+        nu : nuisances to start from, default none
+        anneal : relative errors that are added in turn; the last one should be zero
+        steps : at each of them, at most
+        """
+        nu = np.zeros(self.nuisances.n) if nu is None else nu.copy()
+        u = u.copy()
+        for added in anneal:
+            u, nu, chi2, penalty, precision = self._descend(hypothesis, u, nu, added, steps)
+        n = sum(o.n_values for o in self.observed)
+        return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b)
+
+    def _descend(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float, steps: int):
+        ends, mu = self._ends(hypothesis), 1e-3
+        prior = 1 / self.nuisances.std**2
+        n_u = len(u)
+        here = self._linearise(hypothesis, u, nu, added)
+        if here is None:
+            raise ValueError(f"{hypothesis}: no model at the start")
+        chi2, gradient, hessian = here
+        cost = chi2 + float(nu**2 @ prior)
+        for _ in range(steps):
+            A = hessian.copy()
+            A[range(n_u, len(A)), range(n_u, len(A))] += prior
+            g = gradient.copy()
+            g[n_u:] -= prior * nu
+            active = self._active(u, g[:n_u], ends)
+            better = False
+            while mu < 1e8:
+                step = _damped_step(A, g, mu, active)
+                trial_u = np.clip(u + step[:n_u], ends[:, 0], ends[:, 1])
+                trial_nu = nu + step[n_u:]
+                value = self._cost(hypothesis, trial_u, trial_nu, added, prior)
+                if value < cost:
+                    better = True
+                    break
+                mu = max(mu, 1e-4) * 8
+            if not better:
+                break
+            gained = cost - value
+            u, nu, mu = trial_u, trial_nu, mu / 6
+            linear = self._linearise(hypothesis, u, nu, added)
+            assert linear is not None
+            chi2, gradient, hessian = linear
+            cost = chi2 + float(nu**2 @ prior)
+            if gained < max(0.02, 1e-5 * cost):
+                break
+        return u, nu, chi2, float(nu**2 @ prior), hessian
+
+    def _active(self, u: FloatArray, gradient: FloatArray, ends: FloatArray) -> FloatArray:
+        """Coordinates held at an end of their range, or without a say."""
+        margin = 1e-9 * (ends[:, 1] - ends[:, 0])
+        held = ((u <= ends[:, 0] + margin) & (gradient < 0)) | ((u >= ends[:, 1] - margin) & (gradient > 0))
+        if not self.with_k_b:
+            held[0] = True
+        return held
+
+    def _cost(self, hypothesis: Hypothesis, u, nu, added: float, prior) -> float:
+        try:
+            modals = self.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))
+        except (ValueError, np.linalg.LinAlgError):
+            return np.inf
+        total = float(nu**2 @ prior)
+        for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
+            H = modal.response(self.nuisances.shift(nu, r, modal)) * self.nuisances.gains(nu, r, modal)
+            total += float(np.sum(np.abs(_residual(observed, H, added)) ** 2))
+        return total if np.isfinite(total) else np.inf
+
+    def _linearise(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float):
+        """chi2, -gradient/2 and Hessian/2 of the data's misfit by (u, nu)."""
+        try:
+            modals = self.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+        moved = [self._moved(hypothesis, u, j) for j in range(len(u))]
+        n_u, n = len(u), len(u) + self.nuisances.n
+        chi2, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
+        for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
+            shift, gains = self.nuisances.shift(nu, r, modal), self.nuisances.gains(nu, r, modal)
+            H0, D = modal.with_derivatives(shift)
+            H = H0 * gains
+            columns, places = [], []
+            for j, (step, others) in enumerate(moved):
+                if step == 0.0 or others[r] is modal:
+                    continue
+                other = others[r]
+                shifted = self.nuisances.shift(nu, r, other)
+                columns.append((other.response(shifted) * gains - H) / step)
+                places.append(j)
+            columns.append(H)
+            places.append(n_u + self.nuisances.gain.start + r)
+            for c, channel in enumerate(modal.run.channels):
+                only = np.zeros_like(H)
+                only[:, c] = H[:, c]
+                columns.append(only)
+                places.append(n_u + self.nuisances.sensor.start + self.nuisances.sensors.index(channel))
+            used = [m for m in range(MODES) if m < len(modal.frequencies_hz)]
+            scaled = D[used] * gains
+            for m, column in zip(used, scaled, strict=True):
+                columns.append(column)
+                places.append(n_u + self.nuisances.drift[r].start + m)
+            by_tolerance = np.tensordot(modal.sensitivity[used].T, scaled, axes=1)
+            for t, column in enumerate(by_tolerance):
+                columns.append(column)
+                places.append(n_u + self.nuisances.tolerance.start + t)
+            weight, residual = _weighted(observed, H, added)
+            J = _columns(observed, H, np.array(columns), weight)
+            where = np.array(places)
+            chi2 += float(residual @ residual)
+            gradient[where] += J @ residual
+            hessian[np.ix_(where, where)] += J @ J.T
+        return chi2, gradient, hessian
+
+    def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal]]:
+        """A small step of one coordinate, into the range, and the models there."""
+        if j == 0 and not self.with_k_b:
+            return 0.0, []
+        low, high = self._ends(hypothesis)[j]
+        step = 1e-5 * (high - low)
+        if u[j] + step > high:
+            step = -step
+        v = u.copy()
+        v[j] += step
+        try:
+            return step, self.modals(K_B.value(v[0]), hypothesis.effects(v[1:]))
+        except (ValueError, np.linalg.LinAlgError):
+            return 0.0, []
+
+
+_ROUGH = 0.3
+
+
+def _thin(modal: Modal, every: int) -> Modal:
+    """The same response on every n-th line."""
+    groups = tuple(replace(g, rest=g.rest[::every], chain=g.chain[::every]) for g in modal.groups)
+    return replace(modal, omega=modal.omega[::every], scale=modal.scale[::every], groups=groups)
+
+
+def _residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
+    """(data - model) over the standard error of a real component; what is not there is zero."""
+    y = observed.run.H
+    size = np.abs(np.nan_to_num(y))
+    variance = observed.std**2 + (added**2 + _MODEL_ERROR**2) * size**2
+    if observed.run.magnitude_only:
+        difference, component = np.abs(y) - np.abs(H), variance / 2
+    else:
+        difference, component = y - H, variance / 2
+    return np.where(observed.valid, difference / np.sqrt(component), 0.0)
+
+
+def _weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
+    """Weights (n_freq, n_channels) and real residuals."""
+    y = observed.run.H
+    variance = observed.std**2 + (added**2 + _MODEL_ERROR**2) * np.abs(np.nan_to_num(y)) ** 2
+    weight = np.where(observed.valid, 1 / np.sqrt(variance / 2), 0.0)
+    residual = _residual(observed, H, added)
+    if observed.run.magnitude_only:
+        return weight, residual.real.ravel()
+    return weight, np.concatenate([residual.real.ravel(), residual.imag.ravel()])
+
+
+def _columns(observed: Observed, H: ComplexArray, columns: ComplexArray, weight: FloatArray) -> FloatArray:
+    """(n_columns, n_residuals) derivatives of the model in units of the residuals."""
+    J = columns * weight
+    if observed.run.magnitude_only:
+        direction = np.where(np.abs(H) > 0, H.conj() / np.where(np.abs(H) > 0, np.abs(H), 1.0), 0.0)
+        return (J * direction).real.reshape(len(J), -1)
+    flat = J.reshape(len(J), -1)
+    return np.concatenate([flat.real, flat.imag], axis=1)
+
+
+def _damped_step(A: FloatArray, g: FloatArray, mu: float, active: FloatArray) -> FloatArray:
+    """Marquardt's step; held coordinates do not move."""
+    held = np.concatenate([active, np.zeros(len(A) - len(active), dtype=bool)])
+    diagonal = A.diagonal()
+    held |= diagonal <= 0
+    free = np.flatnonzero(~held)
+    block = A[np.ix_(free, free)] + np.diag(mu * diagonal[free])
+    step = np.zeros(len(A))
+    step[free] = np.linalg.solve(block, g[free])
+    return step
+
+
+def _minimise(residual, u, scales, ends, with_k_b: bool, steps: int) -> tuple[FloatArray, float]:
+    """A few damped Gauss-Newton steps with forward differences."""
+    x = np.clip(u, ends[:, 0], ends[:, 1])
+    r = residual(x)
+    if r is None:
+        return x, np.inf
+    cost, mu = float(r @ r), 1e-2
+    moving = [j for j in range(len(x)) if j or with_k_b]
+    for _ in range(steps):
+        J = np.zeros((len(r), len(x)))
+        for j in moving:
+            step = 1e-4 * scales[j] * (1 if x[j] + 1e-4 * scales[j] <= ends[j, 1] else -1)
+            y = x.copy()
+            y[j] += step
+            moved = residual(y)
+            if moved is not None:
+                J[:, j] = (moved - r) / step
+        A, g = J.T @ J, -J.T @ r
+        better = False
+        for _ in range(6):
+            diagonal = A.diagonal() + 1e-12
+            trial = np.clip(x + np.linalg.solve(A + np.diag(mu * diagonal + 1e-12), g), ends[:, 0], ends[:, 1])
+            moved = residual(trial)
+            if moved is not None and moved @ moved < cost:
+                better = True
+                break
+            mu *= 6
+        if not better:
+            break
+        gained = cost - float(moved @ moved)
+        x, r, cost, mu = trial, moved, float(moved @ moved), mu / 5
+        if gained < 1e-3 * cost:
+            break
+    return x, cost / len(r)

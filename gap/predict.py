@@ -1,0 +1,87 @@
+"""What a diagnosis predicts for runs that it never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gap.diagnose import structure_of
+from gap.diagnosis import SCHEMA
+from gap.forward import TOLERANCES, Forward
+from rotor.effects import Effect
+from rotor.effects.library import EFFECTS
+from rotor.structure import ComplexArray
+from sim.campaign import Campaign, MeasurementError, Run
+
+_DEFAULT_K_B = 1e7
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A run as the nominal and as the corrected model predict it, on its own lines."""
+
+    run: Run
+    nominal: Run
+    corrected: Run
+
+
+def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted, ...]:
+    """Predict every run of a campaign.
+
+    Parameters
+    ----------
+    document : the contents of a diagnosis.json
+    campaign : any campaign of the same rig; of its data only the lines and channels are used
+
+    Raises
+    ------
+    MeasurementError : the document is not a diagnosis, or does not hold what is needed
+    """
+    if document.get("schema") != SCHEMA:
+        raise MeasurementError(f"diagnosis: schema is {document.get('schema')!r}, expected {SCHEMA!r}; diagnose again")
+    try:
+        effects, k_b = corrected_rotor(document)
+        nominal_k_b = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
+        calibration = document.get("calibration") or {}
+    except (KeyError, TypeError, ValueError) as error:
+        raise MeasurementError(f"diagnosis: {error!r} is missing or damaged; diagnose again") from error
+    forward = Forward(structure_of(campaign.rig), campaign.nominal)
+    shift = np.array([calibration.get("tolerance", {}).get(name, 0.0) for name in TOLERANCES])
+    made = []
+    for run in campaign.runs:
+        before = forward.modal(run, nominal_k_b).response()
+        after = forward.modal(run, k_b, _acting(effects, run))
+        gains = [calibration.get("sensor_gain", {}).get(str(channel), 1.0) for channel in run.channels]
+        response = after.response(after.sensitivity @ shift) * np.array(gains)
+        made.append(Predicted(run, _with(run, before), _with(run, response)))
+    return tuple(made)
+
+
+def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], float]:
+    """Effects and bearing stiffness [N/m] of the corrected model; no effect where none is named."""
+    nominal = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
+    if document["verdict"] not in ("cause", "ambiguous") or not document["causes"]:
+        return (), nominal
+    cause = document["causes"][0]
+    effects = []
+    for name in cause["effects"]:
+        prefix = f"{name}."
+        values = {key.removeprefix(prefix): entry["value"] for key, entry in cause["parameters"].items() if key.startswith(prefix)}
+        values |= {key.removeprefix(prefix): value for key, value in cause["places"].items() if key.startswith(prefix)}
+        if "node" in values:
+            values["node"] = int(values["node"])
+        effects.append(EFFECTS[name](**values))
+    return tuple(effects), (cause["k_b"] or {}).get("value", nominal)
+
+
+def _acting(effects: tuple[Effect, ...], run: Run) -> tuple[Effect, ...]:
+    absent = "bearings" if run.support == "rigid" else "rigid_support"
+    return tuple(effect for effect in effects if effect.location != absent)
+
+
+def _with(run: Run, H: ComplexArray) -> Run:
+    values = np.abs(H) if run.magnitude_only else H
+    return replace(run, H=values, std=None, harmonics={})

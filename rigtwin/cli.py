@@ -218,6 +218,36 @@ def check(
         raise typer.Exit(GATE_FAILED)
 
 
+@app.command(short_help="Where the gap to the model lies, and what causes it.")
+def diagnose(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of the campaign.")],
+    out: Annotated[Path, typer.Option(help="Folder for diagnosis.json and report.html.")],
+    exclude: Annotated[
+        list[str] | None, typer.Option(metavar="EFFECT", help="Effect that is no candidate; repeat.")
+    ] = None,
+    no_fmu: Annotated[
+        bool, typer.Option("--no-fmu", help="Build no FMU: the shrink is the fitting model's own.")
+    ] = False,
+    as_json: JSON = False,
+) -> None:
+    """Where the gap between a campaign and the nominal model lies, which effect causes it, how far it shrinks."""
+    from rigtwin.diagnose import DiagnosisRequest, run_diagnose
+
+    run_diagnose(DiagnosisRequest(campaign, out, tuple(exclude or ()), fmu=not no_fmu, as_json=as_json))
+
+
+@app.command(short_help="A diagnosis applied to runs it never saw.")
+def predict(
+    diagnosis: Annotated[Path, typer.Argument(metavar="DIAGNOSIS_JSON", help="What rigtwin diagnose wrote.")],
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of the campaign to predict.")],
+    out: Annotated[Path, typer.Option(help="Folder for nominal/ and corrected/.")],
+) -> None:
+    """Each run of a campaign as the nominal and as the corrected model compute it, on the run's own lines."""
+    from rigtwin.diagnose import run_predict
+
+    run_predict(diagnosis, campaign, out)
+
+
 @app.command(short_help="What reality may have and the nominal rotor lacks.")
 def effects(
     effect_id: Annotated[str | None, typer.Argument(metavar="[ID]", help="One effect; default: a list of all.")] = None,

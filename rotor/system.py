@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
-from scipy.sparse.csgraph import connected_components
 
 from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 
@@ -130,10 +129,10 @@ def undamped_modes(system: LinearSystem) -> Modes:
     """
     heavy = system.heavy
     M, K = system.M[np.ix_(heavy, heavy)], system.condensed_stiffness
-    n_groups, group = connected_components((M != 0) | (K != 0))
+    group = system.plane[heavy] if not system.couples_planes() else np.zeros(len(heavy), dtype=np.int64)
     omega, Phi = np.zeros(len(heavy)), np.zeros((len(heavy), len(heavy)))
     column = 0
-    for g in range(n_groups):
+    for g in np.unique(group):
         places = np.flatnonzero(group == g)
         block = np.ix_(places, places)
         squares, shapes = eigh(K[block], M[block])

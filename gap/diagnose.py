@@ -96,6 +96,7 @@ def diagnose(
         return Outcome(diagnose_peaks(campaign, exclude, findings), ())
     structure = structure_of(campaign.rig)
     problem = Problem(Forward(structure, campaign.nominal), [_observed(run) for run in campaign.runs])
+    problem.allow_for_tolerances(load_rig(campaign.rig), recalibrate(problem).k_b)
     nominal = recalibrate(problem)
     clock.lap("recalibration")
     hypotheses = candidates(campaign.runs, structure, exclude)

@@ -17,10 +17,12 @@ from functools import cached_property
 
 import numpy as np
 
+from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import Effect, FastSweep
 from rotor.measured import channel_factor, channel_groups, force_factor
 from rotor.model import build_model
+from rotor.rig import Rig
 from rotor.state_space import StateSpace
 from rotor.structure import ComplexArray, FloatArray, Structure
 from rotor.system import LinearSystem
@@ -31,6 +33,9 @@ _ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
 
 # Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
 _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
+
+# Relative step of a tolerance.
+_STEP = 1e-3
 
 # Resonances of a run that may drift: those below so many times its highest line.
 _DRIFTING = 1.3
@@ -51,6 +56,7 @@ class _Group:
     mode: FloatArray  # (n_states,) number of the drifting resonance a pole belongs to, -1: none
     rest: ComplexArray  # (n_freq, n_channels + 1) what modes far above leave
     chain: ComplexArray  # (n_freq, n_channels)
+    bent: ComplexArray  # (n_tolerances, n_channels + 1, n_states) change of the residues by the tolerances
 
 
 @dataclass(frozen=True)
@@ -79,33 +85,42 @@ class Modal:
         poles = poles[np.argsort(np.abs(poles))]
         return -poles.real / np.abs(poles)
 
-    def response(self, shift: FloatArray | None = None) -> ComplexArray:
-        """(n_freq, n_channels) response with every resonance shifted by (MODES,) relative amounts."""
-        return self._evaluate(shift, derivatives=False)[0]
+    def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
+        """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,), all relative."""
+        return self._evaluate(drift, tolerance, derivatives=False)[0]
 
-    def with_derivatives(self, shift: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """``response`` and its (MODES, n_freq, n_channels) derivatives by the shifts."""
-        return self._evaluate(shift, derivatives=True)
+    def with_derivatives(self, drift: FloatArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """``response`` and its (MODES + n_tolerances, n_freq, n_channels) derivatives."""
+        return self._evaluate(drift, tolerance, derivatives=True)
 
-    def _evaluate(self, shift: FloatArray | None, *, derivatives: bool) -> tuple[ComplexArray, ComplexArray]:
-        shift = np.zeros(MODES) if shift is None else shift
+    def _evaluate(
+        self, drift: FloatArray | None, tolerance: FloatArray | None, *, derivatives: bool
+    ) -> tuple[ComplexArray, ComplexArray]:
+        tolerance = np.zeros(len(TOLERANCES)) if tolerance is None else tolerance
+        shift = self.sensitivity @ tolerance + (0.0 if drift is None else drift)
         n_f, n_c = len(self.omega), len(self.run.channels)
         H = np.empty((n_f, n_c), dtype=complex)
-        D = np.zeros((MODES if derivatives else 0, n_f, n_c), dtype=complex)
+        D = np.zeros((MODES + len(TOLERANCES) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
-            drift = np.where(group.mode >= 0, shift[group.mode], 0.0)
-            poles = group.poles * (1 + drift)
+            poles = group.poles * (1 + np.where(group.mode >= 0, shift[group.mode], 0.0))
+            residues = group.residues + np.tensordot(tolerance, group.bent, axes=1)
             shares = 1 / (1j * self.omega[:, None] - poles)
             if self.dwell_s is not None:
                 shares = shares + self._unsettled(poles)
-            Y = shares @ group.residues.T + group.rest
+            Y = shares @ residues.T + group.rest
             factor = group.chain * self._force(Y[:, -1])[:, None]
             H[:, group.columns] = Y[:, :-1] * factor
-            for m in range(len(D)):
-                mine = group.mode == m
-                if mine.any():
-                    dY = (shares[:, mine] ** 2 * group.poles[mine]) @ group.residues[:-1, mine].T
-                    D[m][:, group.columns] = dY * factor
+            if derivatives:
+                for m in range(MODES):
+                    mine = group.mode == m
+                    if mine.any():
+                        dY = (shares[:, mine] ** 2 * group.poles[mine]) @ residues[:-1, mine].T
+                        D[m][:, group.columns] = dY * factor
+                for t in range(len(TOLERANCES)):
+                    direct = (shares @ group.bent[t, :-1].T) * factor
+                    D[MODES + t][:, group.columns] = direct
+        if derivatives:
+            D[MODES:] += np.tensordot(self.sensitivity.T, D[:MODES], axes=1)
         return H, D
 
     @property
@@ -156,6 +171,37 @@ class Forward:
     def __init__(self, structure: Structure, belief: NominalBelief):
         self.structure, self.belief = structure, belief
         self._half_masses = _disk_places(structure)
+        self._variants: list[Structure] = []
+        self._bends: dict[tuple, ComplexArray] = {}
+
+    def allow_for_tolerances(self, rig: Rig, runs: Sequence[Run], k_b: float) -> None:
+        """Find how the workshop's tolerances bend the modes of these runs, at a bearing stiffness near the truth.
+
+        Frequencies follow the tolerances in every candidate's own modes; shapes change by what they change in the
+        nominal model, which is a small part of a small change.
+        """
+        elements = (len(self.structure.x) - 1) // (len(rig.nodes_m) - 1)
+        self._variants = [assemble(each, elements_between_nodes=elements) for each in _variants(rig)]
+        for run in runs:
+            self._bends[_key(run)] = self._bend(run, k_b)
+
+    def _bend(self, run: Run, k_b: float) -> ComplexArray:
+        """(n_tolerances, n_channels + 1, MODES) change of residues over the norm of each mode's residues."""
+        structure = self.structure
+        plain = self.modal(run, k_b).groups[0]
+        bent = np.zeros((len(TOLERANCES), len(run.channels) + 1, MODES), dtype=complex)
+        try:
+            for t, variant in enumerate(self._variants):
+                self.structure = variant
+                other = self.modal(run, k_b).groups[0]
+                for m in range(MODES):
+                    a, b = _upper(plain, m), _upper(other, m)
+                    if a is not None and b is not None:
+                        change = other.residues[:, b] - plain.residues[:, a]
+                        bent[t, :, m] = change / (_STEP * max(np.linalg.norm(plain.residues[:, a]), 1e-300))
+        finally:
+            self.structure = structure
+        return bent
 
     def condition(self, run: Run, k_b: float) -> Condition:
         """The test condition of a run."""
@@ -203,8 +249,21 @@ class Forward:
         rest = space.beyond(omega, exciter[:, None], outputs)[:, :, 0]
         factors = [channel_factor(effects, omega, run.channels[c].node) for c in columns]
         top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
-        made = _Group(columns, poles, residues[:, 0], _numbers(poles, top), rest, np.array(factors).T)
+        mode = _numbers(poles, top)
+        bent = self._bent(run, columns, poles, residues[:, 0], mode)
+        made = _Group(columns, poles, residues[:, 0], mode, rest, np.array(factors).T, bent)
         return made, self._sensitivity(system)
+
+    def _bent(self, run: Run, columns, poles: ComplexArray, residues: ComplexArray, mode) -> ComplexArray:
+        bent = np.zeros((len(TOLERANCES), *residues.shape), dtype=complex)
+        known = self._bends.get(_key(run))
+        if known is not None:
+            rows = np.append(columns, len(run.channels))
+            for k in np.flatnonzero((mode >= 0) & (poles.imag > 0)):
+                bent[:, :, k] = known[:, rows, mode[k]] * np.linalg.norm(residues[:, k])
+                twin = int(np.argmin(np.abs(poles - poles[k].conj())))
+                bent[:, :, twin] = bent[:, :, k].conj()
+        return bent
 
     def _sensitivity(self, system: LinearSystem) -> FloatArray:
         """(MODES, n_tolerances) relative change of each undamped resonance by modulus, span and each disk's mass."""
@@ -220,6 +279,38 @@ class Forward:
         for column, mass in enumerate(masses[:2]):
             at[:count, 2 + column] = -mass / 2
         return at
+
+
+def _key(run: Run) -> tuple:
+    return run.support, run.excitation_node, run.excitation_plane, run.channels, float(run.frequency_hz[-1])
+
+
+def _upper(group: _Group, m: int) -> int | None:
+    """Place of a resonance's pole with positive frequency."""
+    found = np.flatnonzero((group.mode == m) & (group.poles.imag > 0))
+    return int(found[0]) if len(found) else None
+
+
+def _variants(rig: Rig) -> list[Rig]:
+    """The rig with each tolerance at a small value, in the order of ``TOLERANCES``."""
+    more = 1 + _STEP
+    stiffer = [s.model_copy(update={"youngs_modulus_Pa": more * s.youngs_modulus_Pa}) for s in rig.segment]
+    longer = [s.model_copy(update={"length_m": more * s.length_m}) for s in rig.segment]
+    variants = [
+        rig.model_copy(update={"segment": stiffer}),
+        rig.model_copy(update={"segment": longer, "nodes_m": [more * x for x in rig.nodes_m]}),
+    ]
+    for number in range(2):
+        disks = [
+            d.model_copy(update={"mass_kg": more * d.mass, **_BY_MASS} if k == number else {})
+            for k, d in enumerate(rig.disk)
+        ]
+        variants.append(rig.model_copy(update={"disk": disks}))
+    return variants
+
+
+# A disk that is given by its mass has no dimensions.
+_BY_MASS = {"diameter_m": None, "thickness_m": None, "density_kg_per_m3": None, "bore_m": 0.0}
 
 
 def _disk_places(structure: Structure) -> list[tuple[FloatArray, float]]:

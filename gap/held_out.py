@@ -81,7 +81,7 @@ def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
     """What gains, drift and tolerances of a run do to its response: they are the run's, not the effect's."""
     modal = problem.modals(fit.k_b, fit.effects)[r]
     nuisances = problem.nuisances
-    with_them = modal.response(nuisances.shift(fit.nu, r, modal)) * nuisances.gains(fit.nu, r, modal)
+    with_them = modal.response(*nuisances.of_run(fit.nu, r)) * nuisances.gains(fit.nu, r, modal)
     without = modal.response()
     return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotor.effects import Effect
+from rotor.effects.effect import Parameter
 from rotor.effects.library import EFFECTS
 from rotor.structure import FloatArray, Structure
 from sim.campaign import Run
@@ -146,7 +147,7 @@ def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
 
 
 def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> Iterator[Term]:
-    free = [Free(n, p.low, p.high, p.log and p.low > 0) for n, p in effect.parameters().items()]
+    free = [_free(name, role) for name, role in effect.parameters().items()]
     sensors = sorted({channel.node for run in runs for channel in run.channels})
     places = effect.places()
     if not places:
@@ -167,6 +168,24 @@ def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> I
             for node in range(1, structure.n_nodes + 1):
                 if node not in held:
                     yield Term(effect, ((name, node),), tuple(free))
+
+
+def _free(name: str, role: Parameter) -> Free:
+    """A parameter's range: the prior's, carried on towards the value at which the effect does nothing."""
+    low, high = role.low, role.high
+    if isinstance(role.null, str):
+        low /= _TOWARDS_NOMINAL
+    elif role.null == 0.0 and role.log:
+        low /= _TOWARDS_NOTHING
+    elif role.null is not None and np.isinf(role.null):
+        high *= _TOWARDS_NOTHING
+    elif role.null is not None:
+        low, high = min(low, role.null), max(high, role.null)
+    return Free(name, low, high, role.log and low > 0)
+
+
+# An effect may be weaker than its prior range says, by so much; a damping may be lower than the nominal one.
+_TOWARDS_NOTHING, _TOWARDS_NOMINAL = 30.0, 5.0
 
 
 def _held(runs: Sequence[Run], structure: Structure) -> set[int]:

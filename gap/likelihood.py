@@ -16,6 +16,7 @@ import numpy as np
 from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal
 from gap.hypotheses import K_B_RANGE, Free, Hypothesis
 from rotor.effects import Effect
+from rotor.rig import Rig
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import NominalBelief, Run
 
@@ -85,9 +86,9 @@ class Nuisances:
             std[each] = max(belief.frequency_drift, 1e-7)
         self.std = std
 
-    def shift(self, nu: FloatArray, run: int, modal: Modal) -> FloatArray:
-        """(MODES,) relative shift of a run's resonances."""
-        return nu[self.drift[run]] + modal.sensitivity @ nu[self.tolerance]
+    def of_run(self, nu: FloatArray, run: int) -> tuple[FloatArray, FloatArray]:
+        """(MODES,) drift of a run's resonances, and (n_tolerances,) tolerances of the rig."""
+        return nu[self.drift[run]], nu[self.tolerance]
 
     def gains(self, nu: FloatArray, run: int, modal: Modal) -> FloatArray:
         """(n_channels,) factor of a run's channels."""
@@ -162,6 +163,11 @@ class Problem:
         self.with_k_b = any(run.support == "bearing" for run in self.runs)
         self._memory: dict[tuple, Modal] = {}
 
+    def allow_for_tolerances(self, rig: Rig, k_b: float) -> None:
+        """Let the workshop's tolerances bend the modes; see ``Forward``."""
+        self.forward.allow_for_tolerances(rig, self.runs, k_b)
+        self._memory.clear()
+
     def modals(self, k_b: float, effects: Sequence[Effect]) -> list[Modal]:
         """One for every run; what a run does not depend on is left out, so that it is solved once."""
         return [self._modal(r, k_b, effects) for r in range(len(self.runs))]
@@ -181,8 +187,9 @@ class Problem:
         """Response of every run, nuisances included."""
         made = []
         for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
-            shift = self.nuisances.shift(fit.nu, r, modal) if drifting else None
-            made.append(modal.response(shift) * self.nuisances.gains(fit.nu, r, modal))
+            drift, tolerance = self.nuisances.of_run(fit.nu, r)
+            H = modal.response(drift if drifting else None, tolerance)
+            made.append(H * self.nuisances.gains(fit.nu, r, modal))
         return made
 
     # -- rough: logarithms, without nuisances --------------------------------------------------
@@ -235,6 +242,7 @@ class Problem:
         *,
         anneal: Sequence[float] = (0.1, 0.02, 0.0),
         steps: int = 12,
+        hopeless: float = np.inf,
     ) -> Fit:
         """Gauss-Newton steps, damped, with what is left of a rough error added to the data's own.
 
@@ -244,11 +252,15 @@ class Problem:
         nu : nuisances to start from, default none
         anneal : relative errors that are added in turn; the last one should be zero
         steps : at each of them, at most
+        hopeless : misfit from which the candidate is given up, as soon as even added errors do not hide it
         """
         nu = np.zeros(self.nuisances.n) if nu is None else nu.copy()
         u = u.copy()
         for added in anneal:
             u, nu, chi2, penalty, precision = self._descend(hypothesis, u, nu, added, steps)
+            if chi2 + penalty > hopeless:
+                u, nu, chi2, penalty, precision = self._descend(hypothesis, u, nu, anneal[-1], 0)
+                break
         n = sum(o.n_values for o in self.observed)
         return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b)
 
@@ -304,7 +316,7 @@ class Problem:
             return np.inf
         total = float(nu**2 @ prior)
         for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
-            H = modal.response(self.nuisances.shift(nu, r, modal)) * self.nuisances.gains(nu, r, modal)
+            H = modal.response(*self.nuisances.of_run(nu, r)) * self.nuisances.gains(nu, r, modal)
             total += float(np.sum(np.abs(_residual(observed, H, added)) ** 2))
         return total if np.isfinite(total) else np.inf
 
@@ -318,16 +330,15 @@ class Problem:
         n_u, n = len(u), len(u) + self.nuisances.n
         chi2, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
         for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
-            shift, gains = self.nuisances.shift(nu, r, modal), self.nuisances.gains(nu, r, modal)
-            H0, D = modal.with_derivatives(shift)
+            own, gains = self.nuisances.of_run(nu, r), self.nuisances.gains(nu, r, modal)
+            H0, D = modal.with_derivatives(*own)
             H = H0 * gains
             columns, places = [], []
             for j, (step, others) in enumerate(moved):
                 if step == 0.0 or others[r] is modal:
                     continue
                 other = others[r]
-                shifted = self.nuisances.shift(nu, r, other)
-                columns.append((other.response(shifted) * gains - H) / step)
+                columns.append((other.response(*own) * gains - H) / step)
                 places.append(j)
             columns.append(H)
             places.append(n_u + self.nuisances.gain.start + r)
@@ -337,13 +348,11 @@ class Problem:
                 columns.append(only)
                 places.append(n_u + self.nuisances.sensor.start + self.nuisances.sensors.index(channel))
             used = [m for m in range(MODES) if m < len(modal.frequencies_hz)]
-            scaled = D[used] * gains
-            for m, column in zip(used, scaled, strict=True):
-                columns.append(column)
+            for m in used:
+                columns.append(D[m] * gains)
                 places.append(n_u + self.nuisances.drift[r].start + m)
-            by_tolerance = np.tensordot(modal.sensitivity[used].T, scaled, axes=1)
-            for t, column in enumerate(by_tolerance):
-                columns.append(column)
+            for t, column in enumerate(D[MODES:]):
+                columns.append(column * gains)
                 places.append(n_u + self.nuisances.tolerance.start + t)
             weight, residual = _weighted(observed, H, added)
             J = _columns(observed, H, np.array(columns), weight)

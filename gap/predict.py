@@ -13,6 +13,7 @@ from gap.diagnosis import SCHEMA
 from gap.forward import TOLERANCES, Forward
 from rotor.effects import Effect
 from rotor.effects.library import EFFECTS
+from rotor.rig import load_rig
 from rotor.structure import ComplexArray
 from sim.campaign import Campaign, MeasurementError, Run
 
@@ -49,13 +50,14 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
     except (KeyError, TypeError, ValueError) as error:
         raise MeasurementError(f"diagnosis: {error!r} is missing or damaged; diagnose again") from error
     forward = Forward(structure_of(campaign.rig), campaign.nominal)
-    shift = np.array([calibration.get("tolerance", {}).get(name, 0.0) for name in TOLERANCES])
+    tolerance = np.array([calibration.get("tolerance", {}).get(name, 0.0) for name in TOLERANCES])
+    forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, k_b)
     made = []
     for run in campaign.runs:
         before = forward.modal(run, nominal_k_b).response()
         after = forward.modal(run, k_b, _acting(effects, run))
         gains = [calibration.get("sensor_gain", {}).get(str(channel), 1.0) for channel in run.channels]
-        response = after.response(after.sensitivity @ shift) * np.array(gains)
+        response = after.response(None, tolerance) * np.array(gains)
         made.append(Predicted(run, _with(run, before), _with(run, response)))
     return tuple(made)
 

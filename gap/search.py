@@ -23,6 +23,9 @@ _WORTH_FACTOR, _WORTH, _AT_LEAST = 3.0, 0.02, 12
 _RIVAL = 1.3
 _RIVALS = 2
 
+# A misfit by so much above the best one's cannot be made good by anything else.
+_HOPELESS = 400.0
+
 # Candidates of an inadequate search from which pairs are formed.
 _PAIR_LEADERS = 4
 
@@ -76,13 +79,16 @@ def search(
     rough.sort(key=lambda entry: entry[0])
     limit = _WORTH_FACTOR * rough[0][0] + _WORTH if rough else 0.0
     worth = [entry for place, entry in enumerate(rough) if place < _AT_LEAST or entry[0] <= limit]
-    fits = []
+    fits: list[Fit] = []
+    hopeless = np.inf
     for number, (_, hypothesis, starts) in enumerate(worth):
         if progress:
             progress(len(hypotheses) + number, len(hypotheses) + len(worth), str(hypothesis))
-        best = fit_best(problem, hypothesis, [*starts, *_from_nominal(nominal, hypothesis)], nominal)
+        every = [*starts, *_from_nominal(nominal, hypothesis)]
+        best = fit_best(problem, hypothesis, every, nominal, hopeless)
         if best is not None:
             fits.append(best)
+            hopeless = min(hopeless, best.chi2 + best.penalty + _HOPELESS)
     fits.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
     return Search(nominal, tuple(fits))
 
@@ -108,13 +114,15 @@ def _from_nominal(nominal: Fit, hypothesis: Hypothesis) -> list[FloatArray]:
     return [np.concatenate([nominal.u[:1], point])]
 
 
-def fit_best(problem: Problem, hypothesis: Hypothesis, starts: Sequence[FloatArray], nominal: Fit) -> Fit | None:
+def fit_best(
+    problem: Problem, hypothesis: Hypothesis, starts: Sequence[FloatArray], nominal: Fit, hopeless: float = np.inf
+) -> Fit | None:
     """The best of several fits; None where no start has a model."""
     best: Fit | None = None
     for number, start in enumerate(starts):
         nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
         try:
-            fit = problem.fit(hypothesis, start, nu)
+            fit = problem.fit(hypothesis, start, nu, hopeless=hopeless)
         except (ValueError, np.linalg.LinAlgError):
             continue
         if best is None or fit.chi2 + fit.penalty < best.chi2 + best.penalty:

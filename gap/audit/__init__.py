@@ -1,0 +1,72 @@
+"""Audit of a measured campaign, before any effect is fitted and without trusting the model's calibration.
+
+===============  ===============================================================  ===================
+module           what it looks at                                                 entry point
+===============  ===============================================================  ===================
+``noise``        scatter of the lines about a smooth curve                        ``estimate_noise``
+``resonances``   poles and half-power bands, on any raster                        ``find_resonances``
+``prepared``     a run's clean lines, noise and resonances, for every check       ``prepare``
+``one_run``      raster, missing lines, noise, channels, saturation, sweep rate   ``check_raster`` ...
+``phase``        delay and polarity                                               ``check_delay`` ...
+``pairs``        reciprocity, repeatability, force level                          ``check_pairs``
+``coverage``     what was not measured; units                                     ``check_coverage``
+``geometry``     what the drawing says whatever the stiffnesses are               ``geometry_of``
+===============  ===============================================================  ===================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gap.audit.coverage import check_coverage, check_units
+from gap.audit.geometry import Geometry, geometry_of
+from gap.audit.noise import NoiseEstimate, estimate_noise
+from gap.audit.one_run import (
+    check_channels,
+    check_missing_lines,
+    check_noise,
+    check_raster,
+    check_saturation,
+    check_sweep_rate,
+)
+from gap.audit.pairs import check_pairs
+from gap.audit.phase import check_delay, check_sign, find_delays
+from gap.audit.prepared import Prepared, prepare
+from gap.diagnosis import Finding
+from sim.campaign import Campaign, NominalBelief
+
+__all__ = ["NoiseEstimate", "audit", "estimate_noise"]
+
+
+def audit(campaign: Campaign) -> tuple[Finding, ...]:
+    """Look at every run by itself, at runs together, and at what was not measured.
+
+    Returns
+    -------
+    findings in that order; "ok" for a check that passed, "note" for what limits a conclusion,
+    "warning" for data that may mislead, "error" for data that will
+    """
+    geometry = geometry_of(campaign.rig)
+    runs = prepare(campaign.runs)
+    with np.errstate(all="ignore"):
+        findings = [finding for p in runs for finding in _one_run(p, campaign.nominal, geometry)]
+        findings += check_pairs(runs, campaign.nominal)
+        findings += check_coverage(campaign, runs, geometry)
+    return tuple(findings)
+
+
+def _one_run(p: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
+    yield from check_channels(p, geometry)
+    yield from check_missing_lines(p)
+    if not len(p.lines):
+        return
+    yield from check_raster(p, belief)
+    yield from check_noise(p)
+    yield from check_saturation(p)
+    yield from check_sweep_rate(p)
+    delays = None if p.run.spin_rpm else find_delays(p)
+    yield from check_delay(p, delays)
+    yield from check_sign(p, geometry, delays)
+    yield from check_units(p, geometry)

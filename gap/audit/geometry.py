@@ -1,0 +1,88 @@
+"""What the rig's drawing says whatever its stiffnesses are: nodes, supports, signs of quasi-static response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotor.assembly import assemble
+from rotor.condition import Condition
+from rotor.measured import measured_response
+from rotor.modal import natural_frequencies_hz
+from rotor.model import build_system
+from rotor.rig import load_rig
+from rotor.structure import Structure
+from sim.campaign import FloatArray, Run
+
+# Bearing stiffnesses [N/m] from far softer to far stiffer than any shaft of a test rig.
+_STIFFNESSES = (1e5, 1e6, 1e7, 1e9)
+
+# A response smaller than this share of the largest node's has no sign to rely on.
+_SURE = 0.01
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Of a rig; without a structure where its file cannot be read."""
+
+    bearings: frozenset[int] = frozenset()  # nodes of supports with the stiffness k_b
+    fixed: frozenset[int] = frozenset()  # nodes that are held in every run
+    structure: Structure | None = None
+
+    def held_nodes(self, run: Run) -> frozenset[int]:
+        """Nodes that cannot move in a run."""
+        return self.fixed | self.bearings if run.support == "rigid" else self.fixed
+
+    @property
+    def n_nodes(self) -> int | None:
+        """Number of nodes, None where the rig is not known."""
+        return None if self.structure is None else self.structure.n_nodes
+
+    def low_response(self, run: Run) -> tuple[FloatArray, FloatArray] | None:
+        """Sign of the receptance below the first resonance, and the first resonance at the stiffest.
+
+        Returns
+        -------
+        (n_nodes,) +1 or -1, 0 where bearing stiffness decides it; (n_stiffnesses,) first natural frequency [Hz];
+        None where rig or exciter are not known
+        """
+        structure = self.structure
+        if structure is None or not 1 <= run.excitation_node <= structure.n_nodes:
+            return None
+        signs, first = [], []
+        plane = "yz".index(run.excitation_plane) + 1
+        for k_b in (1e9,) if run.support == "rigid" else _STIFFNESSES:
+            condition = Condition(
+                k_b=k_b,
+                rigid_support=run.support == "rigid",
+                excitation_node=run.excitation_node,
+                excitation_plane=plane,
+            )
+            first.append(float(natural_frequencies_hz(build_system(structure, condition), plane)[0]))
+            f = np.array([0.02, 0.9]) * first[-1]
+            H = measured_response(structure, condition, (), f, quantity="receptance").real
+            signs.append(np.where(np.abs(H) > _SURE * np.abs(H).max(axis=1, keepdims=True), np.sign(H), 0))
+        all_signs = np.concatenate(signs)
+        agree = (all_signs == all_signs[0]).all(axis=0)
+        return np.where(agree, all_signs[0], 0), np.array(first)
+
+    def rigid_response(self, run: Run, frequency_hz: FloatArray) -> np.ndarray | None:
+        """(n_freq, n_nodes) receptance on rigid supports; None for other supports, or an unknown rig or exciter."""
+        structure = self.structure
+        if structure is None or run.support != "rigid" or not 1 <= run.excitation_node <= structure.n_nodes:
+            return None
+        plane = "yz".index(run.excitation_plane) + 1
+        condition = Condition(rigid_support=True, excitation_node=run.excitation_node, excitation_plane=plane)
+        return measured_response(structure, condition, (), frequency_hz, quantity="receptance")
+
+
+def geometry_of(rig: str) -> Geometry:
+    """Geometry of a campaign's rig; an empty one where it cannot be loaded."""
+    try:
+        table = load_rig(rig)
+        bearings = frozenset(s.node for s in table.support if s.stiffness == "k_b")
+        fixed = frozenset(s.node for s in table.support if s.stiffness == "rigid")
+        return Geometry(bearings, fixed, assemble(table))
+    except (ValueError, OSError, ArithmeticError):
+        return Geometry()

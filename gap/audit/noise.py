@@ -1,0 +1,211 @@
+"""Noise of a run, from its own lines: what a smooth curve through a line's neighbours cannot follow.
+
+Over a few neighbouring lines every channel is a polynomial over one common denominator,
+
+    H_c(f) (1 + d x) = n_c0 + n_c1 x + n_c2 x^2,    x = (f - f_i) / reach,
+
+a resonance and what the other modes leave: a local rational model as in McKelvey and Guerin (IFAC
+Symposium on System Identification, 2012). What is left at the line itself, divided by the square
+root of one minus its leverage, is one draw of its error. Magnitudes are fitted as squares, with real
+coefficients, a cubic over a quadratic. Nothing is assumed of the raster: lines may lie anywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from sim.campaign import FloatArray, Run
+
+# Neighbouring lines in one local fit. A magnitude's fit has more unknowns.
+_WINDOW, _WINDOW_MAGNITUDE = 9, 11
+
+# Degrees of numerator and denominator.
+_DEGREES, _DEGREES_MAGNITUDE = (2, 1), (3, 2)
+
+# The largest quarter of the residuals is left out of every mean square: lines of a jump, of ringing or
+# of a sharp resonance between two lines do not say what the noise is.
+_KEPT = 0.75
+
+# Prior of the denominator's coefficients, as a standard deviation: a pole may lie as near as a third of
+# the window from its centre before the prior is felt; a pole in the data is known far better than that.
+_DENOMINATOR_PRIOR = 3.0
+
+# Lines with a higher leverage say too little of their own error.
+_LARGEST_LEVERAGE = 0.9
+
+# Responses in any unit are smaller than this, and larger than one over it; squares stay floats.
+_LARGEST = 1e60
+
+# Lines per group in which noise is compared with the response's size, and groups at the most.
+_GROUP, _GROUPS = 25, 8
+
+
+@dataclass(frozen=True)
+class NoiseEstimate:
+    """What the lines of a run say of their own error.
+
+    A channel's error has a part that is proportional to the response and a part that is not:
+    std^2 = (relative part)^2 |H|^2 + floor^2. Entries are nan where too few lines tell.
+    """
+
+    relative: FloatArray  # (n_channels,) median over the lines of std / |H| [-]
+    std: FloatArray  # (n_freq, n_channels) sqrt(E|error|^2), unit of H
+    draws: FloatArray  # (n_freq, n_channels) |residual| of each line, freed of its leverage, unit of H
+    uncertainty: float  # relative standard error of ``relative`` [-]; inf where nothing is known
+
+
+def estimate_noise(run: Run) -> NoiseEstimate:
+    """Estimate the noise of every line of a run; its standard errors, if given, are not looked at.
+
+    Parameters
+    ----------
+    run : at least 7 lines (magnitudes: 9) that are finite in every live channel; with fewer all is nan
+
+    Returns
+    -------
+    NoiseEstimate; a channel that is zero throughout has no noise, one that is mostly nan has nan
+    """
+    H = responses(run)
+    nothing = np.full(H.shape, np.nan)
+    silent = np.nan_to_num(H).any(axis=0) == 0  # (n_channels,)
+    live = live_channels(run)
+    lines = np.isfinite(H[:, live]).all(axis=1) if live.any() else np.zeros(len(H), dtype=bool)
+    std, draws, relative = nothing.copy(), nothing.copy(), np.full(H.shape[1], np.nan)
+    std[:, silent], draws[:, silent], relative[silent] = 0.0, 0.0, 0.0
+    n = int(np.count_nonzero(lines))
+    if n < sum(_DEGREES_MAGNITUDE if run.magnitude_only else _DEGREES) + 4:
+        return NoiseEstimate(relative, std, draws, math.inf)
+    with np.errstate(all="ignore"):
+        H_live = H[np.ix_(lines, live)]
+        found = _residuals(run.frequency_hz[lines], H_live, run.magnitude_only)  # (n, n_live)
+        size = np.abs(H_live)
+        parts = [_two_parts(s, d, run.magnitude_only) for s, d in zip(size.T, found.T, strict=True)]
+        draws[np.ix_(lines, live)] = found
+        a, floor = np.array(parts).T
+        std[:, live] = np.sqrt((a * np.abs(H[:, live])) ** 2 + floor**2)
+        relative[live] = np.median(np.hypot(a, floor / np.maximum(size, np.finfo(float).tiny)), axis=0)
+    return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n))
+
+
+def live_channels(run: Run) -> np.ndarray:
+    """(n_channels,) whether a channel carries a response on half of the lines or more."""
+    H = responses(run)
+    return np.count_nonzero(np.isfinite(H) & (H != 0), axis=0) * 2 >= max(len(H), 2)
+
+
+def responses(run: Run) -> np.ndarray:
+    """(n_freq, n_channels) responses, nan where there is no number or one that no sensor gives."""
+    size = np.abs(np.where(np.isfinite(run.H), run.H, np.inf))
+    return np.where(size > _LARGEST, np.nan, np.where(size < 1 / _LARGEST, 0.0, run.H))
+
+
+def mean_square(squares: FloatArray, *, magnitude: bool = False) -> float:
+    """Mean of squared errors of which a quarter may be anything.
+
+    The mean of the smallest three quarters, divided by what it is for |e|^2 of circular normal
+    errors (exponential) or, for magnitudes, of a real normal error (chi-squared with one degree).
+    nan where there is nothing finite.
+    """
+    known = np.sort(squares[np.isfinite(squares)])
+    if known.size == 0:
+        return math.nan
+    kept = known[: max(math.ceil(_KEPT * known.size), 1)]
+    if magnitude:
+        c = 1.1503493803760079  # three quarters of a normal variable are within +-c
+        share = 1 - 2 * c * math.exp(-(c**2) / 2) / math.sqrt(2 * math.pi) / _KEPT
+    else:
+        c = -math.log(1 - _KEPT)
+        share = 1 - c * math.exp(-c) / _KEPT
+    return float(kept.mean()) / share
+
+
+def _residuals(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool) -> FloatArray:
+    """(n_freq, n_channels) |residual| of every line, freed of its leverage; nan where the leverage is too high."""
+    Y = np.abs(H) ** 2 if magnitude else H
+    window, degrees = (_WINDOW_MAGNITUDE, _DEGREES_MAGNITUDE) if magnitude else (_WINDOW, _DEGREES)
+    size = np.abs(Y)
+    # A line in an antiresonance, a thousandth of the usual, must not rule its window.
+    weight = 1 / np.maximum(size, 1e-3 * np.median(size, axis=0) + np.finfo(float).tiny)
+    fit = _Windows(frequency_hz, window, degrees)
+    first, d = fit.residuals(Y, weight, prior=1e-6, denominator=None)
+    level = np.array([mean_square(np.abs(r) ** 2, magnitude=magnitude) for r in (first * weight).T])
+    weight = weight / np.maximum(np.sqrt(level), 1e-9)
+    second, _ = fit.residuals(Y, weight, prior=_DENOMINATOR_PRIOR**-2, denominator=d)
+    # An error of |H| is one of 2|H| times it in the square.
+    return np.abs(second) / (2 * np.sqrt(size) + np.finfo(float).tiny) if magnitude else np.abs(second)
+
+
+class _Windows:
+    """Local fits round every line, all at once."""
+
+    def __init__(self, frequency_hz: FloatArray, window: int, degrees: tuple[int, int]):
+        n = len(frequency_hz)
+        m = min(window, n)
+        start = np.clip(np.arange(n) - m // 2, 0, n - m)
+        self.line, self.place = np.arange(n), np.arange(n) - start  # where in its window each line stands
+        self.index = start[:, None] + np.arange(m)  # (n, m)
+        x = frequency_hz[self.index] - frequency_hz[:, None]
+        self.x = x / np.abs(x).max(axis=1, keepdims=True)
+        self.powers, self.order = self.x[:, :, None] ** np.arange(degrees[0] + 1), degrees[1]
+
+    def residuals(
+        self, Y: np.ndarray, weight: FloatArray, *, prior: float, denominator: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals at the windows' own lines and the denominators.
+
+        Parameters
+        ----------
+        Y : (n, n_channels) curves
+        weight : (n, n_channels) one over their standard error, in whatever unit
+        prior : one over the variance of each denominator coefficient
+        denominator : (n, order) coefficients of an earlier fit, from which the weights follow
+            (Sanathanan and Koerner, IEEE Trans. Automatic Control 8, 1963, 56-58)
+
+        Returns
+        -------
+        (n, n_channels) residuals in the unit of Y, (n, order) coefficients
+        """
+        w = weight[self.index].swapaxes(1, 2)  # (n, n_channels, m)
+        steps = self.x[:, :, None] ** np.arange(1, self.order + 1)  # (n, m, order)
+        if denominator is not None:
+            D = 1 + np.einsum("nmk,nk->nm", steps, denominator)
+            w = w / np.maximum(np.abs(D), 1e-3)[:, None, :]
+        Q = np.linalg.qr(self.powers[:, None] * w[..., None])[0]  # (n, n_channels, m, degree + 1)
+        y = (w * Y[self.index].swapaxes(1, 2))[..., None]  # (n, n_channels, m, 1)
+        b = -steps[:, None] * y  # (n, n_channels, m, order)
+        y, b = y - Q @ (Q.swapaxes(-1, -2) @ y), b - Q @ (Q.swapaxes(-1, -2) @ b)
+        gram = np.einsum("ncmk,ncml->nkl", b.conj(), b) + prior * np.eye(self.order)
+        covariance = np.linalg.pinv(gram, hermitian=True)
+        d = np.einsum("nkl,ncml,ncm->nk", covariance, b.conj(), y[..., 0])
+        left = y[..., 0] - np.einsum("ncmk,nk->ncm", b, d)  # (n, n_channels, m)
+        own, b, Q = left[self.line, :, self.place], b[self.line, :, self.place], Q[self.line, :, self.place]
+        leverage = np.sum(Q**2, axis=-1) + np.einsum("nck,nkl,ncl->nc", b, covariance, b.conj()).real
+        freedom = np.where(leverage < _LARGEST_LEVERAGE, 1 - leverage, np.nan)
+        return own / np.sqrt(freedom) / w[self.line, :, self.place], d
+
+
+def _two_parts(size: FloatArray, draws: FloatArray, magnitude: bool) -> tuple[float, float]:
+    """Relative part and floor of one channel's noise from the sizes of its lines and of their errors.
+
+    Lines are grouped by size; (std / |H|)^2 = relative^2 + floor^2 / |H|^2 is laid through the groups.
+    """
+    known = np.isfinite(draws) & (size > 0)
+    if not known.any():
+        return math.nan, math.nan
+    inverse, squares = size[known] ** -2.0, (draws[known] / size[known]) ** 2
+    groups = np.array_split(np.argsort(inverse), max(min(len(inverse) // _GROUP, _GROUPS), 1))
+    level = np.array([mean_square(squares[g], magnitude=magnitude) for g in groups])
+    typical = np.array([np.median(inverse[g]) for g in groups])
+    if not level.all():
+        return math.sqrt(mean_square(squares, magnitude=magnitude)), 0.0
+    if len(groups) == 1:
+        return math.sqrt(level[0]), 0.0
+    # Every group counts by its relative error; columns of the same size.
+    (a2, b2), _ = nnls(np.stack([level.min() / level, typical / typical.max() * level.max() / level], axis=1), level**0)
+    a2, b2 = a2 * level.min(), b2 * level.max() / typical.max()
+    left = mean_square(squares / (a2 + b2 * inverse), magnitude=magnitude)
+    return math.sqrt(a2 * left), math.sqrt(b2 * left)

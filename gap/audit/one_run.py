@@ -1,0 +1,381 @@
+"""Checks of one run: raster, missing lines, noise, channels, saturation, ringing behind a peak."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gap.audit.geometry import Geometry
+from gap.audit.noise import mean_square, responses
+from gap.audit.prepared import Prepared, Severity, listed
+from gap.audit.resonances import Resonance
+from gap.diagnosis import Finding
+from sim.campaign import NominalBelief
+
+# Lines inside a half-power band below which a peak's height and width hang on single lines: a mode has
+# three real unknowns at its peak (frequency, width, height).
+LINES_IN_BAND = 3
+
+# A hole in the raster: so many times the spacing that covers half of the band, and both neighbours.
+GAP = 2.5
+
+# Estimated over given noise. The estimate is good to 10 % on 60 lines; a laboratory's is often wrong by two to three.
+NOISE_RATIO, NOISE_RATIO_CHANNEL = 1.5, 2.0
+
+# Given standard errors below this share of the response are mostly not noise (settling, rounding)
+# and no verdict depends on them.
+NEGLIGIBLE_NOISE = 1e-4
+
+# A channel whose lines do not follow a smooth curve to this share carries noise, not the rotor.
+ONLY_NOISE = 0.4
+
+# A sensor at a rigid support moves by less than this share of the largest response.
+RIGID_SHARE = 1e-2
+
+# A top is flat where the lines within 2 % of the maximum span this share of the half-power band; one
+# mode's do over 0.2 of it, one clipped at half its height over 0.65. Fewer lines than this decide nothing.
+# And it does not fall to its ends, by this share of those 2 %; two close modes make a wide top, too.
+FLAT_SHARE, FLAT_DEPTH, FLAT_LINES, FLAT_DROP = 0.4, 0.02, 4, 0.5
+
+# A settled linear mode fits its lines to the noise; on healthy runs of the shipped rig the worst of 320 peaks
+# is off by 1.8 times. What is below 2 % of the response does not matter.
+PEAK_MISFIT, PEAK_MISFIT_RELATIVE = 3.0, 0.02
+
+
+def check_raster(p: Prepared, belief: NominalBelief) -> Iterator[Finding]:
+    """Lines inside the half-power band of each resonance."""
+    if not p.resonances:
+        yield p.finding(
+            "raster", "note", "No resonance stands out in this run, so nothing can be said of modes; widen the band."
+        )
+        return
+    resonances = [r for r in p.resonances if not any(r.line in beats for beats in p.beats.values())]
+    widths = [p.half_power_hz(r, belief) for r in resonances]
+    inside = [
+        int(np.count_nonzero(np.abs(p.f - r.frequency_hz) <= w / 2)) if np.isfinite(w) else None
+        for r, w in zip(resonances, widths, strict=True)
+    ]
+    even = np.ptp(np.diff(p.f)) < 0.02 * np.median(np.diff(p.f))
+    for r, w, n in zip(resonances, widths, inside, strict=True):
+        if n is None:
+            yield p.finding(
+                "raster",
+                "warning",
+                f"The resonance near {r.frequency_hz:.4g} Hz is so narrow between its lines that its damping cannot be "
+                "read; lay finer lines there or state the damping.",
+            )
+        elif n < LINES_IN_BAND:
+            yield p.finding(
+                "raster",
+                "warning",
+                f"The half-power band at {r.frequency_hz:.4g} Hz is {w:.2g} Hz wide and holds {n} lines, so the peak's "
+                f"height is erratic; lay lines at most {w / LINES_IN_BAND:.2g} Hz apart there.",
+                float(n),
+                float(LINES_IN_BAND),
+            )
+    known = [n for n in inside if n is not None]
+    if len(known) == len(inside) and min(known) >= LINES_IN_BAND:
+        words = f"At least {min(known)} lines lie inside the half-power band of every resonance"
+        kind = "even" if even else "uneven, which does no harm"
+        yield p.finding("raster", "ok", f"{words}; the raster is {kind}.", float(min(known)), float(LINES_IN_BAND))
+
+
+def check_missing_lines(p: Prepared) -> Iterator[Finding]:
+    """Lines without a number, and holes in the raster."""
+    n_bad = len(p.run.frequency_hz) - len(p.lines)
+    if len(p.live) and n_bad:
+        yield p.finding(
+            "missing_lines",
+            "warning",
+            f"{n_bad} of {len(p.run.frequency_hz)} lines lack a number in a channel and are left out; repeat them.",
+            float(n_bad),
+            0.0,
+        )
+    holes = _holes(p)
+    near = [h for h in holes if any(_touches(h, r) for r in p.resonances)]
+    for lo, hi in holes[:5]:
+        where = "; a resonance lies there and its peak may be lost" if (lo, hi) in near else ""
+        yield p.finding(
+            "missing_lines",
+            "warning" if where else "note",
+            f"No line lies between {lo:.5g} and {hi:.5g} Hz in a raster that is finer elsewhere{where}; fill it.",
+            hi - lo,
+        )
+    if not n_bad and not holes:
+        yield p.finding("missing_lines", "ok", f"All {len(p.f)} lines are there, without a hole in the raster.", 0.0)
+
+
+def _holes(p: Prepared) -> list[tuple[float, float]]:
+    """(from, to) [Hz] where lines seem to be missing."""
+    f = p.f
+    if len(f) < 6:
+        return []
+    step = np.diff(f)
+    order = np.sort(step)
+    usual = order[np.searchsorted(np.cumsum(order), step.sum() / 2)]  # covers half of the band
+    beside = np.maximum(np.append(step[1:], step[-2]), np.append(step[1], step[:-1]))
+    # In an even raster a single missing line shows too.
+    even = np.mean(np.abs(step / np.median(step) - 1) < 0.02) > 0.8
+    limit = 1.5 if even else GAP
+    return [(float(f[i]), float(f[i + 1])) for i in np.flatnonzero((step > limit * usual) & (step > limit * beside))]
+
+
+def _touches(hole: tuple[float, float], r: Resonance) -> bool:
+    margin = 5 * r.half_power_hz if np.isfinite(r.damping_ratio) else 0.0
+    return hole[0] - margin <= r.frequency_hz <= hole[1] + margin
+
+
+def check_noise(p: Prepared) -> Iterator[Finding]:
+    """Noise from the data, and the given standard errors beside it."""
+    relative = p.noise.relative[p.live]
+    if not np.isfinite(relative).any():
+        yield p.finding(
+            "noise", "note", f"{len(p.f)} clean lines are too few to estimate the noise; measure more lines."
+        )
+        return
+    level = float(np.nanmedian(relative))
+    if p.run.std is None:
+        yield p.finding(
+            "noise",
+            "note",
+            f"No standard errors are given; the lines scatter by {100 * level:.2g} % (median over channels), "
+            "which is taken as the noise.",
+            level,
+        )
+        return
+    given = p.run.std[np.ix_(p.lines, p.live)]
+    if not np.isfinite(given).all() or (given < 0).any():
+        yield p.finding(
+            "noise", "warning", "Some given standard errors are no number or negative and cannot be used; correct them."
+        )
+    ratio = _noise_ratios(p, given)
+    believed = float(np.nanmedian(given / np.abs(p.H))) if np.isfinite(given / np.abs(p.H)).any() else np.nan
+    if max(level, believed if np.isfinite(believed) else 0.0) < NEGLIGIBLE_NOISE:
+        yield p.finding(
+            "noise", "ok", f"Noise is negligible: lines scatter by {100 * level:.1g} %.", level, NEGLIGIBLE_NOISE
+        )
+        return
+    if not np.isfinite(ratio).any():
+        yield p.finding(
+            "noise",
+            "warning",
+            f"The given standard errors are zero but the lines scatter by {100 * level:.2g} %; use the estimate.",
+            level,
+        )
+        return
+    overall = float(np.nanmedian(ratio))
+    slack = 1 + 6 * p.noise.uncertainty  # few lines lie far apart, and two resonances in one window are no noise
+    limit, limit_channel = max(NOISE_RATIO, slack), max(NOISE_RATIO_CHANNEL, slack**1.5)
+    if not 1 / limit < overall < limit:
+        wrong = (
+            "too small, so that noise would pass for a gap"
+            if overall > 1
+            else "too large, or hold more than line-to-line noise, so that a gap could hide"
+        )
+        yield p.finding(
+            "noise",
+            "warning",
+            f"The lines scatter {overall:.2g} times as much as the given standard errors say: those are {wrong}; "
+            "check them.",
+            overall,
+            limit,
+        )
+    else:
+        yield p.finding(
+            "noise",
+            "ok",
+            f"The lines scatter {overall:.2g} times as much as the given standard errors say.",
+            overall,
+            limit,
+        )
+    odd = [i for i, q in enumerate(ratio / overall) if q > limit_channel or q < 1 / limit_channel]
+    for i in odd:
+        yield p.finding(
+            "noise",
+            "warning",
+            f"Channel {p.channels[i]} scatters {ratio[i]:.2g} times as much as its standard errors say, other channels "
+            f"{overall:.2g} times; check this sensor.",
+            float(ratio[i]),
+            limit_channel,
+        )
+
+
+def _noise_ratios(p: Prepared, given: np.ndarray) -> np.ndarray:
+    """(n_live,) estimated over given noise; nan where a channel's standard errors are zero or no number."""
+    draws = p.noise.draws[np.ix_(p.lines, p.live)]
+    usable = np.isfinite(given) & (given > 0)
+    squares = np.where(usable, (draws / np.where(usable, given, 1.0)) ** 2, np.nan)
+    return np.sqrt([mean_square(s, magnitude=p.run.magnitude_only) for s in squares.T])
+
+
+def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+    """Channels that are dead, constant, noise only, or move where they should not."""
+    run, healthy = p.run, True
+    size = np.abs(np.nan_to_num(responses(run)))
+    usual = np.median(size[:, p.live], axis=0).max() if len(p.live) else 0.0
+    for i, channel in enumerate(run.channels):
+        held = channel.node in geometry.held_nodes(run)
+        problem = _channel_problem(p, i, held, float(usual))
+        if problem is not None:
+            healthy = healthy and problem[0] == "ok"
+            yield p.finding("channels", *problem)
+    if healthy:
+        yield p.finding(
+            "channels", "ok", f"Every one of the {len(run.channels)} channels carries a plausible response."
+        )
+
+
+def _channel_problem(
+    p: Prepared, i: int, held: bool, usual: float
+) -> tuple[Severity, str, float | None, float | None] | None:
+    """(severity, words, value, limit) of one channel, None where nothing is to be said."""
+    H, name = responses(p.run)[:, i], p.run.channels[i]
+    finite = np.isfinite(H)
+    if not finite.any():
+        return "error", f"Channel {name} holds no number at all; leave it out or measure it again.", 0.0, None
+    size = np.abs(H[finite])
+    if not size.any():
+        if held:
+            return "ok", f"Channel {name} is zero, as it must be where the shaft is held.", 0.0, None
+        return (
+            "error",
+            f"Channel {name} is zero at every line: a dead channel; leave it out or check the sensor.",
+            0.0,
+            None,
+        )
+    if len(size) > 3 and (H[finite] == H[finite][0]).all():
+        return "error", f"Channel {name} has the same value at every line: a dead channel; check the sensor.", 0.0, None
+    share = float(np.median(size)) / usual if usual else 1.0
+    relative = float(p.noise.relative[i])
+    if held:
+        if share > RIGID_SHARE and not relative > ONLY_NOISE:
+            words = f"Channel {name} sits at a rigid support but moves by {100 * share:.2g} % of the largest channel"
+            return "note", f"{words}: the support gives way or the sensor sees something else.", share, RIGID_SHARE
+        return None
+    if relative > ONLY_NOISE:
+        words = f"Channel {name} scatters by {100 * relative:.2g} % from line to line: it carries noise, not the rotor"
+        return "warning", f"{words}; leave it out or raise the force.", relative, ONLY_NOISE
+    if share < 1e-4:
+        words = f"Channel {name} is {share:.1g} of the largest channel, as if its cable or gain were wrong"
+        return "warning", f"{words}; check it.", share, 1e-4
+    return None
+
+
+def check_saturation(p: Prepared) -> Iterator[Finding]:
+    """Flat tops of peaks, and values that repeat exactly."""
+    found = False
+    for r in p.resonances:
+        flat = [c for c in range(len(p.live)) if _is_flat(p, r, c)]
+        if flat:
+            found = True
+            who = "all channels" if len(flat) == len(p.live) else f"channel {listed(p.channels[c] for c in flat)}"
+            cause = "a stop or a weak exciter" if len(flat) == len(p.live) else "a clipped sensor or amplifier"
+            yield p.finding(
+                "saturation",
+                "warning",
+                f"The peak at {r.frequency_hz:.4g} Hz has a flat top in {who}: {cause}; lower the force or change "
+                "the range.",
+                float(len(flat)),
+                0.0,
+            )
+    stuck = _stuck_lines(p)
+    if stuck:
+        found = True
+        yield p.finding(
+            "saturation",
+            "warning",
+            f"{stuck} lines repeat the line before to the last digit: the acquisition was stuck or lines were "
+            "filled in; measure them again.",
+            float(stuck),
+            0.0,
+        )
+    if not found and p.resonances:
+        yield p.finding("saturation", "ok", "No peak has a flat top, and no values repeat.", 0.0)
+
+
+def _is_flat(p: Prepared, r: Resonance, c: int) -> bool:
+    """Whether the lines next to a channel's maximum lie on a plateau instead of a peak."""
+    size = np.abs(p.H[:, c])
+    depth = FLAT_DEPTH + 2 * p.std[:, c] / np.maximum(size, np.finfo(float).tiny)
+    width = r.half_power_hz if np.isfinite(r.damping_ratio) else 0.0
+    near = np.flatnonzero(np.abs(p.f - p.f[r.line]) <= max(2 * width, _spread(p.f, r.line, 3)))
+    top = near[np.argmax(size[near])]
+    depth = float(np.median(np.minimum(depth[near], 0.1)))
+    lines = _run_of(size >= size[top] * (1 - depth), top)
+    plateau, half = (_width(p.f, size, top, float(size[top] * share)) for share in (1 - depth, np.sqrt(0.5)))
+    wide = bool(plateau / half > max(FLAT_SHARE, 1.5 * np.sqrt(2 * depth)))
+    return len(lines) >= FLAT_LINES and wide and abs(_drop(p.f[lines], size[lines])) < FLAT_DROP * depth
+
+
+def _drop(f: np.ndarray, size: np.ndarray) -> float:
+    """Relative fall of a parabola through a top from its middle to its ends; negative where it has a dip."""
+    x = (f - (f[0] + f[-1]) / 2) / ((f[-1] - f[0]) / 2)
+    return -float(np.polyfit(x, np.log(size), 2)[0])
+
+
+def _width(f: np.ndarray, size: np.ndarray, top: int, level: float) -> float:
+    """Width of a peak at a level, straight lines between the lines [Hz]; nan where a side is not in the band."""
+    inside = _run_of(size >= level, top)
+    if inside[0] == 0 or inside[-1] == len(size) - 1:
+        return float("nan")
+    edges = [(inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)]
+    lo, hi = (f[i] + (f[o] - f[i]) * (size[i] - level) / (size[i] - size[o]) for i, o in edges)
+    return float(hi - lo)
+
+
+def _spread(f: np.ndarray, line: int, lines: int) -> float:
+    """Distance to the line so many lines away [Hz]."""
+    return float(max(f[min(line + lines, len(f) - 1)] - f[line], f[line] - f[max(line - lines, 0)]))
+
+
+def _run_of(mask: np.ndarray, place: int) -> np.ndarray:
+    """Indices of the unbroken run of true entries around a place."""
+    breaks = np.flatnonzero(~mask)
+    lo = breaks[breaks < place][-1] + 1 if (breaks < place).any() else 0
+    hi = breaks[breaks > place][0] if (breaks > place).any() else len(mask)
+    return np.arange(lo, hi)
+
+
+def _stuck_lines(p: Prepared) -> int:
+    """Lines that equal the one before in every live channel; magnitudes only where three are alike, for few digits."""
+    if len(p.f) < 4 or not len(p.live):
+        return 0
+    same = (p.H[1:] == p.H[:-1]).all(axis=1)
+    if p.run.magnitude_only or len(p.live) == 1:
+        same = same[1:] & same[:-1]
+    return int(np.count_nonzero(same))
+
+
+def check_sweep_rate(p: Prepared) -> Iterator[Finding]:
+    """Peaks that no settled linear mode has: with beats behind them, or with a shape that is not one pole's."""
+    beating = p.beats
+    for leader, followers in beating.items():
+        side = "above" if p.f[followers[0]] > p.f[leader] else "below"
+        yield p.finding(
+            "sweep_rate",
+            "warning",
+            f"{len(followers)} lesser peaks follow {side} the one at {p.f[leader]:.4g} Hz, as when the rotor still "
+            "rings: the peak is low, late and too broad; wait longer at each line.",
+            float(len(followers)),
+            0.0,
+        )
+    judged = [r for r in p.resonances if np.isfinite(r.misfit) and r.line not in beating]
+    odd = [r for r in judged if r.misfit > PEAK_MISFIT and r.misfit_relative > PEAK_MISFIT_RELATIVE]
+    for r in odd:
+        yield p.finding("sweep_rate", "note", _peak_shape(p, r), r.misfit, PEAK_MISFIT)
+    if judged and not odd and not beating:
+        worst = max(r.misfit for r in judged)
+        words = f"Every peak has the shape of one settled mode, to {worst:.2g} times the noise at worst"
+        yield p.finding("sweep_rate", "ok", f"{words}.", worst, PEAK_MISFIT)
+
+
+def _peak_shape(p: Prepared, r: Resonance) -> str:
+    """What a peak that is not one pole's may come from."""
+    behind = {"up": r.misfit_above, "down": 1 - r.misfit_above}.get(p.run.sweep or "", 0.0)
+    cause = "a fast sweep, a dependence on amplitude, a close pair or a roving sensor's mass"
+    cause = "ringing of a fast sweep" if behind > 0.7 else cause
+    words = f"The peak at {r.frequency_hz:.4g} Hz is {r.misfit:.2g} times the noise off the shape of one settled mode"
+    return (
+        f"{words} ({cause}), so its damping of {100 * r.damping_ratio:.2g} % is apparent; repeat it slower and weaker."
+    )

@@ -1,0 +1,330 @@
+"""Checks of one run against another: reciprocity, repeatability, force level, direction of sweep."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from typing import Any
+
+import numpy as np
+
+from gap.audit.noise import mean_square
+from gap.audit.prepared import Prepared
+from gap.audit.resonances import Resonance
+from gap.diagnosis import Finding
+from sim.campaign import Channel, FloatArray, NominalBelief, Run
+
+# Standard deviations beyond which a gain or a resonance has changed.
+GAIN_STDS, DRIFT_STDS = 4.0, 4.0
+
+# Scatter of a comparison over what noise and drift explain, and what is too small to matter [-].
+SCATTER_RATIO, SCATTER_FLOOR = 2.0, 0.01
+
+# Relative change of a damping ratio that is worth a word.
+DAMPING_CHANGE = 0.10
+
+# Lines that two runs must share, and how alike their frequencies are then.
+_COMMON_LINES, _SAME_LINE = 8, 1e-6
+
+# Resonances of two runs are the same within this share of the frequency.
+_SAME_RESONANCE = 0.05
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """ln(A / B) of paired channels over the shared lines away from resonances."""
+
+    gain: float  # relative: |A / B| - 1, median
+    odd_gain: float  # the same of the pair that is farthest from the median, over the median
+    odd: Channel  # its channel of a
+    phase: float  # [rad] median
+    scatter: float  # rms of what is left, relative
+    expected: float  # rms that noise and drift give
+    lines: int
+
+    @property
+    def ratio(self) -> float:
+        """Scatter over what is expected."""
+        return self.scatter / self.expected
+
+
+def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]], drift: float) -> Comparison | None:
+    """Compare channels of two runs; None where they share too few lines.
+
+    Parameters
+    ----------
+    paired : (channel of a, channel of b), live in both
+    drift : relative standard deviation of a resonance from run to run
+    """
+    rows = _shared_lines(a.f, b.f)
+    if len(rows[0]) < _COMMON_LINES or not paired:
+        return None
+    far = a.away(2.0)[rows[0]] & b.away(2.0)[rows[1]]
+    cols = [a.channels.index(x) for x, _ in paired], [b.channels.index(y) for _, y in paired]
+    A, B = a.H[:, cols[0]], b.H[:, cols[1]]
+    slope = np.abs(np.gradient(np.log(A + np.finfo(float).tiny), a.f, axis=0)) * a.f[:, None]
+    noise = np.hypot((a.std[:, cols[0]] / np.abs(A))[rows[0]], (b.std[:, cols[1]] / np.abs(B))[rows[1]])
+    sigma = np.hypot(noise, np.sqrt(2) * drift * slope[rows[0]])
+    L: Any = _log_ratio(A[rows[0]], B[rows[1]])
+    use = far[:, None] & np.isfinite(L) & (sigma < 0.2)
+    if np.count_nonzero(use) < _COMMON_LINES:
+        return None
+    L = np.where(use, L, np.nan)
+    known = np.flatnonzero(np.isfinite(L.real).sum(axis=0) >= 3)
+    gains = np.array([np.nanmedian(L[:, c].real) for c in known])  # (n_known,)
+    if not len(known):
+        return None
+    gain, phase = float(np.median(gains)), float(np.nanmedian(L.imag))
+    odd = int(np.argmax(np.abs(gains - gain)))
+    z = np.abs(L[:, known] - gains - 1j * phase)
+    magnitude = a.run.magnitude_only or b.run.magnitude_only
+    relative = np.sqrt(mean_square((z / sigma[:, known]).ravel() ** 2, magnitude=magnitude))
+    typical = float(np.sqrt(np.mean(sigma[use] ** 2)))
+    return Comparison(
+        gain=float(np.expm1(gain)),
+        odd_gain=float(np.expm1(gains[odd] - gain)),
+        odd=paired[known[odd]][0],
+        phase=phase,
+        scatter=float(relative) * typical,
+        expected=typical,
+        lines=int(np.count_nonzero(far)),
+    )
+
+
+def _log_ratio(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Complex ln(A / B); where one has magnitudes only, of the magnitudes."""
+    if np.iscomplexobj(A) and np.iscomplexobj(B):
+        return np.log(A / B)
+    return np.log(np.abs(A) / np.abs(B)) + 0j
+
+
+def _shared_lines(f: FloatArray, g: FloatArray) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of lines that two rasters have in common."""
+    if not len(f) or not len(g):
+        return np.array([], dtype=int), np.array([], dtype=int)
+    near = np.clip(np.searchsorted(g, f), 1, max(len(g) - 1, 1))
+    near = np.where(np.abs(g[np.minimum(near, len(g) - 1)] - f) < np.abs(g[near - 1] - f), near, near - 1)
+    near = np.clip(near, 0, len(g) - 1)
+    same = np.abs(g[near] - f) <= _SAME_LINE * f
+    return np.flatnonzero(same), near[same]
+
+
+def _matched(a: Prepared, b: Prepared) -> Iterator[tuple[Resonance, Resonance]]:
+    """Resonances of both runs, each with the nearest of the other."""
+    for r in a.resonances:
+        near = [q for q in b.resonances if abs(q.frequency_hz / r.frequency_hz - 1) < _SAME_RESONANCE]
+        if near:
+            yield r, min(near, key=lambda q: abs(q.frequency_hz - r.frequency_hz))
+
+
+def _common(a: Prepared, b: Prepared) -> list[tuple[Channel, Channel]]:
+    return [(c, c) for c in a.channels if c in b.channels]
+
+
+def _settings(run: Run) -> tuple:
+    """What must agree for two runs to be the same test, the level and the direction apart."""
+    return run.support, run.excitation_node, run.excitation_plane, run.spin_rpm, run.quantity
+
+
+def check_pairs(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:
+    """Every comparison that the campaign allows."""
+    yield from _check_reciprocity(runs, belief)
+    tests: dict[tuple, list[Prepared]] = defaultdict(list)
+    for p in runs:
+        tests[_settings(p.run)].append(p)
+    repeats = False
+    for same in tests.values():
+        levels: dict[float, list[Prepared]] = defaultdict(list)
+        for p in same:
+            if p.run.force_amplitude_N is not None:
+                levels[p.run.force_amplitude_N].append(p)
+        for level in levels.values():
+            for a, b in pairwise(level):
+                repeats = True
+                yield _repeatability(a, b, belief)
+        if len(levels) > 1:
+            yield from _level_findings([levels[key][0] for key in sorted(levels)], belief)
+    if runs and not repeats:
+        yield Finding(
+            "repeatability",
+            "note",
+            "No run was repeated, so drift and repeatability are not known; repeat one run after a rest.",
+        )
+
+
+# -- same settings -----------------------------------------------------------------------------------
+
+
+def _repeatability(a: Prepared, b: Prepared, belief: NominalBelief) -> Finding:
+    """One sentence on two runs of one test."""
+    both = f"{a.label}, {b.label}"
+    directions = {a.run.sweep, b.run.sweep} == {"up", "down"}
+    check = "sweep_direction" if directions else "repeatability"
+    found = compare(a, b, _common(a, b), belief.frequency_drift)
+    moved = [m for m in _movements(a, b, belief) if m.significant]
+    limit = GAIN_STDS * np.sqrt(2) * belief.gain_tolerance
+    cause = "a jump or a rotor that had not settled" if directions else "something changed between them"
+    if moved:
+        m = max(moved, key=lambda m: abs(m.value_and_limit[0]) / max(m.value_and_limit[1], 1e-12))
+        words = f"{m.words} between two runs of one test: {cause}; find out before trusting either."
+        return Finding(check, "warning", words, both, *m.value_and_limit)
+    if found is None:
+        return Finding(
+            check, "note", "Two runs of one test share too few lines to be compared; use the same lines.", both
+        )
+    if abs(found.gain) > limit:
+        words = f"Two runs of one test differ by {100 * found.gain:.2g} % in gain: the force or its sensor changed"
+        return Finding(check, "warning", f"{words}; check the force channel.", both, found.gain, limit)
+    if abs(found.odd_gain) > limit / 2:  # a sensor's gain is half as uncertain as the force's
+        words = f"Channel {found.odd} changed by {100 * found.odd_gain:.2g} % in gain between two runs of one test"
+        return Finding(check, "warning", f"{words}; check this sensor.", both, found.odd_gain, limit / 2)
+    if found.ratio > SCATTER_RATIO and found.scatter > SCATTER_FLOOR:
+        words = f"Two runs of one test differ by {100 * found.scatter:.2g} %"
+        words += f", {found.ratio:.2g} times what noise and drift explain"
+        return Finding(
+            check, "warning", f"{words}: {cause}; find out before trusting either.", both, found.ratio, SCATTER_RATIO
+        )
+    words = f"Two runs of one test agree to {100 * found.scatter:.2g} % and {100 * found.gain:.2g} % in gain"
+    words += ", as noise explains"
+    return Finding(check, "ok", f"{words}.", both, found.ratio, SCATTER_RATIO)
+
+
+@dataclass(frozen=True)
+class _Movement:
+    """A resonance in two runs."""
+
+    frequency_hz: float
+    shift: float  # relative change of frequency from a to b
+    shift_limit: float
+    damping: tuple[float, float]  # damping ratio in a and in b
+    damping_limit: float  # of the relative change
+
+    @property
+    def shifted(self) -> bool:
+        return abs(self.shift) > max(self.shift_limit, 1e-9)  # of a frequency that is exact
+
+    @property
+    def widened(self) -> float:
+        """Relative change of the damping ratio."""
+        return self.damping[1] / self.damping[0] - 1
+
+    @property
+    def significant(self) -> bool:
+        return self.shifted or abs(self.widened) > self.damping_limit
+
+    @property
+    def value_and_limit(self) -> tuple[float, float]:
+        """What has changed, the frequency first."""
+        return (self.shift, self.shift_limit) if self.shifted else (self.widened, self.damping_limit)
+
+    @property
+    def words(self) -> str:
+        """What the resonance does."""
+        low, high = (f"{100 * d:.3g}" for d in self.damping)
+        return (
+            f"The resonance at {self.frequency_hz:.4g} Hz moves by {100 * self.shift:+.2g} % "
+            f"and its damping ratio from {low} to {high} %"
+        )
+
+
+def _movements(a: Prepared, b: Prepared, belief: NominalBelief) -> Iterator[_Movement]:
+    """What each resonance does from one run to the other."""
+    for r, q in _matched(a, b):
+        error = float(np.hypot(r.frequency_std_hz, q.frequency_std_hz)) / r.frequency_hz
+        damping_error = float(np.hypot(r.damping_std, q.damping_std)) / r.damping_ratio
+        yield _Movement(
+            r.frequency_hz,
+            q.frequency_hz / r.frequency_hz - 1,
+            DRIFT_STDS * float(np.hypot(error, np.sqrt(2) * belief.frequency_drift)),
+            (r.damping_ratio, q.damping_ratio),
+            max(DRIFT_STDS * damping_error, DAMPING_CHANGE) if np.isfinite(damping_error) else np.inf,
+        )
+
+
+def _force(p: Prepared) -> float:
+    """What responses have to be divided by to be per newton."""
+    return (p.run.force_amplitude_N or 1.0) if p.run.quantity == "acceleration" else 1.0
+
+
+# -- levels ------------------------------------------------------------------------------------------
+
+
+def _level_findings(levels: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:
+    """Runs of one test at rising force: is the rotor the same at each?"""
+    low, high = levels[0], levels[-1]
+    both = ", ".join(p.label for p in levels)
+    forces = [p.run.force_amplitude_N or 0.0 for p in levels]
+    span = f"from {forces[0]:g} to {forces[-1]:g} N"
+    index = _homogeneity(low, high)
+    amplitude_dependent = False
+    for m in _movements(low, high, belief):
+        if m.significant:
+            amplitude_dependent = True
+            words = f"{m.words} {span}: the rig depends on amplitude; look for a nonlinear cause."
+            yield Finding("level", "note", words, both, *m.value_and_limit)
+    found = compare(high, low, _common(high, low), belief.frequency_drift)
+    if found is None:
+        if not amplitude_dependent:
+            yield Finding("level", "note", f"Runs {span} share too few lines to be compared; use the same lines.", both)
+        return
+    if found.ratio > SCATTER_RATIO and found.scatter > SCATTER_FLOOR:
+        words = f"Away from resonances the responses {span} differ by {100 * found.scatter:.2g} %"
+        words += f", {found.ratio:.2g} times what noise and drift explain"
+        yield Finding("level", "note", f"{words}: the rig depends on amplitude.", both, found.ratio, SCATTER_RATIO)
+    elif not amplitude_dependent:
+        words = f"The responses {span} agree: homogeneity index {100 * index:.2g} % where noise and drift"
+        yield Finding("level", "ok", f"{words} explain {100 * found.expected:.2g} %.", both, found.ratio, SCATTER_RATIO)
+
+
+def _homogeneity(low: Prepared, high: Prepared) -> float:
+    """Median |H(F2) - H(F1)| / |H(F1)| over shared lines and channels; nan where there are none."""
+    rows, channels = _shared_lines(low.f, high.f), _common(low, high)
+    if not len(rows[0]) or not channels:
+        return float("nan")
+    cols = [[p.channels.index(c) for c, _ in channels] for p in (low, high)]
+    A, B = (p.H[r][:, c] / _force(p) for p, r, c in zip((low, high), rows, cols, strict=True))
+    return float(np.median(np.abs(B - A) / np.maximum(np.abs(A), np.finfo(float).tiny)))
+
+
+# -- reciprocity -------------------------------------------------------------------------------------
+
+
+def _check_reciprocity(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:
+    """Runs with exchanged exciter and sensor on one support, at standstill."""
+    # Two force gains and two sensor gains, these half as uncertain.
+    limit = GAIN_STDS * belief.gain_tolerance * np.sqrt(2 + 2 * 0.25)
+    for a, b in combinations(runs, 2):
+        at_a = Channel(a.run.excitation_node, a.run.excitation_plane)
+        at_b = Channel(b.run.excitation_node, b.run.excitation_plane)
+        comparable = (
+            a.run.support == b.run.support and a.run.quantity == b.run.quantity and a.run.quantity != "acceleration"
+        )
+        if at_a == at_b or not comparable or a.run.spin_rpm or b.run.spin_rpm:
+            continue
+        if at_b not in a.channels or at_a not in b.channels:
+            continue
+        found = compare(a, b, [(at_b, at_a)], belief.frequency_drift)
+        if found is None:
+            continue
+        both, who = f"{a.label}, {b.label}", f"{at_a} and {at_b}"
+        if abs(found.phase) > np.pi / 2:
+            words = f"Exchanging exciter and sensor between {who} changes the sign: one sensor is inverted"
+            yield Finding("reciprocity", "error", f"{words}; check polarities.", both, found.phase, np.pi / 2)
+        elif abs(found.gain) > limit:
+            words = (
+                f"Exchanging exciter and sensor between {who} changes the response by {100 * found.gain:.2g} % in gain"
+            )
+            words += ": a sensor's or the force's sensitivity is wrong"
+            yield Finding("reciprocity", "warning", f"{words}; calibrate them.", both, found.gain, limit)
+        elif found.ratio > SCATTER_RATIO and found.scatter > SCATTER_FLOOR:
+            words = f"Exchanging exciter and sensor between {who} changes the response by {100 * found.scatter:.2g} %"
+            words += (
+                f", {found.ratio:.2g} times what noise explains: a sensor is beside its node, or the rig is not linear"
+            )
+            yield Finding("reciprocity", "warning", f"{words}; check positions.", both, found.ratio, SCATTER_RATIO)
+        else:
+            words = f"Exchanging exciter and sensor between {who} changes the response by {100 * found.scatter:.2g} %"
+            words += f" and {100 * found.gain:.2g} % in gain, as noise and gains explain"
+            yield Finding("reciprocity", "ok", f"{words}.", both, found.gain, limit)

@@ -1,0 +1,273 @@
+"""``rigtwin diagnose`` and ``rigtwin predict``: where the gap lies, what causes it, what the model then says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from gap.diagnosis import FILE_NAME as DIAGNOSIS_FILE
+from gap.diagnosis import SCHEMA, Cause, Diagnosis, Shrink
+from rigtwin.console import note, say, table
+from rigtwin.diagnosis_page import FILE_NAME as PAGE_FILE
+from rigtwin.diagnosis_page import write_diagnosis_page
+from rigtwin.diagnosis_words import (
+    NO_CAUSE,
+    at_edge,
+    cause_title,
+    explained,
+    finite,
+    k_b_words,
+    named,
+    parameters,
+    places,
+    probability,
+    share,
+)
+from rigtwin.effects import effect_of
+from rigtwin.exits import UserError
+from rigtwin.fmus import existing, rotor_fmu
+from rotor.effects import Effect
+from sim.campaign import Campaign, ComplexArray, Run
+from sim.campaign_folder import load_campaign
+from sim.formats.atomic import replacing
+from sim.formats.run_file import write_beside
+from sim.session import FmuSession
+from sim.stepped_sine import Rig, SweepPlan, measure_lines
+
+# Candidates that are printed; the page and the JSON hold all.
+_CAUSES = 5
+
+_VERIFIED = {"fmu": "verified by the FMU", "rig": "verified on the virtual rig", "model": "by the fitting model alone"}
+
+# What gap.predict needs of a document, with its type in JSON.
+_KEYS: dict[str, type | tuple[type, ...]] = {"verdict": str, "nominal": dict, "where": dict, "causes": list}
+_CAUSE_KEYS: dict[str, type | tuple[type, ...]] = {
+    "effects": list,
+    "parameters": dict,
+    "places": dict,
+    "k_b": (dict, type(None)),
+}
+
+
+@dataclass(frozen=True)
+class DiagnosisRequest:
+    """What was asked for on the command line."""
+
+    campaign: Path
+    out: Path
+    exclude: tuple[str, ...]  # effect ids
+    fmu: bool  # whether the FMU of the rig is built and asked
+    as_json: bool
+
+
+def run_diagnose(request: DiagnosisRequest) -> None:
+    """Diagnose a campaign, write diagnosis.json and the page, print what was found."""
+    from gap.diagnose import diagnose
+
+    exclude = _known(request.exclude)
+    campaign = load_campaign(request.campaign)
+    request.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is refused before the work
+    confirm = partial(measured_on_the_virtual_rig, campaign) if request.fmu else None
+    with _progress() as progress:
+        outcome = diagnose(campaign, exclude=exclude, progress=progress, confirm=confirm)
+    outcome.diagnosis.save(request.out)
+    page = write_diagnosis_page(outcome.diagnosis, outcome.curves, campaign, request.out / PAGE_FILE)
+    if request.as_json:
+        print(outcome.diagnosis.to_json(), end="")
+    else:
+        _print(outcome.diagnosis, page)
+
+
+def _known(effect_ids: Sequence[str]) -> tuple[str, ...]:
+    """The effects to leave out, each once. Raises UserError where there is no such effect."""
+    try:
+        return tuple(dict.fromkeys(effect_of(effect_id).id for effect_id in effect_ids))
+    except UserError as error:
+        raise UserError(f"--exclude: {error}") from None
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int, int, str], None]]:
+    """A progress bar that says what is going on; nothing is drawn where stderr is not a terminal."""
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("diagnosis", total=None)
+        yield lambda done, total, words: bar.update(task, completed=done, total=total, description=words)
+
+
+# -- the virtual rig -----------------------------------------------------------------------------------
+
+# Powers of i omega between acceleration and a quantity.
+_INTEGRATED = {"receptance": 2, "mobility": 1, "accelerance": 0, "acceleration": 0}
+
+
+def measured_on_the_virtual_rig(
+    campaign: Campaign, runs: Sequence[Run], effects: Sequence[Effect], k_b: float
+) -> tuple[list[ComplexArray], str]:
+    """Each run measured again without noise, with the effects, on the FMU of the campaign's rig.
+
+    Parameters
+    ----------
+    campaign : says the rig, and the damping that the nominal model believes in
+    runs : their lines, channels and settings
+    effects : those of the rotor are switched on in the FMU, those of the measurement chain act in the sweep
+    k_b : stiffness of the bearings [N/m]
+
+    Returns
+    -------
+    (n_freq, n_channels) of each run, and "fmu", or "rig" where an effect is none of the FMU's
+    """
+    belief = campaign.nominal
+    parameters = {"k_b": k_b, "bearing_damping": belief.bearing_damping_Ns_per_m}
+    if belief.shaft_damping_ratio is not None:
+        parameters["shaft_damping_ratio"] = belief.shaft_damping_ratio
+    with rotor_fmu(campaign.rig) as fmu, FmuSession(fmu) as session:
+        measured = [_measure(session, run, parameters, tuple(effects)) for run in runs]
+    return measured, "fmu" if all(effect.in_fmu for effect in effects) else "rig"
+
+
+def _measure(session: FmuSession, run: Run, parameters: dict[str, float], effects: tuple[Effect, ...]) -> ComplexArray:
+    """(n_freq, n_channels) in the run's own quantity, on its own lines."""
+    rig = Rig(
+        support=run.support,
+        excitation_node=run.excitation_node,
+        excitation_plane=run.excitation_plane,
+        spin_rpm=run.spin_rpm,
+        parameters={**parameters},
+        effects=effects,
+        quantity="acceleration" if run.quantity == "acceleration" else "accelerance",
+    )
+    plan = SweepPlan(force_amplitude=run.force_amplitude_N or 1.0, direction=run.sweep or "up")
+    found = measure_lines(session, rig, plan, run.frequency_hz).run
+    H = np.column_stack([found.channel(channel.node, channel.plane) for channel in run.channels])
+    return H / (2j * np.pi * run.frequency_hz[:, None]) ** _INTEGRATED[run.quantity]
+
+
+# -- what is printed ---------------------------------------------------------------------------------
+
+
+def _print(diagnosis: Diagnosis, page: Path) -> None:
+    say(diagnosis.sentence)
+    if diagnosis.causes:
+        if not named(diagnosis):
+            say(NO_CAUSE[diagnosis.verdict])
+        table(("cause", "where", "probability", "size", "k_b, MN/m"), map(_row, diagnosis.causes[:_CAUSES]))
+        for cause in diagnosis.causes[:_CAUSES]:
+            if cause.at_prior_edge:
+                say(f"{cause_title(cause)}: {at_edge(cause)}")
+        if len(diagnosis.causes) > _CAUSES:
+            say(f"and {len(diagnosis.causes) - _CAUSES} candidates less likely")
+    if diagnosis.shrink:
+        say(_shrink_line(diagnosis.shrink))
+    if diagnosis.next_test:
+        say(f"next: {diagnosis.next_test.words}")
+    for finding in diagnosis.audit:
+        if finding.severity in ("warning", "error"):
+            say(f"{finding.severity}: {f'{finding.run}: ' if finding.run else ''}{finding.words}")
+    say(f"{page} and {DIAGNOSIS_FILE} written")
+
+
+def _row(cause: Cause) -> tuple[str, ...]:
+    size = ", ".join(parameters(cause))
+    return cause_title(cause), places(cause), probability(cause.probability), size, k_b_words(cause.k_b)
+
+
+def _shrink_line(s: Shrink) -> str:
+    """The gap before and after, in one line."""
+    floor = f", noise alone {share(s.floor)}" if finite(s.floor) else ""
+    return (
+        f"gap on {s.held_out}: {share(s.before)} before, {share(s.after)} after{floor}; "
+        f"{explained(s)}; {_VERIFIED[s.verified_by]}"
+    )
+
+
+# -- predict -------------------------------------------------------------------------------------------
+
+
+def run_predict(path: Path, folder: Path, out: Path) -> None:
+    """Write every run of a campaign as the nominal and as the corrected model compute it."""
+    from gap.predict import predict
+
+    document = load_document(path)
+    campaign = load_campaign(folder)
+    if not campaign.runs:
+        raise UserError(f"{folder}: the campaign has no run, only resonance lists; there are no lines to predict")
+    if document.get("rig") != campaign.rig:
+        note(f"{path} is of the rig {document.get('rig')}, {folder} of {campaign.rig}; the campaign's is predicted")
+    files = _files(campaign, folder)
+    runs = [
+        (out / kind / file, run)
+        for file, predicted in zip(files, predict(document, campaign), strict=True)
+        for kind, run in (("nominal", predicted.nominal), ("corrected", predicted.corrected))
+    ]
+    _write_all(runs)
+    say(f"{len(files)} runs written to {out / 'nominal'} and {out / 'corrected'}")
+
+
+def load_document(path: Path) -> dict[str, Any]:
+    """A diagnosis.json, checked as far as a prediction needs it. Raises UserError."""
+    try:
+        document = json.loads(existing(path).read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: not a text file in UTF-8 ({error.reason}); diagnose again") from error
+    except json.JSONDecodeError as error:
+        raise UserError(f"{path}, line {error.lineno}: not valid JSON ({error.msg}); diagnose again") from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
+        raise UserError(f"{path}: schema is {schema!r}, not {SCHEMA!r}; give a {DIAGNOSIS_FILE} of rigtwin diagnose")
+    _check_keys(path, document, "", _KEYS)
+    for number, cause in enumerate(document["causes"], start=1):
+        if not isinstance(cause, dict):
+            raise UserError(f"{path}: cause {number} is not a table; diagnose again")
+        _check_keys(path, cause, f"cause {number} ", _CAUSE_KEYS)
+        for effect_id in cause["effects"]:
+            _check_effect(path, number, effect_id)
+    return document
+
+
+def _check_keys(path: Path, part: dict[str, Any], where: str, keys: dict[str, Any]) -> None:
+    for key, kind in keys.items():
+        if key not in part:
+            raise UserError(f"{path}: {where}{key} is missing; the file is damaged, diagnose again")
+        if not isinstance(part[key], kind):
+            raise UserError(f"{path}: {where}{key} is {str(part[key])[:40]!r}; the file is damaged, diagnose again")
+
+
+def _check_effect(path: Path, number: int, effect_id: Any) -> None:
+    try:
+        effect_of(str(effect_id))
+    except UserError as error:
+        raise UserError(f"{path}: cause {number}: {error}") from error
+
+
+def _files(campaign: Campaign, folder: Path) -> list[str]:
+    """One CSV below the output folder for each run, named after it. Raises UserError where two would be one."""
+    files = [_file_of(run) for run in campaign.runs]
+    twice = {file for file in files if files.count(file) > 1}
+    if twice:
+        raise UserError(f"{folder}: two runs would be written to {', '.join(sorted(twice))}; rename their data files")
+    return files
+
+
+def _file_of(run: Run) -> str:
+    """'run01.csv'; a run from another folder stays inside the output folder."""
+    parts = [part for part in PurePosixPath(run.name).parts if part not in ("/", "..", ".")]
+    return "/".join(parts or ["run"]) + ".csv"
+
+
+def _write_all(runs: Sequence[tuple[Path, Run]]) -> None:
+    """Write all files under free names, then rename them: all or none."""
+    with ExitStack() as stack:
+        for path, run in runs:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_beside(run, path, stack.enter_context(replacing(path)))

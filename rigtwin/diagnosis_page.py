@@ -1,0 +1,301 @@
+"""The page of a diagnosis: verdict, responses, place of the gap, candidates, shrink, next test, audit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
+
+from gap.curves import Curve
+from gap.diagnosis import Cause, Diagnosis, Finding, Shrink, Where
+from rigtwin.diagnosis_figures import (
+    MAP_COLOURS,
+    candidate_figure,
+    first_choice,
+    foremost,
+    gap_map,
+    gap_map_figure,
+    joint_figure,
+    map_width,
+    response_figure,
+    responses,
+    shrink_figure,
+)
+from rigtwin.diagnosis_words import (
+    NO_CAUSE,
+    REGIMES,
+    VERDICTS,
+    VERIFIED,
+    at_edge,
+    best_k_b,
+    cause_key,
+    cause_title,
+    explained,
+    finite,
+    gap_before,
+    k_b_interval,
+    k_b_words,
+    meanings,
+    named,
+    parameters,
+    part,
+    places,
+    probability,
+    run_toml,
+    share,
+    title,
+)
+from rigtwin.figures import rotor_picture
+from rigtwin.page import write_page
+from rigtwin.provenance import provenance
+from rigtwin.wording import stiffness, with_error
+from rotor.rig import Rig, load_rig
+from sim.campaign import Campaign
+
+FILE_NAME = "report.html"
+
+_SEVERITIES = ("error", "warning", "note", "ok")
+_MARKS = {"ok": "✓", "note": "i", "warning": "!", "error": "×"}
+
+# Effects explained beneath an ambiguous verdict; the list of candidates has all.
+_MEANINGS = 5
+
+_NO_CURVES = "No response was computed: there is no run to compare with."
+
+
+class KeyFigure(NamedTuple):
+    """One number beneath the verdict."""
+
+    label: str
+    value: str
+    below: str
+
+
+class CauseRow(NamedTuple):
+    """A candidate in the list."""
+
+    title: str
+    place: str
+    probability: str
+    parameters: list[str]
+    k_b: str
+    log_evidence: str  # beside the first one's
+    ess: str
+    remarks: list[str]
+
+
+def write_diagnosis_page(diagnosis: Diagnosis, curves: Sequence[Curve], campaign: Campaign, path: Path) -> Path:
+    """Write the page; an existing one is replaced only when the new one is complete.
+
+    Parameters
+    ----------
+    diagnosis : what was found
+    curves : each measured run beside its models; none of a campaign of resonance lists
+    campaign : what was measured
+    path : of the page
+    """
+    rig = load_rig(campaign.rig)
+    return write_page(
+        "diagnosis.html",
+        path,
+        title=campaign.title or diagnosis.title or rig.title or rig.name,
+        d=diagnosis,
+        verdict=VERDICTS[diagnosis.verdict],
+        key_figures=_key_figures(diagnosis),
+        meanings=_meanings(diagnosis),
+        rig=rig,
+        picture=rotor_picture(rig),
+        **_response_content(curves, diagnosis.where),
+        peak_rows=[(p.support, ", ".join(map(with_error, p.frequencies_hz, p.std_hz))) for p in campaign.peaks],
+        where=_where_rows(diagnosis.where),
+        **_candidate_content(diagnosis),
+        joint=joint_figure(diagnosis.where.joint) if diagnosis.where.joint else None,
+        **_shrink_content(diagnosis.shrink),
+        toml=run_toml(diagnosis.next_test.run) if diagnosis.next_test and diagnosis.next_test.run else "",
+        audit=_audit_rows(diagnosis.audit),
+        share=share,
+        provenance=_provenance(diagnosis, campaign, rig),
+    )
+
+
+# -- verdict ---------------------------------------------------------------------------------------
+
+
+def _key_figures(diagnosis: Diagnosis) -> list[KeyFigure]:
+    """Gap before, after and floor, stiffness, probability: those there are."""
+    figures, shrink = [], diagnosis.shrink
+    before, decibel = gap_before(diagnosis), diagnosis.nominal.get("gap_dB")
+    if finite(before):
+        data = "held-out data" if shrink else "recalibrated nominal model"
+        in_decibel = f", {decibel:.2g} dB in the fit" if finite(decibel) else ""
+        figures.append(KeyFigure("Gap before" if shrink else "Gap", share(before), data + in_decibel))
+    if shrink and finite(shrink.after):
+        figures.append(KeyFigure("Gap after", share(shrink.after), "with the effect, held-out data"))
+    if shrink and finite(shrink.floor):
+        figures.append(KeyFigure("Noise floor", share(shrink.floor), "what noise alone gives"))
+    k_b = best_k_b(diagnosis)
+    if k_b and finite(k_b.value):
+        value = f"{stiffness(k_b.value)} MN/m"
+        figures.append(KeyFigure("Bearing stiffness k_b", value, f"90 % interval {k_b_interval(k_b)}"))
+    if named(diagnosis):
+        best = diagnosis.causes[0]
+        figures.append(KeyFigure("Probability", probability(best.probability), cause_title(best)))
+    elif diagnosis.verdict == "no_gap" and finite(diagnosis.nominal.get("probability")):
+        figures.append(KeyFigure("Probability", probability(diagnosis.nominal["probability"]), "that there is no gap"))
+    elif diagnosis.verdict == "unknown" and diagnosis.unknown_score is not None and finite(diagnosis.unknown_score):
+        figures.append(KeyFigure("Unknown score", f"{diagnosis.unknown_score:.2f}", "0: a known effect fits; 1: none"))
+    return figures
+
+
+def _meanings(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """What the verdict names: title, place, meaning, size."""
+    if not named(diagnosis):
+        return []
+    several = diagnosis.equivalent if diagnosis.verdict == "ambiguous" else ()
+    return [
+        {
+            "title": cause_title(cause),
+            "place": places(cause),
+            "meaning": "; ".join(text for _, text in meanings(cause)),
+            "size": ", ".join(parameters(cause)),
+        }
+        for cause in (several or diagnosis.causes[:1])[:_MEANINGS]
+    ]
+
+
+# -- responses and place ---------------------------------------------------------------------------
+
+
+def _response_content(curves: Sequence[Curve], where: Where) -> dict[str, Any]:
+    """Figures and data of the measured runs; nothing of a campaign that has none."""
+    if not curves:
+        return {"response": None, "gap_map": None, "map_colours": "", "no_curves": _NO_CURVES}
+    cells = gap_map(curves, where.bands)
+    data = {"runs": responses(curves), "first": first_choice(curves)}
+    return {
+        "no_curves": "",
+        "response": response_figure(curves, where.bands),
+        "response_data": json_in_html(data),
+        "magnitudes_only": [curve.run.name for curve in curves if curve.run.magnitude_only],
+        "corrected": any(curve.corrected is not None for curve in curves),
+        "gap_map": gap_map_figure(cells),
+        "map_width": map_width(cells),
+        "map_colours": ", ".join(MAP_COLOURS),
+    }
+
+
+def json_in_html(value: Any) -> Markup:
+    """JSON that may stand in a script element: no text of a user can end the element."""
+    return Markup(json.dumps(value, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"))
+
+
+def _where_rows(where: Where) -> list[tuple[str, str]]:
+    """The gap's shares in words."""
+    if not (where.bands or where.supports or where.nodes or where.levels):
+        return []
+    rows = [("By force level", REGIMES[where.regime])]
+    rows += _shares("Supports", ((name, value) for name, value in where.supports.items()))
+    rows += _shares("Nodes", ((f"node {n.node}", n.share) for n in where.nodes))
+    rows += _shares("Force levels", ((f"{level} N", value) for level, value in where.levels.items()))
+    return rows if where.regime in ("linear", "amplitude_dependent") else [("Kind", rows[0][1]), *rows[1:]]
+
+
+def _shares(name: str, parts: Iterable[tuple[str, float]]) -> list[tuple[str, str]]:
+    """'node 2 40 %, node 4 35 %', the largest first; empty without parts."""
+    known = sorted(((label, value) for label, value in parts if finite(value)), key=lambda part: -part[1])
+    return [(name, ", ".join(f"{label}: {part(value)}" for label, value in known))] if known else []
+
+
+# -- candidates --------------------------------------------------------------------------------------
+
+
+def _candidate_content(diagnosis: Diagnosis) -> dict[str, Any]:
+    causes, rows = diagnosis.causes, _cause_rows(diagnosis)
+    first = foremost(causes)
+    why_none = NO_CAUSE.get(diagnosis.verdict, "") if causes else "No cause is named."
+    return {
+        "no_cause": "" if named(diagnosis) else why_none,
+        "candidates": candidate_figure(causes, diagnosis.equivalent, named=named(diagnosis)) if causes else None,
+        "edge": any(cause.at_prior_edge for cause in causes[:first]),
+        "cause_rows": rows[:first] or rows,
+        "other_rows": rows[first:] if first else [],
+        "with_ess": any(row.ess for row in rows),
+    }
+
+
+def _cause_rows(diagnosis: Diagnosis) -> list[CauseRow]:
+    """All candidates, and those of the equivalent set that the ranking lacks."""
+    same = {cause_key(cause) for cause in diagnosis.equivalent}
+    ranked = {cause_key(cause) for cause in diagnosis.causes}
+    causes = [*diagnosis.causes, *(cause for cause in diagnosis.equivalent if cause_key(cause) not in ranked)]
+    best = max((cause.log_evidence for cause in causes if finite(cause.log_evidence)), default=0.0)
+    return [_cause_row(cause, best, cause_key(cause) in same) for cause in causes]
+
+
+def _cause_row(cause: Cause, best: float, same: bool) -> CauseRow:
+    remarks = ["not told apart from the others marked so"] if same else []
+    remarks += [at_edge(cause)] if cause.at_prior_edge else []
+    behind = cause.log_evidence - best
+    return CauseRow(
+        title=cause_title(cause),
+        place=places(cause),
+        probability=probability(cause.probability),
+        parameters=parameters(cause),
+        k_b=k_b_words(cause.k_b),
+        log_evidence=(f"{behind:.1f}" if behind > -100 else f"{behind:.0f}").replace("-", "−")
+        if finite(behind)
+        else "",
+        ess=f"{cause.ess:.0f}" if cause.ess is not None and finite(cause.ess) else "",
+        remarks=remarks,
+    )
+
+
+# -- shrink, audit, foot -----------------------------------------------------------------------------
+
+
+def _shrink_content(shrink: Shrink | None) -> dict[str, Any]:
+    if shrink is None:
+        return {"shrink": None, "explained": "", "verified": ""}
+    drawable = any(map(finite, (shrink.before, shrink.after, shrink.floor)))
+    return {
+        "shrink": shrink_figure(shrink) if drawable else None,
+        "explained": explained(shrink),
+        "verified": VERIFIED[shrink.verified_by],
+    }
+
+
+def _audit_rows(audit: Sequence[Finding]) -> list[dict[str, str]]:
+    """The findings, the gravest first."""
+    ranked = sorted(audit, key=lambda finding: _SEVERITIES.index(finding.severity))
+    return [
+        {
+            "severity": finding.severity,
+            "mark": _MARKS[finding.severity],
+            "check": finding.check.replace("_", " "),
+            "run": finding.run,
+            "words": finding.words,
+            "numbers": _numbers(finding),
+        }
+        for finding in ranked
+    ]
+
+
+def _numbers(finding: Finding) -> str:
+    """'0.31, limit 0.2'."""
+    parts: Mapping[str, float | None] = {"found": finding.value, "limit": finding.limit}
+    return ", ".join(f"{name} {value:.3g}" for name, value in parts.items() if value is not None and finite(value))
+
+
+def _provenance(diagnosis: Diagnosis, campaign: Campaign, rig: Rig) -> dict[str, str]:
+    excluded = ", ".join(f"{title(effect)} ({effect})" for effect in diagnosis.excluded)
+    facts = {
+        "campaign": campaign.title or "without a title",
+        "rig": f"{rig.title} ({rig.name})" if rig.title else rig.name,
+        "effects left out": excluded or "none",
+    }
+    if diagnosis.timing_s:
+        facts["computing time"] = ", ".join(f"{step} {time:.1f} s" for step, time in diagnosis.timing_s.items())
+    return facts | provenance()

@@ -1,0 +1,207 @@
+"""What a diagnosis says, in words: for the terminal and for the page."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from gap.diagnosis import Cause, Diagnosis, Estimate, Location, Shrink
+from rigtwin.effects import number, unit
+from rigtwin.wording import interval, stiffness_with_error, with_error
+from rotor.effects import EFFECTS
+
+VERDICTS = {
+    "cause": "Cause found",
+    "ambiguous": "More than one cause fits",
+    "unknown": "No known effect fits",
+    "no_gap": "No gap",
+    "not_enough_data": "Not enough data",
+}
+
+REGIMES = {
+    "linear": "the same at every force level that was measured",
+    "amplitude_dependent": "changes with the force level",
+    "measurement_chain": "in the measurement chain: the resonances lie where the model has them",
+    "spin_dependent": "changes with the spin",
+}
+
+VERIFIED = {
+    "fmu": "the effect was switched on in RotorRig.fmu and the virtual rig measured the held-out settings again",
+    "rig": "the virtual rig measured the held-out settings again, with the effect in its measurement chain",
+    "model": "by the fitting model alone; no virtual measurement confirms it",
+}
+
+# Why a diagnosis names no cause, where its verdict is one of these.
+NO_CAUSE = {
+    "no_gap": "No cause is named. The candidates below are ranked among themselves; none of them is needed.",
+    "unknown": "No cause is named. The candidates below are ranked among themselves; none of them explains the data.",
+    "not_enough_data": "No cause is named. The data do not suffice to tell the candidates apart.",
+}
+
+_PLACES = {
+    "bearings": "at the bearings",
+    "disks": "at the disks",
+    "shaft": "along the shaft",
+    "exciter": "at the exciter",
+    "rigid_support": "at the rigid supports",
+    "raster": "in how the test steps through its frequencies",
+}
+
+# Half the width of a 90 % interval, in standard errors.
+_Z90 = 1.6449
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def finite(value: float | None) -> bool:
+    """Whether there is a number."""
+    return value is not None and math.isfinite(value)
+
+
+def share(value: float | None) -> str:
+    """'31.4 %'; 'unknown' where there is no number."""
+    if value is None or not math.isfinite(value):
+        return "unknown"
+    return (f"{100 * value:#.3g}".rstrip(".") if abs(value) < 10 else f"{100 * value:.0f}").replace("-", "−") + " %"
+
+
+def part(value: float) -> str:
+    """'88 %', '3.1 %', 'under 0.1 %': a part of the whole."""
+    if not math.isfinite(value):
+        return "unknown"
+    if 0 < value < 5e-4:
+        return "under 0.1 %"
+    return f"{100 * value:.0f} %" if value >= 0.0995 else f"{100 * value:.1f} %"
+
+
+def probability(value: float) -> str:
+    """'93 %', 'under 0.1 %', 'over 99.9 %'."""
+    if value < 1e-3:
+        return "under 0.1 %"
+    if value > 0.999:
+        return "over 99.9 %"
+    return f"{100 * value:.1f} %" if not 0.1 <= value <= 0.99 else f"{100 * value:.0f} %"
+
+
+def quantity(estimate: Estimate) -> str:
+    """'0.312 ± 0.004 kg', '(1.02 ± 0.03)×10⁷ N/m'; the value alone where there is no standard error."""
+    value, std, of_unit = estimate.value, estimate.std, unit(estimate.unit)
+    if not finite(value):
+        return "unknown"
+    power = math.floor(math.log10(abs(value))) if value else 0
+    if -3 <= power < 5:
+        text = with_error(value, std) if finite(std) else number(value)
+    else:
+        scale = 10.0**power
+        text = f"({with_error(value / scale, std / scale)})" if finite(std) and std > 0 else f"{value / scale:.4g}"
+        text += f"×10{str(power).translate(_RAISED)}"
+    return f"{text} {of_unit}".rstrip().replace("-", "−")
+
+
+def k_b_words(k_b: Estimate | None) -> str:
+    """'10.02 ± 0.03', in MN/m; empty where no bearing was measured."""
+    return stiffness_with_error(k_b.value, k_b.std) if k_b and finite(k_b.value) else ""
+
+
+def k_b_interval(k_b: Estimate) -> str:
+    """'9.97 to 10.07': the 90 % interval in MN/m."""
+    return interval(k_b.value - _Z90 * k_b.std, k_b.value + _Z90 * k_b.std) if finite(k_b.std) else "unknown"
+
+
+def title(effect_id: str) -> str:
+    """An effect's title; its id where this version does not know it."""
+    return EFFECTS[effect_id].title if effect_id in EFFECTS else effect_id
+
+
+def cause_title(cause: Cause) -> str:
+    """'Pedestal flexibility', or both of a pair."""
+    return " + ".join(map(title, cause.effects)) or "No effect"
+
+
+def cause_key(cause: Cause) -> tuple[Any, ...]:
+    """What makes two entries of a diagnosis the same candidate."""
+    return cause.effects, cause.location, tuple(cause.places.items())
+
+
+def meanings(cause: Cause) -> list[tuple[str, str]]:
+    """Title and one-line meaning of each effect."""
+    return [(title(e), EFFECTS[e].meaning) for e in cause.effects if e in EFFECTS]
+
+
+def place(location: Location) -> str:
+    """'at node 4', 'at 213 mm', 'at the bearings'."""
+    if location.kind == "sensor":
+        return f"at the sensor of node {location.node}" if location.node else "at every sensor"
+    if location.kind == "position" and location.x_m is not None:
+        return f"{1000 * location.x_m:.0f} mm along the shaft"
+    if location.kind == "node" and location.node is not None:
+        return f"at node {location.node}"
+    return _PLACES.get(location.kind, "")
+
+
+def places(cause: Cause) -> str:
+    """Where each effect of a candidate sits."""
+    words = [place(location) for location in cause.locations or (cause.location,)] if cause.effects else []
+    return "; ".join(dict.fromkeys(filter(None, words)))
+
+
+def parameters(cause: Cause) -> list[str]:
+    """'stiffness (1.02 ± 0.03)×10⁷ N/m' for each parameter; of a pair with the effect's title."""
+    pair = len(cause.effects) > 1
+    return [f"{_parameter_name(name, pair)} {quantity(estimate)}" for name, estimate in cause.parameters.items()]
+
+
+def _parameter_name(full_name: str, with_title: bool) -> str:
+    effect, _, name = full_name.rpartition(".")
+    words = name.replace("_", " ")
+    return f"{title(effect)}: {words}" if with_title and effect else words
+
+
+def at_edge(cause: Cause) -> str:
+    """A remark on parameters that end where their prior ends; empty without any."""
+    if not cause.at_prior_edge:
+        return ""
+    names = ", ".join(_parameter_name(name, len(cause.effects) > 1) for name in cause.at_prior_edge)
+    return f"{names} at the end of the range that was searched"
+
+
+def named(diagnosis: Diagnosis) -> bool:
+    """Whether the verdict names a cause."""
+    return diagnosis.verdict in ("cause", "ambiguous") and bool(diagnosis.causes)
+
+
+def gap_before(diagnosis: Diagnosis) -> float | None:
+    """The gap on held-out data, else that of the fit."""
+    return diagnosis.shrink.before if diagnosis.shrink else diagnosis.nominal.get("gap")
+
+
+def best_k_b(diagnosis: Diagnosis) -> Estimate | None:
+    """The stiffness with the cause, where one is named, else the nominal model's."""
+    with_cause = diagnosis.causes[0].k_b if named(diagnosis) else None
+    return with_cause or diagnosis.nominal.get("k_b")
+
+
+def explained(shrink: Shrink) -> str:
+    """'99 % of what can be explained (90 % interval 97 % to 100 %)'."""
+    if not finite(shrink.explainable):
+        return "the gap is the noise floor: there is nothing to explain"
+    low, high = shrink.ci90
+    between = f" (90 % interval {share(low)} to {share(high)})" if finite(low) and finite(high) else ""
+    return f"{share(shrink.explainable)} of what can be explained is explained{between}"
+
+
+def run_toml(run: Mapping[str, Any]) -> str:
+    """Settings of a run as a [[run]] table for campaign.toml."""
+    return "\n".join(["[[run]]", *(f"{key} = {text}" for key, text in _toml_values(run))])
+
+
+def _toml_values(run: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Keys with their values in TOML; what is None is left out, TOML has no null."""
+    for key, value in run.items():
+        if value is None:
+            continue
+        plain = value.item() if hasattr(value, "item") else value
+        # A JSON string, list or truth value is one of TOML too, but for DEL, which TOML wants escaped.
+        yield key, json.dumps(plain, ensure_ascii=False, default=str).replace("\x7f", "\\u007f")

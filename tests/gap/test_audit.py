@@ -1,0 +1,550 @@
+"""The audit of a campaign: each check fires when its fault is put in, and is silent otherwise."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gap.audit import audit, estimate_noise
+from gap.audit.noise import mean_square
+from gap.audit.prepared import Prepared
+from gap.diagnosis import Finding
+from rotor.assembly import assemble
+from rotor.condition import Condition
+from rotor.effects import SensorDelay
+from rotor.measured import measured_response
+from rotor.modal import damped_modes
+from rotor.model import build_system
+from rotor.rig import load_rig
+from sim.campaign import Campaign, Channel, NominalBelief, PeakList, Run
+
+RIG = "nit-rourkela"
+OWN_ROTOR = str(Path(__file__).parents[2] / "examples/own_rotor.toml")
+STRUCTURE = assemble(load_rig(RIG))
+CHANNELS = tuple(Channel(node) for node in range(1, 8))
+EVEN = np.arange(20.0, 400.5, 1.0)
+RIGID = Condition(rigid_support=True, shaft_damping_ratio=0.005)
+BEARING = Condition(k_b=5e6, bearing_damping=20.0, shaft_damping_ratio=0.005)
+
+
+def clustered(condition):
+    """201 even lines and 17 more round each resonance, as the virtual rig lays them."""
+    modes = damped_modes(build_system(STRUCTURE, condition))
+    places = np.concatenate([np.arange(-4, 5) / 8, [-8, -4, -2, -1, 1, 2, 4, 8]])
+    inside = modes.frequency_hz < 400
+    close = [
+        f * (1 + 2 * zeta * places)
+        for f, zeta in zip(modes.frequency_hz[inside], modes.damping_ratio[inside], strict=True)
+    ]
+    return np.unique(np.round(np.concatenate([np.linspace(20, 400, 201), *close]), 6))
+
+
+def circular(rng, shape):
+    """Circular complex normal numbers with E|e|^2 = 1."""
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def measure(condition, frequency_hz=None, *, noise=0.005, seed=0, drift=0.0, gain: Any = 1.0, effects=(), **settings):
+    """A run with noise relative to each line, and with the standard errors that belong to it."""
+    f = clustered(condition) if frequency_hz is None else frequency_hz
+    rng = np.random.default_rng(seed)
+    H = gain * measured_response(STRUCTURE, condition, effects, f * (1 + drift))
+    std = noise * np.abs(H)
+    support = "rigid" if condition.rigid_support else "bearing"
+    known = {"std": std, "excitation_node": condition.excitation_node, "name": f"{support}-{seed}"}
+    return Run(f, H + std * circular(rng, H.shape), CHANNELS, support, **(known | settings))
+
+
+def in_campaign(*runs, **keys):
+    return Campaign("test", RIG, tuple(runs), **keys)
+
+
+def healthy(seed):
+    """Four runs as a good laboratory makes them: gains, drift, noise and damping are random."""
+    rng = np.random.default_rng(seed)
+    zeta, noise = 10 ** rng.uniform(-3, -2), 10 ** rng.uniform(-2.7, -1.7)
+    k_b, c_b = 10 ** rng.uniform(6, 8), rng.choice([0.0, 20.0, 100.0])
+    sensors = 1 + 0.01 * rng.standard_normal(7)
+    runs = []
+    for place, (rigid, force) in enumerate([(True, 1.0), (False, 1.0), (False, 4.0), (False, 1.0)]):
+        condition = Condition(k_b=k_b, bearing_damping=c_b, shaft_damping_ratio=zeta, rigid_support=rigid)
+        gain = sensors * (1 + 0.02 * rng.standard_normal())
+        drift = 1e-4 * rng.standard_normal()
+        run = measure(condition, noise=noise, seed=100 * seed + place, gain=gain, drift=drift, force_amplitude_N=force)
+        runs.append(run if seed % 3 else replace(run, std=None))
+    return in_campaign(*runs, nominal=NominalBelief(shaft_damping_ratio=zeta))
+
+
+def troubles(findings, *checks):
+    """Warnings and errors of some checks, or of all."""
+    return [f for f in findings if f.severity in ("warning", "error") and (not checks or f.check in checks)]
+
+
+def noted(findings, check):
+    return [f for f in findings if f.severity != "ok" and f.check == check]
+
+
+# -- no fault --------------------------------------------------------------------------------------
+
+
+def test_twenty_healthy_campaigns_give_at_most_two_warnings():
+    """Eighty runs with some ten judgements each."""
+    found = [f for seed in range(20) for f in troubles(audit(healthy(seed)))]
+    assert len(found) <= 2, found
+
+
+def test_every_check_of_a_healthy_campaign_says_so():
+    reciprocal = replace(BEARING, excitation_node=5)
+    findings = audit(in_campaign(*healthy(1).runs, measure(BEARING, EVEN), measure(reciprocal, EVEN, seed=1)))
+    passed = {f.check for f in findings if f.severity == "ok"}
+    assert passed >= {"channels", "missing_lines", "raster", "noise", "saturation", "sweep_rate", "delay", "sign"}
+    assert passed >= {"units", "repeatability", "level", "reciprocity", "coverage"}
+    assert all(f.words.endswith(".") for f in findings)
+    assert all(isinstance(f, Finding) for f in findings)
+
+
+def test_an_audit_of_two_runs_is_quick():
+    """The bar is 0.3 s; five times that on a busy machine."""
+    campaign = in_campaign(measure(RIGID), measure(BEARING))
+    start = time.perf_counter()
+    audit(campaign)
+    assert time.perf_counter() - start < 1.5
+
+
+# -- noise -----------------------------------------------------------------------------------------
+
+WITHIN = 0.15  # bar of the project for the noise estimate
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.006, 0.02])
+@pytest.mark.parametrize("condition", [RIGID, BEARING, replace(RIGID, shaft_damping_ratio=0.001)])
+@pytest.mark.parametrize("lines", [EVEN, None], ids=["even", "clustered"])
+@pytest.mark.parametrize("magnitudes", [False, True])
+def test_the_noise_of_every_channel_is_estimated(noise, condition, lines, magnitudes):
+    run = measure(condition, lines, noise=noise, seed=3)
+    expected = noise
+    if magnitudes:  # which see half of a circular error's power
+        run, expected = replace(run, H=np.abs(run.H).astype(complex), magnitude_only=True), noise / np.sqrt(2)
+    found = estimate_noise(run)
+    moving = np.abs(run.H).any(axis=0)
+    assert np.median(found.relative[moving]) == pytest.approx(expected, rel=WITHIN)
+    # Single channels have a standard error of a tenth in the clustered raster, magnitudes a seventh.
+    assert found.relative[moving] == pytest.approx(expected, rel=WITHIN * (3 if magnitudes else 2))
+    assert found.std[:, moving] == pytest.approx(expected * np.abs(run.H[:, moving]), rel=0.6, abs=1e-3)
+
+
+def test_noise_is_estimated_from_one_channel():
+    run = measure(RIGID, EVEN, noise=0.01)
+    alone = replace(run, H=run.H[:, 1:2], std=None, channels=(Channel(2),))
+    assert estimate_noise(alone).relative == pytest.approx([0.01], rel=WITHIN)
+
+
+def test_noise_that_does_not_grow_with_the_response_is_told_from_noise_that_does():
+    run = measure(RIGID, EVEN, noise=0.0)
+    H = run.H[:, 1:6]
+    floor = 0.02 * np.median(np.abs(H), axis=0)
+    rng = np.random.default_rng(5)
+    noisy = replace(run, H=H + floor * circular(rng, H.shape), std=None, channels=CHANNELS[1:6])
+    found = estimate_noise(noisy).std
+    large = np.abs(H) > 3 * np.median(np.abs(H), axis=0)
+    ratio = (found / floor)[large]
+    assert np.median(ratio) == pytest.approx(1, rel=0.5)  # a relative error would be ten times too large here
+    assert np.median(found / floor) == pytest.approx(1, rel=WITHIN)
+
+
+def test_data_without_noise_have_next_to_none():
+    for lines in (EVEN, None):
+        assert np.nanmax(estimate_noise(measure(RIGID, lines, noise=0.0)).relative) < 1e-4
+
+
+@pytest.mark.parametrize("magnitude", [False, True])
+def test_a_quarter_of_wild_lines_does_not_spoil_a_mean_square(magnitude):
+    rng = np.random.default_rng(0)
+    e = rng.standard_normal(20000) if magnitude else circular(rng, 20000)
+    assert mean_square(np.abs(e) ** 2, magnitude=magnitude) == pytest.approx(1, rel=0.03)
+    e[:1000] *= 100
+    assert mean_square(np.abs(e) ** 2, magnitude=magnitude) == pytest.approx(1, rel=0.2)
+
+
+@pytest.mark.parametrize("factor", [1 / 3, 0.5, 2.0, 3.0])
+def test_standard_errors_that_are_wrong_by_two_or_three_are_found(factor):
+    run = measure(RIGID)
+    assert run.std is not None
+    (found,) = troubles(audit(in_campaign(replace(run, std=run.std * factor))))
+    assert found.check == "noise"
+    assert found.value == pytest.approx(1 / factor, rel=WITHIN)
+
+
+def test_a_run_without_standard_errors_gets_the_estimate_said():
+    (found,) = noted(audit(in_campaign(measure(RIGID, std=None, noise=0.01))), "noise")
+    assert found.severity == "note"
+    assert found.value == pytest.approx(0.01, rel=WITHIN)
+
+
+# -- raster and lines ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("magnitudes", [False, True])
+@pytest.mark.parametrize("damping", [0.001, 0.005])
+def test_damping_is_read_from_lines_a_hertz_apart(damping, magnitudes):
+    run = measure(replace(RIGID, shaft_damping_ratio=damping), EVEN, noise=0.003)
+    if magnitudes:
+        run = replace(run, H=np.abs(run.H).astype(complex), magnitude_only=True)
+    for found, true_hz in zip(Prepared(run, "").resonances, (100.561, 323.994), strict=True):
+        assert found.frequency_hz == pytest.approx(true_hz, abs=4 * found.frequency_std_hz + 1e-3)
+        assert found.damping_ratio == pytest.approx(damping, abs=4 * found.damping_std, rel=0.01)
+        assert found.damping_std < 0.1 * damping
+
+
+def test_a_raster_coarser_than_the_half_power_band_is_found():
+    found = troubles(audit(in_campaign(measure(replace(RIGID, shaft_damping_ratio=0.001), EVEN))))
+    assert [f.check for f in found] == ["raster", "raster"]
+    assert all(f.value is not None and f.limit is not None and f.value < f.limit for f in found)
+
+
+def test_believed_damping_serves_where_the_lines_do_not_tell():
+    run = measure(replace(RIGID, shaft_damping_ratio=0.0005), np.arange(20.0, 400.0, 6.0), noise=0.02)
+    (one, *_) = Prepared(run, "").resonances
+    unresolved = replace(one, damping_ratio=float("nan"))
+    assert Prepared(run, "").half_power_hz(unresolved, NominalBelief(0.01)) == pytest.approx(0.02 * one.frequency_hz)
+    assert np.isnan(Prepared(run, "").half_power_hz(unresolved, NominalBelief()))
+
+
+def test_a_hole_in_the_raster_is_found_and_one_over_a_resonance_is_worse():
+    run = measure(RIGID, EVEN)
+
+    def without(low, high):
+        keep = (run.frequency_hz < low) | (run.frequency_hz > high)
+        cut = replace(run, frequency_hz=run.frequency_hz[keep], H=run.H[keep], std=None)
+        return noted(audit(in_campaign(cut)), "missing_lines")
+
+    assert [f.severity for f in without(200.5, 210.5)] == ["note"]
+    assert [f.severity for f in without(318.5, 322.5)] == ["warning"]
+    assert [f.value for f in without(199.9, 200.1)] == [2.0]
+
+
+def test_lines_without_a_number_are_counted():
+    run = measure(RIGID)
+    H = run.H.copy()
+    H[[10, 20, 30], 3] = np.nan
+    (found,) = troubles(audit(in_campaign(replace(run, H=H))))
+    assert (found.check, found.value) == ("missing_lines", 3)
+
+
+# -- channels --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "severity"),
+    [
+        (lambda h: 0 * h, "error"),
+        (lambda h: 0 * h + 0.3, "error"),
+        (lambda h: 0 * h + np.nan, "error"),
+        (lambda h: np.median(np.abs(h)) * circular(np.random.default_rng(1), h.shape), "warning"),
+        (lambda h: 1e-6 * h, "warning"),
+    ],
+    ids=["zero", "constant", "nan", "noise only", "tiny"],
+)
+def test_a_channel_that_carries_no_response_is_found(make, severity):
+    run = measure(RIGID, std=None)
+    H = run.H.copy()
+    H[:, 3] = make(H[:, 3])
+    found = troubles(audit(in_campaign(replace(run, H=H))), "channels")
+    assert [f.severity for f in found] == [severity]
+    assert "node4" in found[0].words
+
+
+def test_zero_is_right_at_a_rigid_support_and_motion_is_not():
+    run = measure(RIGID, std=None)
+    assert not noted(audit(in_campaign(run)), "channels")
+    H = run.H.copy()
+    H[:, 0] = 0.1 * H[:, 1]
+    (found,) = noted(audit(in_campaign(replace(run, H=H))), "channels")
+    assert found.severity == "note"
+    assert "gives way" in found.words
+
+
+# -- saturation and ringing ------------------------------------------------------------------------
+
+
+def test_a_sensor_that_clips_is_found():
+    run = measure(RIGID, noise=0.002, std=None)
+    H = run.H.copy()
+    H[:, 2] /= np.maximum(np.abs(H[:, 2]) / (0.4 * np.abs(H[:, 2]).max()), 1)
+    found = troubles(audit(in_campaign(replace(run, H=H))), "saturation")
+    assert found
+    assert all("channel node3:" in f.words for f in found)
+
+
+def test_a_motion_that_is_held_is_found_in_all_channels():
+    run = measure(RIGID, noise=0.002, std=None)
+    size = np.linalg.norm(run.H, axis=1) * (run.frequency_hz < 200)
+    held = run.H / np.maximum(size / (0.5 * size.max()), 1)[:, None]
+    (found,) = troubles(audit(in_campaign(replace(run, H=held))), "saturation")
+    assert "all channels" in found.words
+
+
+def test_lines_that_repeat_are_found():
+    run = measure(RIGID)
+    H = run.H.copy()
+    H[100] = H[99]
+    (found,) = troubles(audit(in_campaign(replace(run, H=H))), "saturation")
+    assert found.value == 1
+
+
+HALF_HERTZ = np.arange(20.0, 400.0, 0.5)
+
+
+def swept_fast(frequency_hz, dwell_s, direction, noise=0.005):
+    """Every line is read ``dwell_s`` after its frequency was set; modes on rigid supports, exact between steps."""
+    system = build_system(STRUCTURE, RIGID)
+    drive = system.unit_vector(2, 1)
+    w_r, zeta = system.modes.omega, RIGID.shaft_damping_ratio
+    w_d = w_r * np.sqrt(1 - zeta**2)
+    pole = -zeta * w_r + 1j * w_d
+    residue = (system.read_out(1) @ system.modes.Phi) * (drive @ system.modes.Phi) / (2j * w_d)  # (n_nodes, n_modes)
+    run = measure(RIGID, frequency_hz, noise=noise, sweep=direction)
+    H, state, phase = run.H.copy(), np.zeros_like(pole), 1.0 + 0j
+    for line in np.argsort(frequency_hz) if direction == "up" else np.argsort(-frequency_hz):
+        s = 2j * np.pi * frequency_hz[line]
+        left = np.exp(pole * dwell_s) * (state - phase / (s - pole))
+        phase *= np.exp(s * dwell_s)
+        state = phase / (s - pole) + left
+        H[line] += s**2 * (residue @ left) / phase
+    return replace(run, H=H)
+
+
+@pytest.mark.parametrize("direction", ["up", "down"])
+def test_beats_behind_a_peak_are_found(direction):
+    found = troubles(audit(in_campaign(swept_fast(HALF_HERTZ, 0.05, direction))), "sweep_rate")
+    assert len(found) == 1
+    assert ("above" in found[0].words) == (direction == "up")
+
+
+@pytest.mark.parametrize("direction", ["up", "down"])
+@pytest.mark.parametrize("dwell_s", [0.3, 0.5])
+def test_a_peak_that_has_not_settled_is_noted(dwell_s, direction):
+    (found,) = noted(audit(in_campaign(swept_fast(HALF_HERTZ, dwell_s, direction))), "sweep_rate")
+    assert found.severity == "note"
+    assert (found.value or 0) > 3
+
+
+@pytest.mark.parametrize("direction", ["up", "down"])
+def test_a_settled_sweep_has_no_ringing(direction):
+    assert not noted(audit(in_campaign(swept_fast(HALF_HERTZ, 5.0, direction))), "sweep_rate")
+
+
+# -- phase -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delay", [1e-4, -3e-4, 2e-3])
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+def test_a_delay_of_all_sensors_is_found(delay, condition):
+    run = measure(condition, effects=(SensorDelay(delay=delay),))
+    (found,) = troubles(audit(in_campaign(run)))
+    assert found.check == "delay"
+    assert found.value == pytest.approx(delay, abs=5e-6)
+
+
+def test_a_delay_of_one_sensor_is_found():
+    run = measure(RIGID, effects=(SensorDelay(delay=2e-4, node=4),))
+    (found,) = troubles(audit(in_campaign(run)))
+    assert (found.check, "node4" in found.words) == ("delay", True)
+    assert found.value == pytest.approx(2e-4, abs=5e-6)
+
+
+@pytest.mark.parametrize("node", [2, 3, 6])
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+@pytest.mark.parametrize("delay", [0.0, 1e-3])
+def test_an_inverted_sensor_is_found(node, condition, delay):
+    run = measure(condition, effects=(SensorDelay(delay=delay),) if delay else ())
+    turned = replace(run, H=run.H * np.where(np.arange(1, 8) == node, -1, 1))
+    (found,) = troubles(audit(in_campaign(turned)), "sign", "channels", "units")
+    assert (found.check, f"node{node}" in found.words) == ("sign", True)
+
+
+def test_an_inverted_force_is_found():
+    run = measure(BEARING)
+    (found,) = troubles(audit(in_campaign(replace(run, H=-run.H))))
+    assert found.check == "sign"
+    assert "force signal" in found.words
+
+
+def test_the_drive_point_tells_its_sign_without_low_lines():
+    run = measure(RIGID, EVEN[68:])
+    assert not troubles(audit(in_campaign(run)), "sign")
+    turned = replace(run, H=run.H * np.where(np.arange(1, 8) == 2, -1, 1))
+    assert len(troubles(audit(in_campaign(turned)), "sign")) == 1
+
+
+def test_units_of_g_are_found():
+    run = measure(RIGID)
+    (found,) = troubles(audit(in_campaign(replace(run, H=run.H / 9.81, std=None))))
+    assert (found.check, "g instead" in found.words) == ("units", True)
+
+
+# -- pairs -----------------------------------------------------------------------------------------
+
+
+def exchanged(gain=1.0, effects=()):
+    """Exciter at 2 and at 5."""
+    one = measure(BEARING, EVEN)
+    two = measure(replace(BEARING, excitation_node=5), EVEN, seed=1, effects=effects)
+    return in_campaign(one, replace(two, H=two.H * gain))
+
+
+def test_reciprocity_holds_and_a_wrong_gain_or_sign_breaks_it():
+    assert not troubles(audit(exchanged()), "reciprocity")
+    (gain,) = troubles(audit(exchanged(1.3)), "reciprocity")
+    assert gain.value == pytest.approx(1 / 1.3 - 1, abs=0.01)
+    (sign,) = troubles(audit(exchanged(-1)), "reciprocity")
+    assert sign.severity == "error"
+
+
+def test_a_resonance_that_moved_between_repeats_is_found():
+    one, two = measure(BEARING), measure(BEARING, seed=1, drift=-2e-3)
+    (found,) = troubles(audit(in_campaign(one, two)))
+    assert found.check == "repeatability"
+    assert found.value == pytest.approx(2e-3, rel=0.2)
+
+
+def test_a_gain_that_changed_between_repeats_is_found():
+    one, two = measure(BEARING), measure(BEARING, seed=1, gain=1.2)
+    (found,) = troubles(audit(in_campaign(one, two)))
+    assert (found.check, "gain" in found.words) == ("repeatability", True)
+
+
+def test_one_sensor_that_changed_between_repeats_is_found():
+    one, two = measure(BEARING), measure(BEARING, seed=1, gain=np.array([1, 1, 1, 1, 1, 1.2, 1.0]))
+    found = troubles(audit(in_campaign(one, two)))
+    assert [f.check for f in found] == ["repeatability"]
+    assert "node6" in found[0].words
+
+
+def test_amplitude_dependence_is_noted_with_its_trend():
+    low = measure(BEARING, force_amplitude_N=1.0)
+    stiffer = replace(BEARING, k_b=6e6, bearing_damping=40.0)
+    high = measure(stiffer, seed=1, force_amplitude_N=5.0)
+    found = noted(audit(in_campaign(low, high)), "level")
+    assert found
+    assert {f.severity for f in found} == {"note"}
+    assert any((f.value or 0) > 1e-3 and "amplitude" in f.words for f in found)
+
+
+def test_up_and_down_are_compared():
+    runs = [measure(BEARING, sweep="up"), measure(BEARING, seed=1, sweep="down", drift=-3e-3)]
+    (found,) = troubles(audit(in_campaign(*runs)))
+    assert found.check == "sweep_direction"
+
+
+# -- what was not measured -------------------------------------------------------------------------
+
+
+def words(findings):
+    return " ".join(f.words for f in noted(findings, "coverage"))
+
+
+def test_what_was_not_measured_is_said():
+    full = measure(RIGID, std=None)
+    alone = replace(full, H=full.H[:, 2:3], channels=CHANNELS[2:3], force_amplitude_N=None, quantity="acceleration")
+    said = words(audit(in_campaign(replace(alone, H=np.abs(alone.H).astype(complex), magnitude_only=True))))
+    for part in (
+        "Only rigid",
+        "one node",
+        "Magnitudes only",
+        "not referred",
+        "not recorded",
+        "drive point",
+        "one force",
+    ):
+        assert part in said
+    fewer = replace(full, H=full.H[:, 1:4], channels=CHANNELS[1:4])
+    assert "Nodes 5 and 6 carried no sensor" in words(audit(in_campaign(fewer)))
+
+
+def test_lists_of_resonances_alone_are_an_audit_too():
+    peaks = PeakList("rigid", np.array([95.0, 320.0]), np.array([1.5, 3.0]))
+    findings = audit(in_campaign(peaks=(peaks,)))
+    assert "only lists of resonances" in words(findings)
+    assert not troubles(findings)
+    assert troubles(audit(in_campaign()), "coverage")
+
+
+# -- odd data --------------------------------------------------------------------------------------
+
+
+@given(
+    n=st.integers(1, 40),
+    channels=st.integers(1, 4),
+    seed=st.integers(0, 10**6),
+    magnitudes=st.booleans(),
+    std=st.sampled_from([None, "ones", "zero", "nan", "negative"]),
+    spoil=st.sampled_from(["nothing", "nan", "inf", "zero", "zero lines", "huge", "steps", "all nan"]),
+    rig=st.sampled_from([RIG, "no such rig.toml"]),
+    quantity=st.sampled_from(["accelerance", "receptance", "mobility", "acceleration"]),
+)
+def test_odd_data_are_never_an_error(n, channels, seed, magnitudes, std, spoil, rig, quantity):
+    rng = np.random.default_rng(seed)
+    H = circular(rng, (n, channels)) * 10 ** rng.uniform(-9, 9)
+    spoilt = rng.random(H.shape) < 0.2
+    change = {"nan": np.nan, "inf": np.inf, "zero": 0.0, "huge": 1e300}
+    if spoil in change:
+        H[spoilt] = change[spoil]
+    elif spoil == "zero lines":
+        H[spoilt[:, 0]] = 0
+    elif spoil == "steps":
+        H = np.round(H / np.abs(H).max(), 1).astype(complex)
+    elif spoil == "all nan":
+        H[:] = np.nan
+    H = np.abs(H).astype(complex) if magnitudes else H
+    errors = {"ones": 1.0, "zero": 0.0, "nan": np.nan, "negative": -1.0}
+    run = Run(
+        np.cumsum(rng.exponential(size=n)) + 1e-3,
+        H,
+        tuple(Channel(int(k) + 1, "z" if k % 2 else "y") for k in rng.permutation(9)[:channels]),
+        "rigid" if seed % 2 else "bearing",
+        std=None if std is None else np.full(H.shape, errors[std]),
+        quantity=quantity,
+        magnitude_only=magnitudes,
+        excitation_node=1 + seed % 9,
+        force_amplitude_N=None if seed % 5 == 0 else 1.0,
+        sweep=[None, "up", "down"][seed % 3],
+    )
+    other = replace(run, excitation_node=2, force_amplitude_N=3.0)
+    found = audit(Campaign("odd", rig, (run, other, run), nominal=NominalBelief(gain_tolerance=0, frequency_drift=0)))
+    assert found
+    noise = estimate_noise(run)
+    assert noise.std.shape == H.shape
+    assert not (noise.std < 0).any()
+
+
+def test_a_node_that_is_held_in_every_run_is_not_a_dead_channel():
+    """The cantilever of the examples: clamped at node 1, a bearing at node 3."""
+    rig = load_rig(OWN_ROTOR)
+    structure, f = assemble(rig), np.arange(20.0, 300.0, 0.25)
+    H = measured_response(structure, Condition(excitation_node=rig.excitation_node), (), f)
+    channels = tuple(Channel(node) for node in range(1, structure.n_nodes + 1))
+    run = Run(f, H, channels, "bearing", excitation_node=rig.excitation_node)
+    assert not troubles(audit(Campaign("own", OWN_ROTOR, (run,))), "channels")
+
+
+def test_a_node_that_must_move_against_the_force_is_not_inverted():
+    """On its rigid bearing, the overhung end pushed down lifts node 2 between clamp and bearing."""
+    rig = load_rig(OWN_ROTOR)
+    condition = Condition(rigid_support=True, excitation_node=rig.excitation_node, shaft_damping_ratio=0.005)
+    f = np.arange(20.0, 300.0, 0.2)
+    H = measured_response(assemble(rig), condition, (), f)
+    assert H[0, 1].real * H[0, 3].real < 0
+    channels = tuple(Channel(node) for node in range(1, 6))
+    run = Run(f, H * (1 + 0.002 * circular(np.random.default_rng(0), H.shape)), channels, "rigid", excitation_node=4)
+    assert not troubles(audit(Campaign("own", OWN_ROTOR, (run,))), "sign")
+    turned = replace(run, H=run.H * np.array([1, -1, 1, 1, 1]))
+    (found,) = troubles(audit(Campaign("own", OWN_ROTOR, (turned,))), "sign")
+    assert "node2" in found.words

@@ -57,6 +57,7 @@ class _Group:
     rest: ComplexArray  # (n_freq, n_channels + 1) what modes far above leave
     chain: ComplexArray  # (n_freq, n_channels)
     bent: ComplexArray  # (n_tolerances, n_channels + 1, n_states) change of the residues by the tolerances
+    aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1) change of what the other modes leave
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Modal:
             shares = 1 / (1j * self.omega[:, None] - poles)
             if self.dwell_s is not None:
                 shares = shares + self._unsettled(poles)
-            Y = shares @ residues.T + group.rest
+            Y = shares @ residues.T + group.rest + np.tensordot(tolerance, group.aside, axes=1)
             factor = group.chain * self._force(Y[:, -1])[:, None]
             H[:, group.columns] = Y[:, :-1] * factor
             if derivatives:
@@ -117,7 +118,7 @@ class Modal:
                         dY = (shares[:, mine] ** 2 * group.poles[mine]) @ residues[:-1, mine].T
                         D[m][:, group.columns] = dY * factor
                 for t in range(len(TOLERANCES)):
-                    direct = (shares @ group.bent[t, :-1].T) * factor
+                    direct = (shares @ group.bent[t, :-1].T + group.aside[t, :, :-1]) * factor
                     D[MODES + t][:, group.columns] = direct
         if derivatives:
             D[MODES:] += np.tensordot(self.sensitivity.T, D[:MODES], axes=1)
@@ -172,7 +173,7 @@ class Forward:
         self.structure, self.belief = structure, belief
         self._half_masses = _disk_places(structure)
         self._variants: list[Structure] = []
-        self._bends: dict[tuple, ComplexArray] = {}
+        self._bends: dict[tuple, tuple[ComplexArray, ComplexArray]] = {}
 
     def allow_for_tolerances(self, rig: Rig, runs: Sequence[Run], k_b: float) -> None:
         """Find how the workshop's tolerances bend the modes of these runs, at a bearing stiffness near the truth.
@@ -185,15 +186,23 @@ class Forward:
         for run in runs:
             self._bends[_key(run)] = self._bend(run, k_b)
 
-    def _bend(self, run: Run, k_b: float) -> ComplexArray:
-        """(n_tolerances, n_channels + 1, MODES) change of residues over the norm of each mode's residues."""
+    def _bend(self, run: Run, k_b: float) -> tuple[ComplexArray, ComplexArray]:
+        """Change by each tolerance of residues and of what the modes that do not drift leave.
+
+        Returns
+        -------
+        (n_tolerances, n_channels + 1, MODES) over the norm of each mode's residues, (n_tolerances, n_freq, n_channels + 1)
+        """
         structure = self.structure
         plain = self.modal(run, k_b).groups[0]
+        omega = 2 * np.pi * run.frequency_hz
+        aside = np.zeros((len(TOLERANCES), len(omega), len(run.channels) + 1), dtype=complex)
         bent = np.zeros((len(TOLERANCES), len(run.channels) + 1, MODES), dtype=complex)
         try:
             for t, variant in enumerate(self._variants):
                 self.structure = variant
                 other = self.modal(run, k_b).groups[0]
+                aside[t] = (_others(other, omega) - _others(plain, omega)) / _STEP
                 for m in range(MODES):
                     a, b = _upper(plain, m), _upper(other, m)
                     if a is not None and b is not None:
@@ -201,7 +210,7 @@ class Forward:
                         bent[t, :, m] = change / (_STEP * max(np.linalg.norm(plain.residues[:, a]), 1e-300))
         finally:
             self.structure = structure
-        return bent
+        return bent, aside
 
     def condition(self, run: Run, k_b: float) -> Condition:
         """The test condition of a run."""
@@ -250,20 +259,22 @@ class Forward:
         factors = [channel_factor(effects, omega, run.channels[c].node) for c in columns]
         top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
         mode = _numbers(poles, top)
-        bent = self._bent(run, columns, poles, residues[:, 0], mode)
-        made = _Group(columns, poles, residues[:, 0], mode, rest, np.array(factors).T, bent)
+        bent, aside = self._bent(run, columns, poles, residues[:, 0], mode)
+        made = _Group(columns, poles, residues[:, 0], mode, rest, np.array(factors).T, bent, aside)
         return made, self._sensitivity(system)
 
-    def _bent(self, run: Run, columns, poles: ComplexArray, residues: ComplexArray, mode) -> ComplexArray:
+    def _bent(self, run: Run, columns, poles: ComplexArray, residues: ComplexArray, mode):
+        """What ``_bend`` found for a run, in the order of a candidate's poles."""
         bent = np.zeros((len(TOLERANCES), *residues.shape), dtype=complex)
         known = self._bends.get(_key(run))
-        if known is not None:
-            rows = np.append(columns, len(run.channels))
-            for k in np.flatnonzero((mode >= 0) & (poles.imag > 0)):
-                bent[:, :, k] = known[:, rows, mode[k]] * np.linalg.norm(residues[:, k])
-                twin = int(np.argmin(np.abs(poles - poles[k].conj())))
-                bent[:, :, twin] = bent[:, :, k].conj()
-        return bent
+        if known is None:
+            return bent, np.zeros((len(TOLERANCES), len(run.frequency_hz), len(columns) + 1), dtype=complex)
+        rows = np.append(columns, len(run.channels))
+        for k in np.flatnonzero((mode >= 0) & (poles.imag > 0)):
+            bent[:, :, k] = known[0][:, rows, mode[k]] * np.linalg.norm(residues[:, k])
+            twin = int(np.argmin(np.abs(poles - poles[k].conj())))
+            bent[:, :, twin] = bent[:, :, k].conj()
+        return bent, known[1][:, :, rows]
 
     def _sensitivity(self, system: LinearSystem) -> FloatArray:
         """(MODES, n_tolerances) relative change of each undamped resonance by modulus, span and each disk's mass."""
@@ -282,7 +293,13 @@ class Forward:
 
 
 def _key(run: Run) -> tuple:
-    return run.support, run.excitation_node, run.excitation_plane, run.channels, float(run.frequency_hz[-1])
+    return run.support, run.excitation_node, run.excitation_plane, run.channels, run.frequency_hz.tobytes()
+
+
+def _others(group: _Group, omega: FloatArray) -> ComplexArray:
+    """(n_freq, n_channels + 1) what the modes that do not drift contribute."""
+    mine = group.mode < 0
+    return (1 / (1j * omega[:, None] - group.poles[mine])) @ group.residues[:, mine].T + group.rest
 
 
 def _upper(group: _Group, m: int) -> int | None:

@@ -265,7 +265,7 @@ class Problem:
         return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b)
 
     def _descend(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float, steps: int):
-        ends, mu = self._ends(hypothesis), 1e-3
+        ends = self._ends(hypothesis)
         prior = 1 / self.nuisances.std**2
         n_u = len(u)
         here = self._linearise(hypothesis, u, nu, added)
@@ -279,20 +279,18 @@ class Problem:
             g = gradient.copy()
             g[n_u:] -= prior * nu
             active = self._active(u, g[:n_u], ends)
-            better = False
-            while mu < 1e8:
+            # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
+            for mu in _DAMPING:
                 step = _damped_step(A, g, mu, active)
                 trial_u = np.clip(u + step[:n_u], ends[:, 0], ends[:, 1])
                 trial_nu = nu + step[n_u:]
                 value = self._cost(hypothesis, trial_u, trial_nu, added, prior)
                 if value < cost:
-                    better = True
                     break
-                mu = max(mu, 1e-4) * 8
-            if not better:
+            else:
                 break
             gained = cost - value
-            u, nu, mu = trial_u, trial_nu, mu / 6
+            u, nu = trial_u, trial_nu
             linear = self._linearise(hypothesis, u, nu, added)
             assert linear is not None
             chi2, gradient, hessian = linear
@@ -378,12 +376,18 @@ class Problem:
             return 0.0, []
 
 
+# Error of a rough start's logarithms that counts as one.
 _ROUGH = 0.3
+
+# Marquardt's damping, tried in turn.
+_DAMPING = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)
 
 
 def _thin(modal: Modal, every: int) -> Modal:
     """The same response on every n-th line."""
-    groups = tuple(replace(g, rest=g.rest[::every], chain=g.chain[::every]) for g in modal.groups)
+    groups = tuple(
+        replace(g, rest=g.rest[::every], chain=g.chain[::every], aside=g.aside[:, ::every]) for g in modal.groups
+    )
     return replace(modal, omega=modal.omega[::every], scale=modal.scale[::every], groups=groups)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.likelihood import Fit, Observed, Problem
+from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem
 from rotor.structure import ComplexArray
 
 # Median of chi-squared with one and with two degrees of freedom.
@@ -23,19 +23,19 @@ class Adequacy:
     worst_misfit: float  # largest misfit of a run
 
 
-def whitened(observed: Observed, model: ComplexArray) -> ComplexArray:
+def whitened(observed: Observed, model: ComplexArray, model_error: float = 0.0) -> ComplexArray:
     """(n_freq, n_channels) residuals of unit variance per real component; nan where nothing is there."""
     y = observed.run.H
     difference = np.abs(y) - np.abs(model) if observed.run.magnitude_only else y - model
     silent = np.abs(np.nan_to_num(y)) <= 1e-9 * np.nanmax(np.abs(y))
-    return np.where(observed.valid & ~silent, difference / (observed.std / np.sqrt(2)), np.nan)
+    return np.where(observed.valid & ~silent, difference / (np.hypot(observed.std, model_error * np.abs(np.nan_to_num(y))) / np.sqrt(2)), np.nan)
 
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:
     """Compare a fit's residuals with the noise under them."""
     bends, squares, products, n, misfits = [], 0.0, 0.0, 0, []
     for observed, model in zip(problem.observed, problem.predict(fit), strict=True):
-        z = whitened(observed, model)
+        z = whitened(observed, model, problem.model_error if problem.model_error > MODEL_ERROR else 0.0)
         real = observed.run.magnitude_only
         parts = 1 if real else 2
         if len(z) > 2:

@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from gap.nonlinear import NonlinearModal, solve_run
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import Effect, FastSweep
@@ -33,6 +34,9 @@ _ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
 
 # Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
 _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
+
+# Share of lines from which the joints' motion is a start for the next candidate.
+_MOSTLY = 0.5
 
 # Relative step of a tolerance.
 _STEP = 1e-3
@@ -172,6 +176,7 @@ class Forward:
     def __init__(self, structure: Structure, belief: NominalBelief):
         self.structure, self.belief = structure, belief
         self._half_masses = _disk_places(structure)
+        self._joints: dict[tuple, ComplexArray] = {}
         self._variants: list[Structure] = []
         self._bends: dict[tuple, tuple[ComplexArray, ComplexArray]] = {}
 
@@ -225,10 +230,12 @@ class Forward:
             **({} if damping is None else {"shaft_damping_ratio": damping}),
         )
 
-    def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> Modal:
-        """The run's response with these effects. Raises ValueError where an effect is nonlinear or impossible."""
+    def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> Modal | NonlinearModal:
+        """The run's response with these effects. Raises ValueError where an effect is impossible."""
         omega = 2 * np.pi * run.frequency_hz
         condition = self.condition(run, k_b)
+        if any(effect.family == "nonlinear" for effect in effects):
+            return self._nonlinear(run, k_b, condition, effects)
         nodes = sorted({channel.node for channel in run.channels})
         groups, sensitivity = [], np.zeros((MODES, len(TOLERANCES)))
         for group in channel_groups(effects, nodes):
@@ -239,6 +246,19 @@ class Forward:
         unit = amplitude if run.quantity == "acceleration" else 1.0
         scale = unit * (1j * omega) ** _ORDER[run.quantity]
         return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, scale)
+
+    def _nonlinear(self, run: Run, k_b: float, condition: Condition, effects: Sequence[Effect]) -> NonlinearModal:
+        model = build_model(self.structure, condition, effects)
+        if not model.forces:
+            return self.modal(run, k_b, [e for e in effects if e.family != "nonlinear"])  # type: ignore[return-value]
+        linear = self.modal(run, k_b, [e for e in effects if e.family != "nonlinear"])
+        kind = (id(run), tuple(e.id for e in effects))
+        H, slope, joints, found = solve_run(run, model, condition, self._joints.get(kind))
+        if found.mean() > _MOSTLY:
+            self._joints[kind] = np.where(found[:, None, None], joints, 0.0)
+        return NonlinearModal(
+            run, H, slope, linear.frequencies_hz, linear.damping_ratios, linear.sensitivity, tuple(effects), joints, found
+        )
 
     def _group(self, run: Run, omega, condition: Condition, effects: Sequence[Effect], columns) -> tuple[_Group, FloatArray]:
         model = build_model(self.structure, condition, effects)

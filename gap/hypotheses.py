@@ -116,14 +116,22 @@ _SECOND = ("pedestal_flexibility", "viscoelastic_support", "plane_anisotropy", "
 NOMINAL = Hypothesis()
 
 
-def candidates(runs: Sequence[Run], structure: Structure, exclude: Iterable[str] = ()) -> tuple[Hypothesis, ...]:
-    """Every linear effect of the library that could act in these runs, at every place where it could sit.
+def candidates(
+    runs: Sequence[Run], structure: Structure, exclude: Iterable[str] = (), *, nonlinear: bool = False
+) -> tuple[Hypothesis, ...]:
+    """Every effect of the library that could act in these runs, at every place where it could sit.
 
     All effects are equally probable before the data; an effect's places share its probability.
+
+    Parameters
+    ----------
+    runs, structure : what was measured, on which rotor
+    exclude : ids of effects that are withheld
+    nonlinear : the nonlinear effects, or else the linear ones
     """
     found: list[Hypothesis] = []
     for name, effect in EFFECTS.items():
-        if name in exclude or not _may_act(effect, runs):
+        if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs):
             continue
         terms = list(_terms(effect, runs, structure))
         found += [Hypothesis((term,), 1.0 / len(terms)) for term in terms]
@@ -132,7 +140,7 @@ def candidates(runs: Sequence[Run], structure: Structure, exclude: Iterable[str]
 
 
 def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
-    if effect.family in ("nonlinear", "spinning") or effect.id == "coarse_grid":
+    if effect.family == "spinning" or effect.id == "coarse_grid":
         return False
     supports = {run.support for run in runs}
     if effect.location == "bearings" and "bearing" not in supports:

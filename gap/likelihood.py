@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal
+from gap.nonlinear import NonlinearModal
 from gap.hypotheses import K_B_RANGE, Free, Hypothesis
 from rotor.effects import Effect
 from rotor.rig import Rig
@@ -31,8 +32,8 @@ _SILENT = 1e-5
 # Prior standard deviation of the logarithm of an arbitrary unit.
 _ANY_SCALE = 5.0
 
-# What the model itself leaves at sharp places, relative to the response.
-_MODEL_ERROR = 1e-3
+# What a linear model itself leaves at sharp places, relative to the response.
+MODEL_ERROR = 1e-3
 
 _MEMORY = 64
 
@@ -154,10 +155,11 @@ class Problem:
     ----------
     forward : model
     observed : the runs
+    model_error : what the model itself leaves at sharp places, relative to the response
     """
 
-    def __init__(self, forward: Forward, observed: Sequence[Observed]):
-        self.forward, self.observed = forward, tuple(observed)
+    def __init__(self, forward: Forward, observed: Sequence[Observed], model_error: float = MODEL_ERROR):
+        self.forward, self.observed, self.model_error = forward, tuple(observed), model_error
         self.runs = tuple(o.run for o in observed)
         self.nuisances = Nuisances(self.runs, forward.belief)
         self.with_k_b = any(run.support == "bearing" for run in self.runs)
@@ -191,6 +193,23 @@ class Problem:
             H = modal.response(drift if drifting else None, tolerance)
             made.append(H * self.nuisances.gains(fit.nu, r, modal))
         return made
+
+    def thinned(self, every: int, model_error: float) -> Problem:
+        """The same on every n-th line of every run, with another model error."""
+        some = [
+            Observed(
+                replace(
+                    o.run,
+                    frequency_hz=o.run.frequency_hz[::every],
+                    H=o.run.H[::every],
+                    std=None,
+                    harmonics={},
+                ),
+                o.std[::every],
+            )
+            for o in self.observed
+        ]
+        return Problem(self.forward, some, model_error)
 
     # -- rough: logarithms, without nuisances --------------------------------------------------
 
@@ -315,7 +334,7 @@ class Problem:
         total = float(nu**2 @ prior)
         for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
             H = modal.response(*self.nuisances.of_run(nu, r)) * self.nuisances.gains(nu, r, modal)
-            total += float(np.sum(np.abs(_residual(observed, H, added)) ** 2))
+            total += float(np.sum(np.abs(_residual(observed, H, np.hypot(added, self.model_error))) ** 2))
         return total if np.isfinite(total) else np.inf
 
     def _linearise(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float):
@@ -352,7 +371,7 @@ class Problem:
             for t, column in enumerate(D[MODES:]):
                 columns.append(column * gains)
                 places.append(n_u + self.nuisances.tolerance.start + t)
-            weight, residual = _weighted(observed, H, added)
+            weight, residual = _weighted(observed, H, np.hypot(added, self.model_error))
             J = _columns(observed, H, np.array(columns), weight)
             where = np.array(places)
             chi2 += float(residual @ residual)
@@ -385,6 +404,8 @@ _DAMPING = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)
 
 def _thin(modal: Modal, every: int) -> Modal:
     """The same response on every n-th line."""
+    if every == 1 or isinstance(modal, NonlinearModal):
+        return modal
     groups = tuple(
         replace(g, rest=g.rest[::every], chain=g.chain[::every], aside=g.aside[:, ::every]) for g in modal.groups
     )
@@ -395,7 +416,7 @@ def _residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray
     """(data - model) over the standard error of a real component; what is not there is zero."""
     y = observed.run.H
     size = np.abs(np.nan_to_num(y))
-    variance = observed.std**2 + (added**2 + _MODEL_ERROR**2) * size**2
+    variance = observed.std**2 + added**2 * size**2
     if observed.run.magnitude_only:
         difference, component = np.abs(y) - np.abs(H), variance / 2
     else:
@@ -406,7 +427,7 @@ def _residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray
 def _weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
     """Weights (n_freq, n_channels) and real residuals."""
     y = observed.run.H
-    variance = observed.std**2 + (added**2 + _MODEL_ERROR**2) * np.abs(np.nan_to_num(y)) ** 2
+    variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(y)) ** 2
     weight = np.where(observed.valid, 1 / np.sqrt(variance / 2), 0.0)
     residual = _residual(observed, H, added)
     if observed.run.magnitude_only:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.hypotheses import K_B_RANGE, NOMINAL, Hypothesis
+from gap.hypotheses import K_B_RANGE, NOMINAL, Hypothesis, Term
 from gap.likelihood import Fit, Problem
+from gap.nonlinear import MODEL_ERROR
 from rotor.structure import FloatArray
 
 Progress = Callable[[int, int, str], None]
@@ -26,8 +27,14 @@ _RIVALS = 2
 # A misfit by so much above the best one's cannot be made good by anything else.
 _HOPELESS = 400.0
 
+# Positions along the shaft from which a weak effect is started.
+_POSITIONS = 7
+
+# Below this mean square misfit of the nominal model every candidate is fitted from next to it, without rough starts.
+_NEAR = 3.0
+
 # Candidates of an inadequate search from which pairs are formed.
-_PAIR_LEADERS = 4
+_PAIR_LEADERS = 3
 
 
 @dataclass(frozen=True)
@@ -67,11 +74,15 @@ def search(
     base = nominal.u[:1]
     if problem.with_k_b:
         base = problem.rough(NOMINAL, base)[0]
+    near = nominal.chi2 < _NEAR * nominal.n_data
     total = 2 * len(hypotheses)
     rough: list[tuple[float, Hypothesis, list[FloatArray]]] = []
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, total, str(hypothesis))
+        if near:
+            rough.append((0.0, hypothesis, []))
+            continue
         found = [problem.rough(hypothesis, np.concatenate([base, start])) for start in hypothesis.starts()]
         found.sort(key=lambda pair: pair[1])
         rivals = [x for x, cost in found[:_RIVALS] if cost <= _RIVAL * found[0][1] + 1e-9]
@@ -99,6 +110,8 @@ def _from_nominal(nominal: Fit, hypothesis: Hypothesis) -> list[FloatArray]:
         return []
     term = hypothesis.terms[0]
     parameters = term.effect.parameters()
+    if any(free.name == "position" for free in term.free):
+        return [np.concatenate([nominal.u[:1], point]) for point in _along_the_shaft(term)]
     point = []
     for free in term.free:
         low, high = free.ends
@@ -114,6 +127,17 @@ def _from_nominal(nominal: Fit, hypothesis: Hypothesis) -> list[FloatArray]:
     return [np.concatenate([nominal.u[:1], point])]
 
 
+def _along_the_shaft(term: Term) -> list[FloatArray]:
+    """Weak starts at several positions."""
+    shares = (np.arange(_POSITIONS) + 0.5) / _POSITIONS
+    ends = [free.ends for free in term.free]
+    at = [free.name == "position" for free in term.free]
+    return [
+        np.array([low + (share if here else 0.05) * (high - low) for (low, high), here in zip(ends, at, strict=True)])
+        for share in shares
+    ]
+
+
 def fit_best(
     problem: Problem, hypothesis: Hypothesis, starts: Sequence[FloatArray], nominal: Fit, hopeless: float = np.inf
 ) -> Fit | None:
@@ -127,7 +151,8 @@ def fit_best(
             continue
         if best is None or fit.chi2 + fit.penalty < best.chi2 + best.penalty:
             best = fit
-        if number + 1 < len(starts) and best.chi2 + best.penalty < 1.3 * best.n_data:
+        settled = "position" not in {free.name for free in hypothesis.free}
+        if settled and number + 1 < len(starts) and best.chi2 + best.penalty < 1.3 * best.n_data:
             break
     return best
 
@@ -142,15 +167,18 @@ def pairs(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], pro
         if progress:
             progress(number, len(jobs), f"{leader.hypothesis} + {second}")
         pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
-        starts = [np.concatenate([leader.u, start]) for start in second.starts()]
-        tried = [problem.rough(pair, start, steps=5, every=4) for start in starts]
+        starts = [np.concatenate([leader.u, start[1:]]) for start in _from_nominal(leader, second)]
+        starts += [np.concatenate([leader.u, start]) for start in second.starts()[:: max(len(second.starts()) // 2, 1)]]
+        tried = [problem.rough(pair, start, steps=5, every=5) for start in starts]
         x, cost = min(tried, key=lambda each: each[1])
         rough.append((cost, pair, x))
     rough.sort(key=lambda entry: entry[0])
-    for _, pair, x in rough[: 3 * _AT_LEAST]:
-        best = fit_best(problem, pair, [x], found.nominal)
+    hopeless = np.inf
+    for _, pair, x in rough[: 2 * _AT_LEAST]:
+        best = fit_best(problem, pair, [x], found.nominal, hopeless)
         if best is not None:
             fits.append(best)
+            hopeless = min(hopeless, best.chi2 + best.penalty + _HOPELESS)
     fits.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
     return fits
 
@@ -167,3 +195,42 @@ def polished(problem: Problem, fit: Fit) -> Fit:
     """The same candidate, fitted on from where it is."""
     again = problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=30)
     return again if again.chi2 + again.penalty <= fit.chi2 + fit.penalty else replace(fit)
+
+
+# Lines of a nonlinear search: every so many, roughly and finely.
+_ROUGH_LINES, _FINE_LINES = 8, 4
+_NONLINEAR_FITS = 5
+
+
+def search_nonlinear(
+    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None = None
+) -> tuple[Problem, Search]:
+    """Fit the nonlinear candidates on a part of the lines.
+
+    Returns
+    -------
+    the problem on those lines, and the search on it
+    """
+    few, some = problem.thinned(_ROUGH_LINES, MODEL_ERROR), problem.thinned(_FINE_LINES, MODEL_ERROR)
+    rough = []
+    for number, hypothesis in enumerate(hypotheses):
+        if progress:
+            progress(number, len(hypotheses) + _NONLINEAR_FITS, str(hypothesis))
+        found = []
+        for start in hypothesis.starts():
+            u = np.concatenate([nominal.u[:1], start])
+            found.append(few.rough(hypothesis, u, steps=4, every=1))
+        found.sort(key=lambda pair: pair[1])
+        rough.append((found[0][1], hypothesis, found[0][0]))
+    rough.sort(key=lambda entry: entry[0])
+    base = some.fit(NOMINAL, nominal.u[:1], nominal.nu)
+    fits = []
+    for number, (_, hypothesis, u) in enumerate(rough[:_NONLINEAR_FITS]):
+        if progress:
+            progress(len(hypotheses) + number, len(hypotheses) + _NONLINEAR_FITS, str(hypothesis))
+        try:
+            fits.append(some.fit(hypothesis, u, anneal=(0.1, 0.0), steps=6))
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+    fits.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
+    return some, Search(base, tuple(fits))

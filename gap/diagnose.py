@@ -18,7 +18,7 @@ from gap.forward import TOLERANCES, Forward
 from gap.held_out import Confirm, measure_shrink
 from gap.hypotheses import NOMINAL, Hypothesis, candidates
 from gap.likelihood import Fit, Observed, Problem, observe
-from gap.search import Search, pairs, polished, recalibrate, search
+from gap.search import Search, pairs, polished, recalibrate, search, search_nonlinear
 from gap.where import locate
 from rotor.assembly import assemble
 from rotor.effects.library import EFFECTS
@@ -29,9 +29,10 @@ from sim.campaign import Campaign, Run
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
 ADEQUATE_CORRELATION = 5.0  # of neighbouring residuals, in standard errors, at most
+ADEQUATE_NONLINEAR = 2.5  # the same of a nonlinear candidate, whose model is truncated
 ADEQUATE_NUISANCE = 3.0  # mean square of the nuisances that are determined, in their priors' units, at most
 SURE = 0.9  # probability from which one cause is named
-NO_GAP_PRIOR = 0.5  # probability of no gap before the data
+NO_GAP_PRIOR = 0.95  # probability of no gap before the data
 PAIR_GAIN = 10.0  # logarithm of the evidence that a pair must add
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
 AT_MOST = 3  # effects in that set
@@ -99,19 +100,36 @@ def diagnose(
     problem.allow_for_tolerances(load_rig(campaign.rig), recalibrate(problem).k_b)
     nominal = recalibrate(problem)
     clock.lap("recalibration")
-    hypotheses = candidates(campaign.runs, structure, exclude)
-    found = search(problem, hypotheses, nominal, progress)
-    clock.lap("single effects")
-    quality = judge(problem, found.fits[0]) if found.fits else judge(problem, nominal)
-    fits = list(found.fits)
-    if not _adequate(problem, fits[0], quality):
-        fits = _with_pairs(problem, found, hypotheses, progress)
-        clock.lap("pairs")
-    fits[0] = polished(problem, fits[0])
+    laws = candidates(campaign.runs, structure, exclude, nonlinear=True)
+    if laws and _amplitude_dependent(findings):
+        problem, found = search_nonlinear(problem, laws, nominal, progress)
+        nominal, fits = found.nominal, list(found.fits)
+        clock.lap("nonlinear effects")
+    else:
+        fits = _linear(problem, candidates(campaign.runs, structure, exclude), nominal, progress, clock)
     quality = judge(problem, fits[0])
     ranked = _rank(problem, nominal, fits, quality)
     verdict, adequate = _verdict(problem, nominal, ranked, quality)
     return _report(campaign, problem, nominal, ranked, quality, verdict, adequate, findings, exclude, confirm, clock)
+
+
+def _linear(
+    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None, clock: _Clock
+) -> list[Fit]:
+    """Single effects, and pairs where no single one is adequate; best first."""
+    found = search(problem, hypotheses, nominal, progress)
+    clock.lap("single effects")
+    fits = list(found.fits)
+    if not _adequate(problem, fits[0], judge(problem, fits[0])):
+        fits = _with_pairs(problem, found, hypotheses, progress)
+        clock.lap("pairs")
+    fits[0] = polished(problem, fits[0])
+    return fits
+
+
+def _amplitude_dependent(findings: Sequence[Finding]) -> bool:
+    """Whether the audit saw runs at different levels differ by more than their noise."""
+    return any(finding.check == "level" and finding.severity != "ok" for finding in findings)
 
 
 class _Clock:
@@ -158,6 +176,8 @@ def nuisance_size(problem: Problem, fit: Fit) -> float:
 
 
 def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
+    if any(effect.family == "nonlinear" for effect in fit.effects):
+        return fit.chi2 < ADEQUATE_NONLINEAR * fit.n_data
     return (
         quality.misfit < ADEQUATE_MISFIT
         and quality.correlation < ADEQUATE_CORRELATION
@@ -167,6 +187,9 @@ def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
 
 def _unknown_score(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     """0 where the best candidate leaves nothing but noise, 1/2 at the threshold, 1 where it leaves a lot."""
+    if any(effect.family == "nonlinear" for effect in fit.effects):
+        left = fit.chi2 / fit.n_data / ADEQUATE_NONLINEAR
+        return float(left**2 / (1 + left**2))
     excess = max(
         (quality.misfit - 1) / (ADEQUATE_MISFIT - 1),
         quality.correlation / ADEQUATE_CORRELATION,

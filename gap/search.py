@@ -199,7 +199,7 @@ def polished(problem: Problem, fit: Fit) -> Fit:
 
 # Lines of a nonlinear search: every so many, roughly and finely.
 _ROUGH_LINES, _FINE_LINES = 8, 4
-_NONLINEAR_FITS = 5
+_NONLINEAR_FITS = 4
 
 
 def search_nonlinear(
@@ -217,7 +217,8 @@ def search_nonlinear(
         if progress:
             progress(number, len(hypotheses) + _NONLINEAR_FITS, str(hypothesis))
         found = []
-        for start in hypothesis.starts():
+        starts = hypothesis.starts()
+        for start in starts if hypothesis.ids != ("rub",) else starts[1:2]:
             u = np.concatenate([nominal.u[:1], start])
             found.append(few.rough(hypothesis, u, steps=4, every=1))
         found.sort(key=lambda pair: pair[1])

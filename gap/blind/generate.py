@@ -1,0 +1,129 @@
+"""Write blind campaigns and seal their labels.
+
+    python -m gap.blind.generate --set W1 --split tuning --count 40 --out DIR
+
+DIR/<campaign>/measured and held_out are for the diagnosis; DIR/<campaign>/truth, DIR/labels.json are for the scorer.
+DIR/index.json says which campaigns there are and which effects to exclude. Run again to go on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import multiprocessing
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gap.blind.case import measure
+from gap.blind.draw import SETS, draw_campaign, label_of
+from gap.blind.folder import HELD_OUT, MEASURED, TRUTH, write_campaign, write_json, write_truth
+from gap.blind.rig import read_rig
+
+SPLITS = ("tuning", "report")
+RIG = "nit-rourkela"
+HELD_OUT_NODE = 4
+LABEL = "label.json"
+ROUNDS = 3  # a worker that dies takes its pool along; the rest is made in a new one
+
+
+@dataclass(frozen=True)
+class Order:
+    """One campaign to be made."""
+
+    set: str
+    split: str
+    seed: int
+    index: int
+
+    @property
+    def name(self) -> str:
+        """Tells nothing."""
+        text = f"{self.set}/{self.split}/{self.seed}/{self.index}"
+        return "c" + hashlib.sha256(text.encode()).hexdigest()[:12]
+
+    def rng(self) -> np.random.Generator:
+        key = (self.seed, SETS.index(self.set), SPLITS.index(self.split), self.index)
+        return np.random.default_rng(np.random.SeedSequence(key))
+
+
+def make(order: Order, out: Path) -> dict[str, object]:
+    """Draw, measure and write one campaign; its label, which is written last."""
+    rig = read_rig(RIG)
+    rng = order.rng()
+    draw = draw_campaign(rig, order.set, order.index, rng)
+    case = draw.case
+    measured = measure(rig, case, 2, case.levels, rng)
+    held_out = measure(rig, case, HELD_OUT_NODE, case.levels[len(case.levels) // 2 :][:1], rng)
+    folder = out / order.name
+    write_campaign(folder / MEASURED, RIG, case, measured, rng)
+    write_campaign(folder / HELD_OUT, RIG, case, held_out, rng)
+    write_truth(folder / TRUTH, measured, held_out, case)
+    label = label_of(draw, order.name, order.split)
+    write_json(folder / TRUTH / LABEL, label)
+    return label
+
+
+def generate(orders: Sequence[Order], out: Path, workers: int) -> Iterator[tuple[Order, str]]:
+    """Make what is missing; yields each order as it is done, with an error's text or nothing."""
+    for _ in range(ROUNDS):
+        missing = [order for order in orders if not (out / order.name / TRUTH / LABEL).exists()]
+        lost = False
+        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+            futures = {pool.submit(make, order, out): order for order in missing}
+            for future in as_completed(futures):
+                error = future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    lost = True
+                else:
+                    yield futures[future], "" if error is None else f"{type(error).__name__}: {error}"
+        if not lost:
+            return
+
+
+def seal(out: Path) -> str:
+    """Gather the labels of all campaigns in the folder, and their SHA-256."""
+    labels = [json.loads(p.read_text(encoding="utf-8")) for p in sorted(out.glob(f"*/{TRUTH}/{LABEL}"))]
+    write_json(out / "labels.json", {"schema": "rigtwin.blind-labels/1", "campaigns": labels})
+    digest = hashlib.sha256((out / "labels.json").read_bytes()).hexdigest()
+    (out / "labels.sha256").write_text(f"{digest}  labels.json\n", encoding="utf-8")
+    index = [{"campaign": label["campaign"], "set": label["set"], "exclude": label["exclude"]} for label in labels]
+    write_json(out / "index.json", index)
+    return digest
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m gap.blind.generate", description="Write blind campaigns and seal their labels."
+    )
+    parser.add_argument("--set", choices=SETS, required=True)
+    parser.add_argument("--split", choices=SPLITS, default="tuning")
+    parser.add_argument("--count", type=int, required=True)
+    parser.add_argument("--first", type=int, default=0, help="index of the first campaign")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    indices = range(options.first, options.first + options.count)
+    orders = [Order(options.set, options.split, options.seed, index) for index in indices]
+    failed = 0
+    for done, (order, error) in enumerate(generate(orders, options.out, options.workers), start=1):
+        if error:
+            failed += 1
+            print(f"\ncampaign {order.index} of {order.set}: {error}", file=sys.stderr)
+        if sys.stderr.isatty():
+            print(f"\r{done} of {len(orders)} campaigns", end="", file=sys.stderr, flush=True)
+    digest = seal(options.out)
+    print(f"{options.out}: labels sealed, SHA-256 {digest}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,291 @@
+"""Nonlinear rigs under a stepped sine: harmonic balance at the joints, followed upwards from line to line.
+
+With X_k the harmonics of the joints' displacements, N_k those of their forces,
+    X_k = G_jF(k w) F delta_k1 + G_jj(k w) (P delta_k0 - N_k),      x(t) = Re sum_k X_k e^{i k w t},
+G from the eigenvectors of the linear machine. Newton's method starts from the line before; a step that leads far away
+is halved, and where no solution continues the branch the motion falls onto whatever other branch is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gap.blind.effects import Effect
+from gap.blind.laws import Law, law_of
+from gap.blind.lines import BAND_HZ, cluster, resonances
+from gap.blind.machine import Machine, Setting, Workshop, build_machine
+from gap.blind.response import N_DRIFTING, chain_factor
+from gap.blind.rig import ComplexArray, FloatArray, Rig
+
+HARMONICS = 11
+SAMPLES = 512
+FAR = 0.25  # relative change of the motion from one line to the next that counts as another branch
+SMALLEST_STEP = 2e-3  # Hz
+
+
+class NotFoundError(ArithmeticError):
+    """Harmonic balance found no motion at a line."""
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Nonlinear forces of a machine; nj joints."""
+
+    rows: FloatArray  # (nj, n)
+    laws: tuple[Law, ...]
+    preloads: FloatArray  # (nj,) static load [N]
+    gaps: FloatArray  # (nj,) way [m] that the preload takes the joint before it carries
+
+
+def joints_of(machine: Machine, rig: Rig, setting: Setting, effects: Sequence[Effect]) -> Joints:
+    """Where forces act: at every bearing, or at the node of a rub."""
+    rows, laws, preloads, gaps = [], [], [], []
+    for effect in effects:
+        if effect.id == "rub":
+            rows.append(machine.read[(effect.node or 1) - 1])
+            laws.append(law_of(effect, 0.0))
+            preloads.append(0.0)
+            gaps.append(0.0)
+        elif effect.is_nonlinear and not setting.rigid:
+            for bearing in machine.bearings:
+                rows.append(bearing.row)
+                laws.append(law_of(effect, bearing.stiffness))
+                pressed = effect.id == "bearing_clearance"
+                preloads.append(effect["preload"] if pressed else 0.0)
+                gaps.append(effect["gap"] if pressed and effect["preload"] > 0 else 0.0)
+    return Joints(np.array(rows).reshape(len(rows), len(machine.M)), tuple(laws), np.array(preloads), np.array(gaps))
+
+
+class Poles:
+    """Receptances of a machine as a sum over its eigenvectors."""
+
+    def __init__(self, machine: Machine, drift: FloatArray) -> None:
+        n = len(machine.M)
+        K = machine.K + machine.stiffness_of_drift(drift)
+        A = np.zeros((2 * n, 2 * n))
+        A[:n, n:] = np.eye(n)
+        A[n:] = -np.linalg.solve(machine.M, np.hstack([K, machine.C + machine.C_shaft]))
+        self.values, self.V = np.linalg.eig(A)
+        self.n = n
+        self.W = np.linalg.solve(self.V, np.vstack([np.zeros((n, n)), np.linalg.inv(machine.M)]).astype(complex))
+
+    def between(self, outputs: FloatArray, inputs: FloatArray, omega: FloatArray) -> ComplexArray:
+        """(n_freq, n_out, n_in) displacement per force; rows of outputs and inputs are patterns (., n)."""
+        left, right = outputs @ self.V[: self.n], self.W @ inputs.T
+        return (left / (1j * omega[:, None, None] - self.values)) @ right
+
+
+class Balance:
+    """Harmonic balance of one machine under a force of one level."""
+
+    def __init__(self, machine: Machine, joints: Joints, level: float, drift: FloatArray) -> None:
+        self.poles = Poles(machine, drift)
+        self.joints, self.level, self.drive = joints, level, machine.drive[None, :]
+        self.machine = machine
+        t = 2 * np.pi * np.arange(SAMPLES)[:, None] / SAMPLES
+        k = np.arange(1.0, HARMONICS + 1)
+        self.gamma = np.hstack([np.ones_like(t), _interleaved(np.cos(k * t), -np.sin(k * t))])  # (N, nc)
+        self.rate = np.hstack([np.zeros_like(t), _interleaved(-k * np.sin(k * t), -k * np.cos(k * t))])
+        weight = np.array([1.0, *(2.0,) * (2 * HARMONICS)])
+        self.gamma_plus = weight[:, None] * self.gamma.T / SAMPLES  # (nc, N)
+
+    def linear_part(self, omega: float, extra: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """(nj nc,) motion without the laws and (nj nc, nj nc) receptance, coefficients (X0, Re X1, Im X1, ...).
+
+        extra : linear stiffness [N/m] at every joint, for starts
+        """
+        nj, nc = len(self.joints.rows), 2 * HARMONICS + 1
+        k = np.arange(HARMONICS + 1)
+        G = self.poles.between(self.joints.rows, self.joints.rows, k * omega)  # (H + 1, nj, nj)
+        g = self.level * self.poles.between(self.joints.rows, self.drive, np.array([omega]))[0, :, 0]
+        A = np.zeros((nj, nc, nj, nc))
+        A[:, 0, :, 0] = G[0].real
+        re, im = 1 + 2 * (k[1:] - 1), 2 + 2 * (k[1:] - 1)
+        parts = np.moveaxis(G[1:], 0, 1)  # (nj, H, nj)
+        for h in range(HARMONICS):
+            A[:, re[h], :, re[h]] = A[:, im[h], :, im[h]] = parts[:, h].real
+            A[:, re[h], :, im[h]], A[:, im[h], :, re[h]] = -parts[:, h].imag, parts[:, h].imag
+        static = G[0].real @ self.joints.preloads
+        u = np.zeros((nj, nc))
+        u[:, 0], u[:, 1], u[:, 2] = static, g.real, g.imag
+        A2, u1 = A.reshape(nj * nc, nj * nc), u.ravel()
+        if extra:
+            return np.linalg.solve(np.eye(nj * nc) + extra * A2, u1), A2
+        return u1, A2
+
+    def forces(self, u: FloatArray, omega: float) -> tuple[FloatArray, FloatArray]:
+        """(nj nc,) harmonics of the joints' forces and (nj nc, nj nc) their slopes."""
+        nc = 2 * HARMONICS + 1
+        n, dn = np.zeros_like(u), np.zeros((len(u), len(u)))
+        for j, law in enumerate(self.joints.laws):
+            where = slice(j * nc, (j + 1) * nc)
+            force, slope = law(u[where], self.gamma, self.rate, omega)
+            n[where], dn[where, where] = self.gamma_plus @ force, self.gamma_plus @ slope
+        return n, dn
+
+    def solve(self, omega: float, start: FloatArray, iterations: int = 25) -> FloatArray | None:
+        """Newton's method from a start; nothing where it does not arrive."""
+        u0, A = self.linear_part(omega)
+        u = start
+        n, dn = self.forces(u, omega)
+        residual = u - u0 + A @ n
+        for _ in range(iterations):
+            size = np.abs(u).max()
+            if np.abs(residual).max() < 1e-8 * size:
+                return u
+            step = -np.linalg.solve(np.eye(len(u)) + A @ dn, residual)
+            for length in (1.0, 0.5, 0.25, 0.1, 0.03):
+                trial = u + length * step
+                n, dn_trial = self.forces(trial, omega)
+                r = trial - u0 + A @ n
+                if np.linalg.norm(r) < (1 - 0.3 * length) * np.linalg.norm(residual):
+                    break
+            else:
+                if np.linalg.norm(r) > 10 * np.linalg.norm(residual):
+                    return None
+            u, residual, dn = trial, r, dn_trial
+        return u if np.abs(residual).max() < 1e-5 * np.abs(u).max() else None
+
+    def follow(self, omega: float, before: FloatArray, omega_before: float) -> FloatArray | None:
+        """The motion at a line that continues the one at another; nothing where the branch ends between them."""
+        here, u, step = omega_before, before, omega - omega_before
+        while here != omega:
+            there = omega if abs(step) >= abs(omega - here) else here + step
+            new = self.solve(there, u)
+            if new is not None and np.linalg.norm(new - u) < FAR * np.linalg.norm(new):
+                here, u, step = there, new, 2 * step
+            elif abs(step) > 2 * np.pi * SMALLEST_STEP:
+                step /= 4
+            else:
+                return None
+        return u
+
+    def land(self, omega: float) -> FloatArray | None:
+        """The motion where another branch has ended: the one that comes from above, where there is one motion only."""
+        for above in (0.0, 0.01, 0.03, 0.06, 0.12, 0.25):
+            start = omega * (1 + above)
+            for extra in self.starts:
+                linear = self.linear_part(start, extra)[0]
+                linear[:: 2 * HARMONICS + 1] += self.joints.gaps
+                u = self.solve(start, linear, 40)
+                if u is not None:
+                    u = self.follow(omega, u, start)
+                    if u is not None:
+                        return u
+        return None
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Linear stiffnesses [N/m] at the joints from whose motions Newton's method starts."""
+        stiffness = max((b.stiffness for b in self.machine.bearings), default=1e6)
+        return (0.0, -0.5 * stiffness, 0.5 * stiffness)
+
+    def sweep(self, omega: FloatArray) -> FloatArray:
+        """(n_freq, nj nc) motions of an upward sweep."""
+        motions = []
+        u = self.land(float(omega[0]))
+        for k, w in enumerate(omega):
+            if k and u is not None:
+                u = self.follow(float(w), u, float(omega[k - 1]))
+            if u is None:
+                u = self.land(float(w))
+            if u is None:
+                raise NotFoundError(f"no periodic motion found at {w / 2 / np.pi:.3f} Hz and {self.level:g} N")
+            motions.append(u)
+        return np.array(motions)
+
+    def accelerance(self, omega: FloatArray, motions: FloatArray) -> ComplexArray:
+        """(n_freq, n_nodes) fundamental of the acceleration over the force."""
+        nc = 2 * HARMONICS + 1
+        N = np.array([self.forces(u, w)[0].reshape(-1, nc) for u, w in zip(motions, omega, strict=True)])
+        fundamental = N[:, :, 1] + 1j * N[:, :, 2]  # (n_freq, nj)
+        read = self.machine.read
+        q = self.level * self.poles.between(read, self.drive, omega)[:, :, 0]
+        q = q - np.einsum("foj,fj->fo", self.poles.between(read, self.joints.rows, omega), fundamental)
+        return -(omega[:, None] ** 2) * q / self.level
+
+
+def swept_up(
+    rig: Rig,
+    setting: Setting,
+    effects: Sequence[Effect],
+    frequency_hz: FloatArray,
+    level: float,
+    workshop: Workshop | None = None,
+    drift: FloatArray | None = None,
+) -> ComplexArray:
+    """(n_freq, n_nodes) accelerance (fundamental over force) of an upward stepped sine at one force level [N]."""
+    machine = build_machine(rig, setting, effects, workshop)
+    drift = np.zeros(N_DRIFTING) if drift is None else drift
+    omega = 2 * np.pi * frequency_hz
+    joints = joints_of(machine, rig, setting, effects)
+    balance = Balance(machine, joints, level, drift)
+    if len(joints.laws):
+        H = balance.accelerance(omega, balance.sweep(omega))
+    else:
+        H = -(omega[:, None] ** 2) * balance.poles.between(machine.read, balance.drive, omega)[:, :, 0]
+    return H * chain_factor(effects, frequency_hz, len(rig.nodes))
+
+
+def bent_peaks(
+    rig: Rig,
+    setting: Setting,
+    effects: Sequence[Effect],
+    level: float,
+    workshop: Workshop | None,
+    peaks: Sequence[tuple[float, float]],
+) -> list[tuple[float, float]]:
+    """Peaks (frequency, half-power width of the linear rig) [Hz] that a first, coarser sweep at this level shows."""
+    low, high = BAND_HZ
+    rough = np.concatenate([np.linspace(low, high, 96), *(cluster(f, 2 * width)[::2] for f, width in peaks)])
+    rough = np.unique(rough[(rough >= low) & (rough <= high)])
+    size = np.abs(swept_up(rig, setting, effects, rough, level, workshop)).sum(axis=1)
+    tops = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] > size[2:])) + 1
+    tops = sorted(tops, key=lambda i: -size[i])[: len(peaks) + 1]
+    widths = {f: width for f, width in peaks}
+    shown = [(float(rough[i]), widths[min(widths, key=lambda f: abs(f - rough[i]))]) for i in tops]
+    return shown or list(peaks)
+
+
+def largest_travel(rig: Rig, setting: Setting, effect: Effect, level: float) -> tuple[float, float]:
+    """Largest displacement [m] at the effect's joints without its law, and at which frequency [rad/s]."""
+    machine = build_machine(rig, setting, (effect,))
+    rows = np.array([machine.read[(effect.node or 1) - 1]] if effect.id == "rub" else [b.row for b in machine.bearings])
+    top = 2 * np.pi * np.array([f for f, _ in resonances(machine)])
+    travel = np.abs(Poles(machine, np.zeros(N_DRIFTING)).between(rows, machine.drive[None, :], top)).max(axis=(1, 2))
+    return level * float(travel.max()), float(top[np.argmax(travel)])
+
+
+def telling_levels(
+    rig: Rig, setting: Setting, effect: Effect, rng: np.random.Generator, share: float = 1.0
+) -> tuple[float, float, float]:
+    """Three levels [N] round the one at which the linear resonance would reach the amplitude where the law is felt.
+
+    share : of that level, for effects that are to be felt little
+    """
+    machine = build_machine(rig, setting, (effect,))
+    reach = largest_travel(rig, setting, effect, 1.0)[0]
+    k = machine.bearings[0].stiffness
+    match effect.id:
+        case "bearing_cubic":
+            amplitude = np.sqrt(4 * k * rng.uniform(0.01, 0.1) / (3 * effect["stiffness"]))
+        case "bearing_hertz":
+            amplitude = rng.uniform(0.4, 1.2) * effect["preload"]
+        case "bearing_clearance":
+            amplitude = rng.uniform(1.2, 3.0) * effect["preload"] / k
+        case "bearing_friction":
+            amplitude = rng.uniform(2.0, 6.0) * effect["force"] * (1 / effect["stiffness"] + 1 / k)
+        case "rub":
+            amplitude = rng.uniform(1.3, 3.0) * effect["gap"]
+        case _:
+            amplitude = reach
+    middle = float(np.clip(share * amplitude / reach, 1e-3, 100.0))
+    return tuple(float(f"{middle * factor:.2g}") for factor in (0.3, 1.0, 3.0))  # type: ignore[return-value]
+
+
+def _interleaved(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Columns a0, b0, a1, b1, ..."""
+    return np.stack([a, b], axis=2).reshape(len(a), -1)

@@ -1,0 +1,111 @@
+"""Campaigns on disk: the same seed gives the same files, labels are sealed, sizes mean what they say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gap.blind.case import measure, plan_lines, standard_error
+from gap.blind.detection import THRESHOLD, Distance
+from gap.blind.draw import draw_campaign, empty_case
+from gap.blind.effects import Effect
+from gap.blind.folder import read_csv, write_campaign
+from gap.blind.generate import Order, make, seal
+from gap.blind.machine import Workshop
+from gap.blind.response import reported
+from gap.blind.rig import read_rig
+from gap.blind.score import read_labels
+from gap.blind.sizes import size_ratio
+from sim.campaign_folder import load_campaign
+
+RIG = read_rig("nit-rourkela")
+
+
+def test_the_same_order_makes_the_same_campaign(tmp_path):
+    order = Order("W3", "tuning", 7, 0)
+    for place in ("a", "b"):
+        make(order, tmp_path / place)
+    for file in sorted((tmp_path / "a" / order.name).glob("*/*.[ct]*")):
+        other = tmp_path / "b" / file.relative_to(tmp_path / "a")
+        assert file.read_bytes() == other.read_bytes(), file.name
+    assert make(replace(order, split="report"), tmp_path / "c") != make(order, tmp_path / "d")
+
+
+def test_the_campaign_is_one_that_the_project_reads(tmp_path):
+    order = Order("W3", "tuning", 7, 1)
+    label = make(order, tmp_path)
+    for part in ("measured", "held_out"):
+        campaign = load_campaign(tmp_path / order.name / part)
+        assert len(campaign.runs) >= 2
+    file = next((tmp_path / order.name / "measured").glob("*.csv"))
+    frequency, values = read_csv(file)
+    assert len(frequency) == 280
+    assert sorted(values) == ([2] if label["sensors"] == "one" else [1, 2, 3, 4, 5, 6, 7])
+
+
+def test_a_changed_label_breaks_the_seal(tmp_path):
+    make(Order("W3", "tuning", 7, 0), tmp_path)
+    seal(tmp_path)
+    assert len(read_labels(tmp_path)) == 1
+    labels = tmp_path / "labels.json"
+    content = json.loads(labels.read_text(encoding="utf-8"))
+    content["campaigns"][0]["k_b"] *= 1.1
+    labels.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ValueError, match="does not match"):
+        read_labels(tmp_path)
+
+
+def test_measured_files_say_nothing_of_the_label(tmp_path):
+    order = Order("W1", "tuning", 1, 0)
+    make(order, tmp_path)
+    text = (tmp_path / order.name / "measured" / "campaign.toml").read_text(encoding="utf-8")
+    assert "attached_mass" not in text
+    assert "W1" not in text
+
+
+def test_noise_is_as_large_as_its_standard_error(tmp_path):
+    rng = np.random.default_rng(0)
+    case = replace(empty_case(RIG, "W3", rng), noise=0.008, with_std=True, quantity="accelerance")
+    runs = measure(RIG, case, 2, (1.0,), rng)
+    write_campaign(tmp_path / "measured", RIG.name, case, runs, rng)
+    for run in runs:
+        _, values = read_csv(tmp_path / "measured" / f"{run.name}.csv")
+        error = np.column_stack([*values.values()]) - run.actual
+        assert_allclose(np.mean(np.abs(error / standard_error(run.actual, 0.008)) ** 2), 1.0, rtol=0.1)
+
+
+def test_what_the_nuisances_explain_is_no_distance():
+    rng = np.random.default_rng(3)
+    case = replace(empty_case(RIG, "W3", rng), noise=0.01)
+    settings = [case.setting(rigid, 2) for rigid in (True, False)]
+    lines = [plan_lines(RIG, case, s, 1.0, rng) for s in settings]
+    distance = Distance(RIG, case, settings, lines)
+    other = replace(case.workshop, modulus=case.workshop.modulus + 3e-4)
+    responses = [
+        1.01 * reported(RIG, replace(s, k_b=1.3 * s.k_b), (), f, other) for s, f in zip(settings, lines, strict=True)
+    ]
+    # half a standard deviation of gain in both runs and of modulus
+    assert distance.of(responses) < 1.5
+    assert distance.of([1.3 * H for H in responses]) > THRESHOLD
+
+
+def test_size_is_in_proportion_to_severity():
+    rng = np.random.default_rng(5)
+    case = replace(empty_case(RIG, "W1", rng), noise=0.01, workshop=Workshop())
+    ratios = [
+        size_ratio(RIG, case, Effect("attached_mass", {"mass": mass}, 4), np.random.default_rng(1))
+        for mass in (0.05, 0.2)
+    ]
+    assert_allclose(ratios[1] / ratios[0], 4.0, rtol=0.05)
+    assert ratios[0] > 10
+
+
+def test_small_means_small():
+    draws = [draw_campaign(RIG, "W1", index, np.random.default_rng(index)) for index in (1, 9)]
+    for draw in draws:
+        assert draw.ratio is not None
+        assert draw.ratio >= 3

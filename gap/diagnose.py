@@ -39,7 +39,11 @@ AT_MOST = 3  # effects in that set
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
-_ELEMENTS = 2
+# A crack or a hub inside an element needs more of them.
+_ELEMENTS, _FINE_ELEMENTS = 2, 8
+
+# Leading candidates that are fitted once more in the end, on that mesh.
+_POLISHED = 4
 
 Progress = Callable[[int, int, str], None]
 
@@ -61,10 +65,15 @@ class _Ranked:
     no_gap: float
 
 
-def structure_of(rig: str) -> Structure:
-    """The campaign's rig, meshed finely enough for a diagnosis."""
+def structure_of(rig: str, elements: int = _ELEMENTS) -> Structure:
+    """The campaign's rig, with so many elements between two nodes or the rig's own number, if that is larger."""
     loaded = load_rig(rig)
-    return assemble(loaded, elements_between_nodes=max(_ELEMENTS, loaded.elements_between_nodes))
+    return assemble(loaded, elements_between_nodes=max(elements, loaded.elements_between_nodes))
+
+
+def forward_of(campaign: Campaign) -> Forward:
+    """The model of a campaign's rig, meshed finely enough for a diagnosis."""
+    return Forward(structure_of(campaign.rig), campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
 
 
 def diagnose(
@@ -95,8 +104,9 @@ def diagnose(
         from gap.peaks import diagnose_peaks
 
         return Outcome(diagnose_peaks(campaign, exclude, findings), ())
-    structure = structure_of(campaign.rig)
-    problem = Problem(Forward(structure, campaign.nominal), [_observed(run) for run in campaign.runs])
+    forward = forward_of(campaign)
+    structure = forward.structure
+    problem = Problem(forward, [_observed(run) for run in campaign.runs])
     problem.allow_for_tolerances(load_rig(campaign.rig), recalibrate(problem).k_b)
     nominal = recalibrate(problem)
     clock.lap("recalibration")
@@ -123,7 +133,9 @@ def _linear(
     if not _adequate(problem, fits[0], judge(problem, fits[0])):
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
-    fits[0] = polished(problem, fits[0])
+    problem.refine()
+    fits[:_POLISHED] = [polished(problem, fit) for fit in fits[:_POLISHED]]
+    fits.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
     return fits
 
 
@@ -412,4 +424,4 @@ def _calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
     }
 
 
-__all__ = ["NOMINAL", "Outcome", "diagnose", "structure_of"]
+__all__ = ["NOMINAL", "Outcome", "diagnose", "forward_of", "structure_of"]

@@ -20,7 +20,7 @@ import numpy as np
 from gap.nonlinear import NonlinearModal, solve_run
 from rotor.assembly import assemble
 from rotor.condition import Condition
-from rotor.effects import Effect, FastSweep
+from rotor.effects import Effect, FastSweep, HubStiffening, OpenCrack
 from rotor.measured import channel_factor, channel_groups, force_factor
 from rotor.model import build_model
 from rotor.rig import Rig
@@ -171,11 +171,12 @@ class Forward:
     ----------
     structure : the free-free rotor, meshed finely enough: its own error must not look like an effect
     belief : damping that the nominal model believes in
+    fine : a finer mesh for effects inside an element, a crack or a hub; default the same
     """
 
-    def __init__(self, structure: Structure, belief: NominalBelief):
-        self.structure, self.belief = structure, belief
-        self._half_masses = _disk_places(structure)
+    def __init__(self, structure: Structure, belief: NominalBelief, fine: Structure | None = None):
+        self.structure, self.belief, self._fine = structure, belief, fine or structure
+        self.refined = False  # whether the finer mesh is used
         self._joints: dict[tuple, ComplexArray] = {}
         self._variants: list[Structure] = []
         self._bends: dict[tuple, tuple[ComplexArray, ComplexArray]] = {}
@@ -261,7 +262,8 @@ class Forward:
         )
 
     def _group(self, run: Run, omega, condition: Condition, effects: Sequence[Effect], columns) -> tuple[_Group, FloatArray]:
-        model = build_model(self.structure, condition, effects)
+        local = self.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
+        model = build_model(self._fine if local else self.structure, condition, effects)
         if model.forces:
             raise ValueError("a nonlinear rotor has no modal form")
         system = model.system
@@ -303,7 +305,7 @@ class Forward:
         Phi, squares = modes.Phi[:, :count], np.maximum(modes.omega[:count] ** 2, 1e-12)
         strain = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / squares
         at = np.zeros((MODES, len(TOLERANCES)))
-        masses = [np.sum(mass * Phi[np.isin(system.free, places)] ** 2, axis=0) for places, mass in self._half_masses]
+        masses = [np.sum(mass * Phi[np.isin(system.free, places)] ** 2, axis=0) for places, mass in _disk_places(system.structure)]
         shaft = np.clip(1 - sum(masses, np.zeros(count)), 0.0, 1.0)
         at[:count, 0] = strain / 2
         at[:count, 1] = -1.5 * strain - 0.5 * shaft

@@ -170,6 +170,11 @@ class Problem:
         self.forward.allow_for_tolerances(rig, self.runs, k_b)
         self._memory.clear()
 
+    def refine(self) -> None:
+        """Use the finer mesh from now on, for effects that need one."""
+        self.forward.refined = True
+        self._memory.clear()
+
     def modals(self, k_b: float, effects: Sequence[Effect]) -> list[Modal]:
         """One for every run; what a run does not depend on is left out, so that it is solved once."""
         return [self._modal(r, k_b, effects) for r in range(len(self.runs))]

@@ -20,7 +20,7 @@ from sim.campaign import Campaign, PeakList, Run
 _NO_GAP = 0.5
 
 # Points along each free number of an effect, and of ln k_b, at which the evidence is summed.
-_GRID, _GRID_K_B = 15, 400
+_GRID, _GRID_K_B = (11, 8, 5), 400
 
 # A resonance of the model that is matched with none of the measured ones costs nothing: a curve need not show it.
 # A measured one that the model lacks costs this many standard errors.
@@ -46,7 +46,7 @@ def diagnose_peaks(campaign: Campaign, exclude: Sequence[str], findings: tuple[F
     """
     from gap.diagnose import structure_of
 
-    structure = structure_of(campaign.rig)
+    structure = structure_of(campaign.rig, 1)  # a list of peaks is far coarser than any mesh
     forward = Forward(structure, campaign.nominal)
     runs = [_stand_in(peaks) for peaks in campaign.peaks]
     hypotheses = [
@@ -145,7 +145,7 @@ def _matched(peaks: PeakList, f: FloatArray) -> float:
 def _score(forward: Forward, lists: Sequence[PeakList], hypothesis: Hypothesis) -> _Scored:
     """Evidence by a grid over the effect's numbers and, inside, the best and the width in ln k_b."""
     free = hypothesis.free
-    grids = [np.linspace(*f.ends, _GRID if len(free) <= 2 else 7) for f in free]
+    grids = [np.linspace(*f.ends, _GRID[len(free) - 1]) for f in free]
     points = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, len(free)) if free else np.zeros((1, 0))
     ends = np.log(K_B_RANGE)
     best = (np.inf, 1e7, points[0])

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from gap.diagnose import structure_of
+from gap.diagnose import forward_of
 from gap.diagnosis import SCHEMA
-from gap.forward import TOLERANCES, Forward
+from gap.forward import TOLERANCES
 from rotor.effects import Effect
 from rotor.effects.library import EFFECTS
 from rotor.rig import load_rig
@@ -49,7 +49,8 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
         calibration = document.get("calibration") or {}
     except (KeyError, TypeError, ValueError) as error:
         raise MeasurementError(f"diagnosis: {error!r} is missing or damaged; diagnose again") from error
-    forward = Forward(structure_of(campaign.rig), campaign.nominal)
+    forward = forward_of(campaign)
+    forward.refined = True
     tolerance = np.array([calibration.get("tolerance", {}).get(name, 0.0) for name in TOLERANCES])
     forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, k_b)
     made = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -194,7 +194,7 @@ def _leaders(fits: Sequence[Fit]) -> list[Fit]:
 def polished(problem: Problem, fit: Fit) -> Fit:
     """The same candidate, fitted on from where it is."""
     again = problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=30)
-    return again if again.chi2 + again.penalty <= fit.chi2 + fit.penalty else replace(fit)
+    return again
 
 
 # Lines of a nonlinear search: every so many, roughly and finely.

@@ -1,0 +1,110 @@
+"""Small synthetic campaigns, made by the rotor and not by the model that is tested."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gap.diagnose import structure_of
+from gap.forward import Forward
+from gap.hypotheses import Hypothesis, candidates
+from gap.likelihood import Problem, observe
+from rotor.condition import Condition
+from rotor.effects import EFFECTS, Effect
+from rotor.measured import at_constant_current, measured_response
+from rotor.modal import damped_modes
+from rotor.model import build_system
+from sim.campaign import Campaign, Channel, ComplexArray, FloatArray, NominalBelief, Run
+
+RIG = "nit-rourkela"
+STRUCTURE = structure_of(RIG)
+BELIEF = NominalBelief(shaft_damping_ratio=0.003, bearing_damping_Ns_per_m=20.0)
+K_B = 2e6
+NOISE = 0.01
+CHANNELS = tuple(Channel(node) for node in range(1, 8))
+LINEAR = [key for key, effect in EFFECTS.items() if effect.family in ("structure", "support", "chain")]
+
+
+def condition(support: str, drive: int = 2, k_b: float = K_B) -> Condition:
+    """What the rotor is measured under."""
+    return Condition(
+        k_b=k_b,
+        rigid_support=support == "rigid",
+        bearing_damping=BELIEF.bearing_damping_Ns_per_m,
+        shaft_damping_ratio=BELIEF.shaft_damping_ratio or 0.0,
+        excitation_node=drive,
+    )
+
+
+def lines(support: str, effects: Sequence[Effect] = ()) -> FloatArray:
+    """Some 80 lines from 20 to 400 Hz, most of them round the resonances of the rotor with and without effects."""
+    places = np.array([-16, -8, -4, -2, -1.4, -1, -0.6, -0.3, 0, 0.3, 0.6, 1, 1.4, 2, 4, 8, 16])
+    found = [np.linspace(20, 400, 39)]
+    for acting in ((), tuple(effects)):
+        modes = damped_modes(build_system(STRUCTURE, condition(support), acting))
+        for f, zeta in zip(modes.frequency_hz, modes.damping_ratio, strict=True):
+            found.append(f * (1 + zeta * places))
+    every = np.unique(np.round(np.concatenate(found), 6))
+    return every[(every >= 20) & (every <= 400)]
+
+
+def blank(support: str, frequency_hz: FloatArray, **settings) -> Run:
+    """A run of which only the lines and the setting matter."""
+    channels = settings.pop("channels", CHANNELS)
+    return Run(frequency_hz, np.zeros((len(frequency_hz), len(channels)), dtype=complex), channels, support, **settings)
+
+
+def truth(run: Run, effects: Sequence[Effect] = (), drift: float = 0.0, k_b: float = K_B) -> ComplexArray:
+    """What the rotor's own solver says of a run; all of its resonances may lie a little higher."""
+    return measured_response(
+        STRUCTURE,
+        condition(run.support, run.excitation_node, k_b),
+        effects,
+        run.frequency_hz / (1 + drift),
+        [channel.node for channel in run.channels],
+        quantity=run.quantity,
+        force_amplitude=run.force_amplitude_N or 1.0,
+    )
+
+
+def measure(
+    support: str, effects: Sequence[Effect] = (), *, seed: int = 0, noise: float = NOISE, gain=1.0, drift=0.0, **settings
+) -> Run:
+    """A run with noise in proportion to each value, and with the standard errors that belong to it."""
+    rng = np.random.default_rng(seed)
+    run = blank(support, settings.pop("frequency_hz", lines(support, effects)), name=f"{support}-{seed}", **settings)
+    H = gain * truth(run, effects, drift)
+    error = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
+    std = noise * np.abs(H)
+    return Run(**(vars(run) | {"H": H + std * error, "std": std}))
+
+
+def both_supports(*effects: Effect, seed: int = 0, **settings) -> tuple[Run, Run]:
+    """The rotor on rigid supports and on its bearings."""
+    return measure("rigid", effects, seed=seed, **settings), measure("bearing", effects, seed=seed + 1, **settings)
+
+
+def campaign_of(*runs: Run) -> Campaign:
+    return Campaign("synthetic", RIG, runs, nominal=BELIEF)
+
+
+def problem_of(*runs: Run) -> Problem:
+    """The fitting problem of runs whose errors are known."""
+    return Problem(Forward(STRUCTURE, BELIEF), [observe(run, run.std) for run in runs])  # type: ignore[arg-type]
+
+
+def candidate(runs: Sequence[Run], name: str, node: int | None = None) -> Hypothesis:
+    """One effect of the library at one place."""
+    nodes = {None if h.terms[0].fixed == () else h.terms[0].fixed[0][1]: h for h in of(runs, name)}
+    return nodes[node]
+
+
+def of(runs: Sequence[Run], *names: str) -> tuple[Hypothesis, ...]:
+    """Candidates of some effects alone."""
+    return candidates(runs, STRUCTURE, all_but(*names))
+
+
+def all_but(*names: str) -> tuple[str, ...]:
+    """What to exclude so that only these effects are left."""
+    return tuple(key for key in EFFECTS if key not in names)

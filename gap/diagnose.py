@@ -30,10 +30,10 @@ from sim.campaign import Campaign, Run
 ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
 ADEQUATE_CORRELATION = 5.0  # of neighbouring residuals, in standard errors, at most
 ADEQUATE_NONLINEAR = 2.5  # the same of a nonlinear candidate, whose model is truncated
-ADEQUATE_NUISANCE = 3.0  # mean square of the nuisances that are determined, in their priors' units, at most
+ADEQUATE_NUISANCE = 4.0  # mean square of the nuisances that are determined, in their priors' units, at most
 SURE = 0.9  # probability from which one cause is named
 NO_GAP_PRIOR = 0.95  # probability of no gap before the data
-PAIR_GAIN = 10.0  # logarithm of the evidence that a pair must add
+PAIR_GAIN = 25.0  # logarithm of the evidence that a pair must add
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
 AT_MOST = 3  # effects in that set
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed

@@ -1,4 +1,4 @@
-"""Is a fit as good as the noise allows? Judged by the data's own scatter from line to line, not by the believed errors."""
+"""Is a fit as good as the noise allows? Judged by the data's own scatter from line to line."""
 
 from __future__ import annotations
 
@@ -28,7 +28,11 @@ def whitened(observed: Observed, model: ComplexArray, model_error: float = 0.0) 
     y = observed.run.H
     difference = np.abs(y) - np.abs(model) if observed.run.magnitude_only else y - model
     silent = np.abs(np.nan_to_num(y)) <= 1e-9 * np.nanmax(np.abs(y))
-    return np.where(observed.valid & ~silent, difference / (np.hypot(observed.std, model_error * np.abs(np.nan_to_num(y))) / np.sqrt(2)), np.nan)
+    return np.where(
+        observed.valid & ~silent,
+        difference / (np.hypot(observed.std, model_error * np.abs(np.nan_to_num(y))) / np.sqrt(2)),
+        np.nan,
+    )
 
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:

@@ -159,7 +159,9 @@ def _observed(run: Run) -> Observed:
     return observe(run, np.asarray(std))
 
 
-def _with_pairs(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None) -> list[Fit]:
+def _with_pairs(
+    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None
+) -> list[Fit]:
     """Singles and pairs, best first; a pair counts only where it earns its evidence."""
     best = found.fits[0].log_evidence()
     kept = [fit for fit in pairs(problem, found, hypotheses, progress) if fit.log_evidence() > best + PAIR_GAIN]
@@ -383,7 +385,9 @@ def _equivalent(ranked: _Ranked, causes: Sequence[Cause]) -> tuple[Cause, ...]:
     return tuple(chosen)
 
 
-def _where(problem: Problem, nominal: Fit, believed: Sequence[ComplexArray], verdict: Verdict, causes: Sequence[Cause]) -> Where:
+def _where(
+    problem: Problem, nominal: Fit, believed: Sequence[ComplexArray], verdict: Verdict, causes: Sequence[Cause]
+) -> Where:
     families = {EFFECTS[name].family for name in causes[0].effects} if causes and verdict == "cause" else set()
     regime = "measurement_chain" if families == {"chain"} else "linear"
     if "nonlinear" in families:

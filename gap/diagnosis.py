@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from sim.formats.atomic import replacing
 
 SCHEMA = "rigtwin.diagnosis/1"
@@ -16,9 +18,7 @@ FILE_NAME = "diagnosis.json"
 
 Verdict = Literal["no_gap", "cause", "ambiguous", "unknown", "not_enough_data"]
 Regime = Literal["linear", "amplitude_dependent", "measurement_chain", "spin_dependent"]
-LocationKind = Literal[
-    "node", "position", "bearings", "disks", "shaft", "sensor", "exciter", "rigid_support", "raster"
-]
+LocationKind = Literal["node", "position", "bearings", "disks", "shaft", "sensor", "exciter", "rigid_support", "raster"]
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def _plain(value: Any) -> Any:
         return {str(key): _plain(v) for key, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
-    if hasattr(value, "item"):
+    if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
         return None

@@ -12,8 +12,7 @@ m-th resonance, which belongs to the run, not to the model.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from rotor.measured import channel_factor, channel_groups, force_factor
 from rotor.model import build_model
 from rotor.rig import Rig
 from rotor.state_space import StateSpace
-from rotor.structure import ComplexArray, FloatArray, Structure
+from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 from rotor.system import LinearSystem
 from sim.campaign import NominalBelief, Run
 
@@ -54,10 +53,10 @@ TOLERANCES = ("modulus", "span", "disk_mass_1", "disk_mass_2")
 class _Group:
     """Channels that see one rotor."""
 
-    columns: FloatArray  # places of its channels in the run
+    columns: IntArray  # places of its channels in the run
     poles: ComplexArray  # (n_states,)
     residues: ComplexArray  # (n_channels + 1, n_states); the last row is the exciter's own
-    mode: FloatArray  # (n_states,) number of the drifting resonance a pole belongs to, -1: none
+    mode: IntArray  # (n_states,) number of the drifting resonance a pole belongs to, -1: none
     rest: ComplexArray  # (n_freq, n_channels + 1) what modes far above leave
     chain: ComplexArray  # (n_freq, n_channels)
     bent: ComplexArray  # (n_tolerances, n_channels + 1, n_states) change of the residues by the tolerances
@@ -197,17 +196,18 @@ class Forward:
 
         Returns
         -------
-        (n_tolerances, n_channels + 1, MODES) over the norm of each mode's residues, (n_tolerances, n_freq, n_channels + 1)
+        (n_tolerances, n_channels + 1, MODES) over the norm of each mode's residues, and
+        (n_tolerances, n_freq, n_channels + 1)
         """
         structure = self.structure
-        plain = self.modal(run, k_b).groups[0]
+        plain = self._linear(run, k_b, ()).groups[0]
         omega = 2 * np.pi * run.frequency_hz
         aside = np.zeros((len(TOLERANCES), len(omega), len(run.channels) + 1), dtype=complex)
         bent = np.zeros((len(TOLERANCES), len(run.channels) + 1, MODES), dtype=complex)
         try:
             for t, variant in enumerate(self._variants):
                 self.structure = variant
-                other = self.modal(run, k_b).groups[0]
+                other = self._linear(run, k_b, ()).groups[0]
                 aside[t] = (_others(other, omega) - _others(plain, omega)) / _STEP
                 for m in range(MODES):
                     a, b = _upper(plain, m), _upper(other, m)
@@ -233,10 +233,13 @@ class Forward:
 
     def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> Modal | NonlinearModal:
         """The run's response with these effects. Raises ValueError where an effect is impossible."""
+        if any(effect.family == "nonlinear" for effect in effects):
+            return self._nonlinear(run, k_b, effects)
+        return self._linear(run, k_b, effects)
+
+    def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
         omega = 2 * np.pi * run.frequency_hz
         condition = self.condition(run, k_b)
-        if any(effect.family == "nonlinear" for effect in effects):
-            return self._nonlinear(run, k_b, condition, effects)
         nodes = sorted({channel.node for channel in run.channels})
         groups, sensitivity = [], np.zeros((MODES, len(TOLERANCES)))
         for group in channel_groups(effects, nodes):
@@ -248,20 +251,31 @@ class Forward:
         scale = unit * (1j * omega) ** _ORDER[run.quantity]
         return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, scale)
 
-    def _nonlinear(self, run: Run, k_b: float, condition: Condition, effects: Sequence[Effect]) -> NonlinearModal:
+    def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
+        condition = self.condition(run, k_b)
         model = build_model(self.structure, condition, effects)
+        linear = self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
         if not model.forces:
-            return self.modal(run, k_b, [e for e in effects if e.family != "nonlinear"])  # type: ignore[return-value]
-        linear = self.modal(run, k_b, [e for e in effects if e.family != "nonlinear"])
+            return linear
         kind = (id(run), tuple(e.id for e in effects))
         H, slope, joints, found = solve_run(run, model, condition, self._joints.get(kind))
         if found.mean() > _MOSTLY:
             self._joints[kind] = np.where(found[:, None, None], joints, 0.0)
         return NonlinearModal(
-            run, H, slope, linear.frequencies_hz, linear.damping_ratios, linear.sensitivity, tuple(effects), joints, found
+            run,
+            H,
+            slope,
+            linear.frequencies_hz,
+            linear.damping_ratios,
+            linear.sensitivity,
+            tuple(effects),
+            joints,
+            found,
         )
 
-    def _group(self, run: Run, omega, condition: Condition, effects: Sequence[Effect], columns) -> tuple[_Group, FloatArray]:
+    def _group(
+        self, run: Run, omega, condition: Condition, effects: Sequence[Effect], columns
+    ) -> tuple[_Group, FloatArray]:
         local = self.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
         model = build_model(self._fine if local else self.structure, condition, effects)
         if model.forces:
@@ -305,7 +319,10 @@ class Forward:
         Phi, squares = modes.Phi[:, :count], np.maximum(modes.omega[:count] ** 2, 1e-12)
         strain = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / squares
         at = np.zeros((MODES, len(TOLERANCES)))
-        masses = [np.sum(mass * Phi[np.isin(system.free, places)] ** 2, axis=0) for places, mass in _disk_places(system.structure)]
+        masses = [
+            np.sum(mass * Phi[np.isin(system.free, places)] ** 2, axis=0)
+            for places, mass in _disk_places(system.structure)
+        ]
         shaft = np.clip(1 - sum(masses, np.zeros(count)), 0.0, 1.0)
         at[:count, 0] = strain / 2
         at[:count, 1] = -1.5 * strain - 0.5 * shaft
@@ -352,7 +369,7 @@ def _variants(rig: Rig) -> list[Rig]:
 _BY_MASS = {"diameter_m": None, "thickness_m": None, "density_kg_per_m3": None, "bore_m": 0.0}
 
 
-def _disk_places(structure: Structure) -> list[tuple[FloatArray, float]]:
+def _disk_places(structure: Structure) -> list[tuple[IntArray, float]]:
     """Translational degrees of freedom and mass of every disk."""
     return [
         (4 * int(node) + np.arange(2), float(mass))
@@ -360,7 +377,7 @@ def _disk_places(structure: Structure) -> list[tuple[FloatArray, float]]:
     ]
 
 
-def _numbers(poles: ComplexArray, top: float) -> FloatArray:
+def _numbers(poles: ComplexArray, top: float) -> IntArray:
     """Number of the resonance that every pole belongs to; conjugates share it."""
     number = np.full(len(poles), -1)
     oscillating = np.flatnonzero((poles.imag > 0) & (np.abs(poles) < top))

@@ -90,7 +90,7 @@ def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
 
 
 def _table(problem: Problem, masks, before, after, scale: float) -> FloatArray:
-    """(n_stretches, n_run_channels, 4) sums over each held-out stretch: |H|^2, squared errors before and after, noise."""
+    """(n_stretches, n_run_channels, 4) sums: |H|^2, squared errors before, after, noise."""
     rows: list[FloatArray] = []
     width = sum(len(run.channels) for run in problem.runs)
     at = 0
@@ -99,9 +99,7 @@ def _table(problem: Problem, masks, before, after, scale: float) -> FloatArray:
         y = np.nan_to_num(run.H)
         a, b = (np.abs(H0), np.abs(H1)) if run.magnitude_only else (H0, H1)
         valid = observed.valid & mask[:, None]
-        values = np.stack(
-            [np.abs(y) ** 2, np.abs(y - a) ** 2, np.abs(y - b) ** 2, (scale * observed.std) ** 2], axis=2
-        )
+        values = np.stack([np.abs(y) ** 2, np.abs(y - a) ** 2, np.abs(y - b) ** 2, (scale * observed.std) ** 2], axis=2)
         values = np.where(valid[:, :, None], values, 0.0)
         place = np.arange(n) * _BLOCKS // n
         for block in range(1, _BLOCKS, 2):

@@ -49,7 +49,7 @@ class Term:
     fixed: tuple[tuple[str, float], ...]  # places and numbers that are not fitted
     free: tuple[Free, ...]
 
-    def put(self, u: Sequence[float]) -> Effect:
+    def put(self, u: Sequence[float] | FloatArray) -> Effect:
         """The effect for fitted coordinates."""
         values = {free.name: free.value(x) for free, x in zip(self.free, u, strict=True)}
         return self.effect(**dict(self.fixed), **values)  # type: ignore[arg-type]
@@ -72,7 +72,7 @@ class Hypothesis:
         """Everything that is fitted, in order."""
         return tuple(free for term in self.terms for free in term.free)
 
-    def effects(self, u: Sequence[float]) -> tuple[Effect, ...]:
+    def effects(self, u: Sequence[float] | FloatArray) -> tuple[Effect, ...]:
         """The effects for fitted coordinates (n_free,)."""
         made, at = [], 0
         for term in self.terms:
@@ -86,10 +86,13 @@ class Hypothesis:
         return [np.concatenate(parts) if parts else np.zeros(0) for parts in itertools.product(*choices)]
 
     def __str__(self) -> str:
-        return " + ".join(
-            term.effect.id + "".join(f" {name} {value:g}" for name, value in term.fixed if name in ("node",))
-            for term in self.terms
-        ) or "nominal"
+        return (
+            " + ".join(
+                term.effect.id + "".join(f" {name} {value:g}" for name, value in term.fixed if name in ("node",))
+                for term in self.terms
+            )
+            or "nominal"
+        )
 
 
 def _term_starts(term: Term) -> Iterator[FloatArray]:
@@ -149,9 +152,7 @@ def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
         return False
     if effect.id == "force_dropout" and not any(run.quantity == "acceleration" for run in runs):
         return False
-    if effect.id == "sensor_delay" and all(run.magnitude_only for run in runs):
-        return False
-    return True
+    return not (effect.id == "sensor_delay" and all(run.magnitude_only for run in runs))
 
 
 def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> Iterator[Term]:

@@ -8,14 +8,14 @@ and are integrated over in the evidence (Laplace). What a nuisance takes is judg
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal
-from gap.nonlinear import NonlinearModal
 from gap.hypotheses import K_B_RANGE, Free, Hypothesis
+from gap.nonlinear import BoolArray, NonlinearModal
 from rotor.effects import Effect
 from rotor.rig import Rig
 from rotor.structure import ComplexArray, FloatArray
@@ -46,7 +46,7 @@ class Observed:
     std: FloatArray  # (n_freq, n_channels)
 
     @property
-    def valid(self) -> FloatArray:
+    def valid(self) -> BoolArray:
         """(n_freq, n_channels) whether a value is there."""
         return np.isfinite(self.run.H) & np.isfinite(self.std)
 
@@ -91,7 +91,7 @@ class Nuisances:
         """(MODES,) drift of a run's resonances, and (n_tolerances,) tolerances of the rig."""
         return nu[self.drift[run]], nu[self.tolerance]
 
-    def gains(self, nu: FloatArray, run: int, modal: Modal) -> FloatArray:
+    def gains(self, nu: FloatArray, run: int, modal: Modal | NonlinearModal) -> FloatArray:
         """(n_channels,) factor of a run's channels."""
         places = [self.sensors.index(channel) for channel in modal.run.channels]
         return np.exp(nu[self.gain][run] + nu[self.sensor][places])
@@ -163,7 +163,7 @@ class Problem:
         self.runs = tuple(o.run for o in observed)
         self.nuisances = Nuisances(self.runs, forward.belief)
         self.with_k_b = any(run.support == "bearing" for run in self.runs)
-        self._memory: dict[tuple, Modal] = {}
+        self._memory: dict[tuple, Modal | NonlinearModal] = {}
 
     def allow_for_tolerances(self, rig: Rig, k_b: float) -> None:
         """Let the workshop's tolerances bend the modes; see ``Forward``."""
@@ -175,11 +175,11 @@ class Problem:
         self.forward.refined = True
         self._memory.clear()
 
-    def modals(self, k_b: float, effects: Sequence[Effect]) -> list[Modal]:
+    def modals(self, k_b: float, effects: Sequence[Effect]) -> list[Modal | NonlinearModal]:
         """One for every run; what a run does not depend on is left out, so that it is solved once."""
         return [self._modal(r, k_b, effects) for r in range(len(self.runs))]
 
-    def _modal(self, r: int, k_b: float, effects: Sequence[Effect]) -> Modal:
+    def _modal(self, r: int, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
         run = self.runs[r]
         absent = "bearings" if run.support == "rigid" else "rigid_support"
         acting = tuple(e for e in effects if e.location != absent)
@@ -218,7 +218,9 @@ class Problem:
 
     # -- rough: logarithms, without nuisances --------------------------------------------------
 
-    def rough(self, hypothesis: Hypothesis, u: FloatArray, *, steps: int = 8, every: int = 3) -> tuple[FloatArray, float]:
+    def rough(
+        self, hypothesis: Hypothesis, u: FloatArray, *, steps: int = 8, every: int = 3
+    ) -> tuple[FloatArray, float]:
         """Bring a start near the data: least squares of ln(model / data), bounded, by few lines.
 
         Returns
@@ -323,7 +325,7 @@ class Problem:
                 break
         return u, nu, chi2, float(nu**2 @ prior), hessian
 
-    def _active(self, u: FloatArray, gradient: FloatArray, ends: FloatArray) -> FloatArray:
+    def _active(self, u: FloatArray, gradient: FloatArray, ends: FloatArray) -> BoolArray:
         """Coordinates held at an end of their range, or without a say."""
         margin = 1e-9 * (ends[:, 1] - ends[:, 0])
         held = ((u <= ends[:, 0] + margin) & (gradient < 0)) | ((u >= ends[:, 1] - margin) & (gradient > 0))
@@ -384,7 +386,7 @@ class Problem:
             hessian[np.ix_(where, where)] += J @ J.T
         return chi2, gradient, hessian
 
-    def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal]]:
+    def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal | NonlinearModal]]:
         """A small step of one coordinate, into the range, and the models there."""
         if j == 0 and not self.with_k_b:
             return 0.0, []
@@ -407,7 +409,7 @@ _ROUGH = 0.3
 _DAMPING = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)
 
 
-def _thin(modal: Modal, every: int) -> Modal:
+def _thin(modal: Modal | NonlinearModal, every: int) -> Modal | NonlinearModal:
     """The same response on every n-th line."""
     if every == 1 or isinstance(modal, NonlinearModal):
         return modal
@@ -450,7 +452,7 @@ def _columns(observed: Observed, H: ComplexArray, columns: ComplexArray, weight:
     return np.concatenate([flat.real, flat.imag], axis=1)
 
 
-def _damped_step(A: FloatArray, g: FloatArray, mu: float, active: FloatArray) -> FloatArray:
+def _damped_step(A: FloatArray, g: FloatArray, mu: float, active: BoolArray) -> FloatArray:
     """Marquardt's step; held coordinates do not move."""
     held = np.concatenate([active, np.zeros(len(A) - len(active), dtype=bool)])
     diagonal = A.diagonal()
@@ -462,13 +464,20 @@ def _damped_step(A: FloatArray, g: FloatArray, mu: float, active: FloatArray) ->
     return step
 
 
-def _minimise(residual, u, scales, ends, with_k_b: bool, steps: int) -> tuple[FloatArray, float]:
-    """A few damped Gauss-Newton steps with forward differences."""
+def _minimise(
+    residual: Callable[[FloatArray], FloatArray | None],
+    u: FloatArray,
+    scales: FloatArray,
+    ends: FloatArray,
+    with_k_b: bool,
+    steps: int,
+) -> tuple[FloatArray, float]:
+    """A few damped Gauss-Newton steps with forward differences; points without a model are walked round."""
     x = np.clip(u, ends[:, 0], ends[:, 1])
     r = residual(x)
     if r is None:
         return x, np.inf
-    cost, mu = float(r @ r), 1e-2
+    mu = 1e-2
     moving = [j for j in range(len(x)) if j or with_k_b]
     for _ in range(steps):
         J = np.zeros((len(r), len(x)))
@@ -479,20 +488,31 @@ def _minimise(residual, u, scales, ends, with_k_b: bool, steps: int) -> tuple[Fl
             moved = residual(y)
             if moved is not None:
                 J[:, j] = (moved - r) / step
-        A, g = J.T @ J, -J.T @ r
-        better = False
-        for _ in range(6):
-            diagonal = A.diagonal() + 1e-12
-            trial = np.clip(x + np.linalg.solve(A + np.diag(mu * diagonal + 1e-12), g), ends[:, 0], ends[:, 1])
-            moved = residual(trial)
-            if moved is not None and moved @ moved < cost:
-                better = True
-                break
-            mu *= 6
-        if not better:
+        found = _shorter(residual, x, r, J, ends, mu)
+        if found is None:
             break
-        gained = cost - float(moved @ moved)
-        x, r, cost, mu = trial, moved, float(moved @ moved), mu / 5
-        if gained < 1e-3 * cost:
+        before = float(r @ r)
+        x, r, mu = found
+        if before - float(r @ r) < 1e-3 * before:
             break
-    return x, cost / len(r)
+    return x, float(r @ r) / len(r)
+
+
+def _shorter(
+    residual: Callable[[FloatArray], FloatArray | None],
+    x: FloatArray,
+    r: FloatArray,
+    J: FloatArray,
+    ends: FloatArray,
+    mu: float,
+) -> tuple[FloatArray, FloatArray, float] | None:
+    """A point with a smaller residual, the residual, and the next damping; None where none is found."""
+    A, g = J.T @ J, -J.T @ r
+    damping = np.diag(A.diagonal() + 1e-12)
+    for _ in range(6):
+        trial = np.clip(x + np.linalg.solve(A + mu * damping + 1e-12 * np.eye(len(x)), g), ends[:, 0], ends[:, 1])
+        moved = residual(trial)
+        if moved is not None and moved @ moved < r @ r:
+            return trial, moved, mu / 5
+        mu *= 6
+    return None

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotor.condition import Condition
 from rotor.effects import Effect
@@ -21,6 +22,8 @@ from rotor.harmonic_balance import Balance
 from rotor.model import RotorModel
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
+
+BoolArray = NDArray[np.bool_]
 
 HARMONICS, SAMPLES, CORNER = 3, 128, 0.02
 _ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
@@ -41,7 +44,7 @@ class NonlinearModal:
     sensitivity: FloatArray  # (MODES, n_tolerances)
     effects: tuple[Effect, ...]
     joints: ComplexArray  # (n_freq, K, n_joints) converged motion
-    found: FloatArray  # (n_freq,) bool
+    found: BoolArray  # (n_freq,)
 
     def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
         """As ``Modal.response``."""
@@ -71,8 +74,8 @@ def solve_run(
     model: RotorModel,
     condition: Condition,
     start: ComplexArray | None,
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, FloatArray]:
-    """Fundamental response of every line, its derivative by the logarithm of the frequency, joints, and which converged.
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, BoolArray]:
+    """Fundamental of every line, its derivative by the logarithm of the frequency, joints, and which converged.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -147,17 +148,17 @@ def _score(forward: Forward, lists: Sequence[PeakList], hypothesis: Hypothesis) 
     free = hypothesis.free
     grids = [np.linspace(*f.ends, _GRID[len(free) - 1]) for f in free]
     points = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, len(free)) if free else np.zeros((1, 0))
-    ends = np.log(K_B_RANGE)
+    low, high = (float(np.log(k)) for k in K_B_RANGE)
     best = (np.inf, 1e7, points[0])
     logs = []
     for u in points:
         effects = hypothesis.effects(u)
-        coarse = np.linspace(*ends, 25)
+        coarse = np.linspace(low, high, 25)
         values = [_chi2(forward, lists, float(np.exp(x)), effects) for x in coarse]
         k = int(np.argmin(values))
         lo, hi = coarse[max(k - 1, 0)], coarse[min(k + 1, len(coarse) - 1)]
         if np.isfinite(values[k]):
-            found = minimize_scalar(
+            found: Any = minimize_scalar(
                 lambda x, e=effects: _chi2(forward, lists, float(np.exp(x)), e),
                 bounds=(lo, hi),
                 method="bounded",
@@ -167,7 +168,7 @@ def _score(forward: Forward, lists: Sequence[PeakList], hypothesis: Hypothesis) 
         else:
             chi2, x = np.inf, float(coarse[k])
         # The volume in ln k_b: where the misfit exceeds its least value by less than one.
-        inside = np.interp(np.linspace(*ends, _GRID_K_B), coarse, np.minimum(values, 1e6)) < chi2 + 1
+        inside = np.interp(np.linspace(low, high, _GRID_K_B), coarse, np.minimum(values, 1e6)) < chi2 + 1
         logs.append(-chi2 / 2 + np.log(max(inside.mean(), 1 / _GRID_K_B)))
         if chi2 < best[0]:
             best = (chi2, float(np.exp(x)), u)
@@ -201,8 +202,14 @@ def _causes(scored: Sequence[_Scored], share: FloatArray) -> tuple[Cause, ...]:
         location = Location(term.effect.location, node, position)  # type: ignore[arg-type]
         causes.append(
             Cause(
-                (name,), location, total[name], parameters, Estimate(s.k_b, float("nan"), "N/m"), s.log_evidence,
-                locations=(location,), places={f"{name}.{k}": v for k, v in term.fixed},
+                (name,),
+                location,
+                total[name],
+                parameters,
+                Estimate(s.k_b, float("nan"), "N/m"),
+                s.log_evidence,
+                locations=(location,),
+                places={f"{name}.{k}": v for k, v in term.fixed},
             )
         )
     return tuple(sorted(causes, key=lambda c: -c.probability))

@@ -72,7 +72,11 @@ def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], fl
     effects = []
     for name in cause["effects"]:
         prefix = f"{name}."
-        values = {key.removeprefix(prefix): entry["value"] for key, entry in cause["parameters"].items() if key.startswith(prefix)}
+        values = {
+            key.removeprefix(prefix): entry["value"]
+            for key, entry in cause["parameters"].items()
+            if key.startswith(prefix)
+        }
         values |= {key.removeprefix(prefix): value for key, value in cause["places"].items() if key.startswith(prefix)}
         if "node" in values:
             values["node"] = int(values["node"])

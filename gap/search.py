@@ -49,8 +49,8 @@ def recalibrate(problem: Problem) -> Fit:
     """The nominal model with the bearing stiffness that suits the runs best."""
     if not problem.with_k_b:
         return problem.fit(NOMINAL, np.array([np.log(1e7)]))
-    starts = np.linspace(*np.log(K_B_RANGE), _K_B_STARTS)
-    rough = [problem.rough(NOMINAL, np.array([start])) for start in starts]
+    starts = np.geomspace(*K_B_RANGE, _K_B_STARTS)
+    rough = [problem.rough(NOMINAL, np.array([np.log(start)])) for start in starts]
     best = min(rough, key=lambda found: found[1])[0]
     return problem.fit(NOMINAL, best)
 
@@ -157,7 +157,9 @@ def fit_best(
     return best
 
 
-def pairs(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None) -> list[Fit]:
+def pairs(
+    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+) -> list[Fit]:
     """Pairs of effects: every candidate beside each of the leaders, started from the leader's fit."""
     leaders = _leaders(found.fits)
     fits: list[Fit] = []

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def _bands(problem: Problem, nominal: Fit, misfits: Sequence[FloatArray]) -> tup
     if most == 0:
         return (Band(float(f_lo), float(f_hi), None, 1.0),)
     centres = [np.median([f[m] for f in inside if len(f) > m]) for m in range(most)]
-    edges = [f_lo, *(float(np.sqrt(a * b)) for a, b in zip(centres[:-1], centres[1:], strict=True)), f_hi]
+    edges = [f_lo, *(float(np.sqrt(a * b)) for a, b in pairwise(centres)), f_hi]
     sums = np.zeros(most)
     for run, misfit in zip(problem.runs, misfits, strict=True):
         place = np.clip(np.searchsorted(edges[1:-1], run.frequency_hz), 0, most - 1)

@@ -69,7 +69,9 @@ def next_test(
         return NextTest(words, {"support": "bearing", "excitation_node": 2, "force_amplitude_N": 1.0})
     levels = {run.force_amplitude_N for run in campaign.runs if run.support == "bearing"}
     if len(levels) < 2 and verdict in ("unknown", "ambiguous"):
-        words = "Repeat the run on bearings at a third and at three times the force: a nonlinear cause changes with level."
+        words = (
+            "Repeat the run on bearings at a third and at three times the force: a nonlinear cause changes with level."
+        )
         return NextTest(words, {"support": "bearing", "excitation_node": 2, "force_amplitude_N": 3.0})
     if verdict in ("ambiguous", "unknown"):
         words = "Drive the rotor at another node, and once more with a known mass clamped to it."

@@ -342,6 +342,7 @@ def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Caus
     places: dict[str, float] = {}
     locations, edge, at = [], [], 0
     for term in fit.hypothesis.terms:
+        prefix = "" if len(fit.hypothesis.terms) == 1 else f"{term.effect.id}."
         effect = term.put(fit.u[1 + at : 1 + at + len(term.free)])
         position, node = None, None
         for name, value in term.fixed:
@@ -353,13 +354,13 @@ def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Caus
             if free.name == "position":
                 position = value
                 places[f"{term.effect.id}.position"] = value
-                parameters[f"{term.effect.id}.position"] = Estimate(value, spread, "m")
+                parameters[f"{prefix}position"] = Estimate(value, spread, "m")
                 continue
             unit = term.effect.parameters()[free.name].unit
-            parameters[f"{term.effect.id}.{free.name}"] = Estimate(float(getattr(effect, free.name)), spread, unit)
+            parameters[f"{prefix}{free.name}"] = Estimate(float(getattr(effect, free.name)), spread, unit)
             low, high = free.ends
             if min(u - low, high - u) < 1e-3 * (high - low):
-                edge.append(f"{term.effect.id}.{free.name}")
+                edge.append(f"{prefix}{free.name}")
         locations.append(Location(term.effect.location, node, position))  # type: ignore[arg-type]
         at += len(term.free)
     return Cause(

@@ -46,7 +46,7 @@ class Cause:
     effects: tuple[str, ...]
     location: Location  # of the first effect
     probability: float
-    parameters: dict[str, Estimate]  # "<effect>.<parameter>"
+    parameters: dict[str, Estimate]  # by name; of a pair "<effect>.<name>"
     k_b: Estimate | None  # None: no run on bearings
     log_evidence: float
     ess: float | None = None  # effective sample size of the evidence, where it was sampled

@@ -37,6 +37,9 @@ _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
 # Share of lines from which the joints' motion is a start for the next candidate.
 _MOSTLY = 0.5
 
+# A mode whose residues are below this share of the largest is not reached by the exciter: its shape is judged by that.
+_UNREACHED = 0.05
+
 # Relative step of a tolerance.
 _STEP = 1e-3
 
@@ -209,11 +212,12 @@ class Forward:
                 self.structure = variant
                 other = self._linear(run, k_b, ()).groups[0]
                 aside[t] = (_others(other, omega) - _others(plain, omega)) / _STEP
+                least = _UNREACHED * np.linalg.norm(plain.residues[:, plain.mode >= 0], axis=0).max(initial=1e-300)
                 for m in range(MODES):
                     a, b = _upper(plain, m), _upper(other, m)
                     if a is not None and b is not None:
                         change = other.residues[:, b] - plain.residues[:, a]
-                        bent[t, :, m] = change / (_STEP * max(np.linalg.norm(plain.residues[:, a]), 1e-300))
+                        bent[t, :, m] = change / (_STEP * max(np.linalg.norm(plain.residues[:, a]), least))
         finally:
             self.structure = structure
         return bent, aside
@@ -289,6 +293,8 @@ class Forward:
         rows = [system.read_out(1 if run.channels[c].plane == "y" else 2)[run.channels[c].node - 1] for c in columns]
         outputs = np.vstack([*rows, exciter])
         limit = max(_KEPT_HZ, _KEPT_RATIO * run.frequency_hz[-1])
+        if len(system.massless):  # dashpots in series with springs couple even modes far above
+            limit = np.inf
         space = StateSpace(system, condition.spin_speed, limit)
         poles, residues = space.poles(exciter[:, None], outputs)
         rest = space.beyond(omega, exciter[:, None], outputs)[:, :, 0]

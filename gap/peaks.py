@@ -195,7 +195,7 @@ def _causes(scored: Sequence[_Scored], share: FloatArray) -> tuple[Cause, ...]:
             unit = "m" if free.name == "position" else term.effect.parameters()[free.name].unit
             value = free.value(u)
             spread = (high - low) / np.sqrt(12) * (value if free.log else 1.0)
-            parameters[f"{name}.{free.name}"] = Estimate(value, float(abs(spread)), unit)
+            parameters[free.name] = Estimate(value, float(abs(spread)), unit)
             position = value if free.name == "position" else position
         for key, value in term.fixed:
             node = int(value) if key == "node" else node

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -44,23 +44,25 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
     if document.get("schema") != SCHEMA:
         raise MeasurementError(f"diagnosis: schema is {document.get('schema')!r}, expected {SCHEMA!r}; diagnose again")
     try:
-        effects, k_b = corrected_rotor(document)
-        nominal_k_b = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
-        calibration = document.get("calibration") or {}
-    except (KeyError, TypeError, ValueError) as error:
-        raise MeasurementError(f"diagnosis: {error!r} is missing or damaged; diagnose again") from error
+        return tuple(_predict(document, campaign))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise MeasurementError(f"diagnosis: {error}; the file is damaged or of another rig, diagnose again") from error
+
+
+def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predicted]:
+    effects, k_b = corrected_rotor(document)
+    nominal_k_b = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
+    calibration = document.get("calibration") or {}
     forward = forward_of(campaign)
     forward.refined = True
-    tolerance = np.array([calibration.get("tolerance", {}).get(name, 0.0) for name in TOLERANCES])
+    tolerance = np.array([float(calibration.get("tolerance", {}).get(name, 0.0)) for name in TOLERANCES])
     forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, k_b)
-    made = []
     for run in campaign.runs:
         before = forward.modal(run, nominal_k_b).response()
         after = forward.modal(run, k_b, _acting(effects, run))
-        gains = [calibration.get("sensor_gain", {}).get(str(channel), 1.0) for channel in run.channels]
+        gains = [float(calibration.get("sensor_gain", {}).get(str(channel), 1.0)) for channel in run.channels]
         response = after.response(None, tolerance) * np.array(gains)
-        made.append(Predicted(run, _with(run, before), _with(run, response)))
-    return tuple(made)
+        yield Predicted(run, _with(run, before), _with(run, response))
 
 
 def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], float]:
@@ -71,17 +73,20 @@ def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], fl
     cause = document["causes"][0]
     effects = []
     for name in cause["effects"]:
-        prefix = f"{name}."
-        values = {
-            key.removeprefix(prefix): entry["value"]
-            for key, entry in cause["parameters"].items()
-            if key.startswith(prefix)
-        }
-        values |= {key.removeprefix(prefix): value for key, value in cause["places"].items() if key.startswith(prefix)}
+        values = _of_effect(cause["parameters"], name, alone=len(cause["effects"]) == 1)
+        values = {key: entry["value"] for key, entry in values.items()} | _of_effect(cause["places"], name, alone=False)
         if "node" in values:
             values["node"] = int(values["node"])
         effects.append(EFFECTS[name](**values))
     return tuple(effects), (cause["k_b"] or {}).get("value", nominal)
+
+
+def _of_effect(table: Mapping[str, Any], effect: str, *, alone: bool) -> dict[str, Any]:
+    """Entries of one effect, by plain name; of a single effect the names are plain already."""
+    prefix = f"{effect}."
+    return {
+        key.removeprefix(prefix): v for key, v in table.items() if key.startswith(prefix) or (alone and "." not in key)
+    }
 
 
 def _acting(effects: tuple[Effect, ...], run: Run) -> tuple[Effect, ...]:

@@ -33,6 +33,9 @@ _POSITIONS = 7
 # Below this mean square misfit of the nominal model every candidate is fitted from next to it, without rough starts.
 _NEAR = 3.0
 
+# ... provided that its nuisances are not far outside their priors: mean square, in their units.
+_CALM = 3.0
+
 # Candidates of an inadequate search from which pairs are formed.
 _PAIR_LEADERS = 3
 
@@ -74,7 +77,7 @@ def search(
     base = nominal.u[:1]
     if problem.with_k_b:
         base = problem.rough(NOMINAL, base)[0]
-    near = nominal.chi2 < _NEAR * nominal.n_data
+    near = nominal.chi2 + nominal.penalty < _NEAR * nominal.n_data and nominal.penalty < _CALM * len(nominal.nu)
     total = 2 * len(hypotheses)
     rough: list[tuple[float, Hypothesis, list[FloatArray]]] = []
     for number, hypothesis in enumerate(hypotheses):

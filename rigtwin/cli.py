@@ -248,6 +248,23 @@ def predict(
     run_predict(diagnosis, campaign, out)
 
 
+@app.command(short_help="The diagnosis on campaigns whose cause is sealed.")
+def blind(
+    sets: Annotated[list[str], typer.Argument(metavar="SET...", help="W1 to W8.")],
+    out: Annotated[Path, typer.Option(help="Folder for campaigns, answers and blind.md.")],
+    split: Annotated[str, typer.Option(help="tuning or report.")] = "tuning",
+    count: Annotated[int, typer.Option(help="Campaigns of each set.", min=1)] = 20,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 1,
+    workers: Annotated[int, typer.Option(help="Processes.", min=1)] = 2,
+) -> None:
+    """Make sealed campaigns with a generator of its own, diagnose them, score the answers. What exists is kept."""
+    from rigtwin.blind import BlindRequest, run_blind
+
+    if split not in ("tuning", "report"):
+        raise UserError(f"--split {split}: give tuning or report")
+    run_blind(BlindRequest(tuple(sets), split, count, out, seed, workers))
+
+
 @app.command(short_help="What reality may have and the nominal rotor lacks.")
 def effects(
     effect_id: Annotated[str | None, typer.Argument(metavar="[ID]", help="One effect; default: a list of all.")] = None,

@@ -196,6 +196,12 @@ def _shrink_line(s: Shrink) -> str:
 
 def run_predict(path: Path, folder: Path, out: Path) -> None:
     """Write every run of a campaign as the nominal and as the corrected model compute it."""
+    n = write_prediction(path, folder, out)
+    say(f"{n} runs written to {out / 'nominal'} and {out / 'corrected'}")
+
+
+def write_prediction(path: Path, folder: Path, out: Path) -> int:
+    """The files of ``run_predict``; returns the number of runs."""
     from gap.predict import predict
 
     document = load_document(path)
@@ -211,7 +217,7 @@ def run_predict(path: Path, folder: Path, out: Path) -> None:
         for kind, run in (("nominal", predicted.nominal), ("corrected", predicted.corrected))
     ]
     _write_all(runs)
-    say(f"{len(files)} runs written to {out / 'nominal'} and {out / 'corrected'}")
+    return len(files)
 
 
 def load_document(path: Path) -> dict[str, Any]:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 
-from gap.diagnose import structure_of
+from gap.diagnose import Outcome, diagnose, structure_of
 from gap.forward import Forward
 from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Problem, observe
 from rotor.condition import Condition
-from rotor.effects import EFFECTS, Effect
-from rotor.measured import at_constant_current, measured_response
+from rotor.effects import EFFECTS, AttachedMass, Effect
+from rotor.measured import measured_response
 from rotor.modal import damped_modes
 from rotor.model import build_system
 from sim.campaign import Campaign, Channel, ComplexArray, FloatArray, NominalBelief, Run
@@ -69,7 +70,14 @@ def truth(run: Run, effects: Sequence[Effect] = (), drift: float = 0.0, k_b: flo
 
 
 def measure(
-    support: str, effects: Sequence[Effect] = (), *, seed: int = 0, noise: float = NOISE, gain=1.0, drift=0.0, **settings
+    support: str,
+    effects: Sequence[Effect] = (),
+    *,
+    seed: int = 0,
+    noise: float = NOISE,
+    gain=1.0,
+    drift=0.0,
+    **settings,
 ) -> Run:
     """A run with noise in proportion to each value, and with the standard errors that belong to it."""
     rng = np.random.default_rng(seed)
@@ -108,3 +116,14 @@ def of(runs: Sequence[Run], *names: str) -> tuple[Hypothesis, ...]:
 def all_but(*names: str) -> tuple[str, ...]:
     """What to exclude so that only these effects are left."""
     return tuple(key for key in EFFECTS if key not in names)
+
+
+# What the campaigns' diagnoses may choose from: enough to be wrong, and few enough to be fast.
+MASS = AttachedMass(mass=0.1, node=3)
+RIVALS = ("attached_mass", "disk_mass", "shaft_modulus")
+
+
+@pytest.fixture(scope="session")
+def weighed() -> Outcome:
+    """Diagnosis of a rotor with a mass of 100 g at node 3."""
+    return diagnose(campaign_of(*both_supports(MASS, seed=3)), exclude=all_but(*RIVALS))

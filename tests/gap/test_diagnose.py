@@ -1,0 +1,192 @@
+"""From a campaign to a verdict, on small campaigns whose truth is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gap.diagnose import diagnose
+from gap.diagnosis import FILE_NAME, SCHEMA
+from tests.gap.conftest import K_B, MASS, NOISE, RIVALS, all_but, both_supports, campaign_of, measure
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    """Diagnosis of a rotor that is the nominal one."""
+    return diagnose(campaign_of(*both_supports(seed=5)), exclude=all_but(*RIVALS))
+
+
+@pytest.fixture(scope="module")
+def withheld():
+    """Diagnosis of a rotor with a mass, by a library that has no mass."""
+    return diagnose(campaign_of(*both_supports(MASS, seed=3)), exclude=all_but("disk_mass", "shaft_modulus"))
+
+
+def inside(estimate, truth):
+    return abs(estimate.value - truth) < 4 * estimate.std
+
+
+# -- an effect of the library ----------------------------------------------------------------------
+
+
+def test_an_attached_mass_is_the_cause(weighed):
+    diagnosis = weighed.diagnosis
+    assert diagnosis.verdict == "cause"
+    cause = diagnosis.causes[0]
+    assert cause.effects == ("attached_mass",)
+    assert (cause.location.kind, cause.location.node) == ("node", 3)
+    assert cause.probability > 0.9
+    assert "attached mass at node 3" in diagnosis.sentence
+
+
+def test_its_size_and_the_bearings_are_within_their_errors(weighed):
+    cause = weighed.diagnosis.causes[0]
+    mass = cause.parameters["mass"]
+    assert inside(mass, MASS.mass)
+    assert mass.std < 0.05 * MASS.mass
+    assert mass.unit == "kg"
+    assert inside(cause.k_b, K_B)
+    assert cause.k_b.std < 0.01 * K_B
+    # The nominal model alone makes good for the mass by softer bearings.
+    assert not inside(weighed.diagnosis.nominal["k_b"], K_B)
+
+
+def test_the_gap_shrinks_to_the_noise(weighed):
+    shrink = weighed.diagnosis.shrink
+    assert shrink.verified_by == "model"
+    assert shrink.before > 10 * NOISE
+    assert_allclose([shrink.after, shrink.floor], NOISE, rtol=0.3)
+    assert shrink.explainable > 0.95
+    assert shrink.ci90[0] <= shrink.explainable <= shrink.ci90[1]
+
+
+def test_the_curves_are_the_runs_and_their_models(weighed):
+    assert len(weighed.curves) == 2
+    for curve in weighed.curves:
+        nominal, corrected = (np.linalg.norm(curve.run.H - H) for H in (curve.nominal, curve.corrected))
+        assert corrected < 0.1 * nominal
+        assert corrected < 2 * NOISE * np.linalg.norm(curve.run.H)
+
+
+def test_where_names_the_node(weighed):
+    where = weighed.diagnosis.where
+    assert max(where.nodes, key=lambda node: node.share).node == 3
+    assert where.regime == "linear"
+
+
+def test_all_causes_together_are_certain(weighed):
+    assert_allclose(sum(cause.probability for cause in weighed.diagnosis.causes), 1.0)
+    assert weighed.diagnosis.equivalent == ()
+
+
+# -- nothing ---------------------------------------------------------------------------------------
+
+
+def test_where_nothing_is_there_is_no_gap(healthy):
+    diagnosis = healthy.diagnosis
+    assert diagnosis.verdict == "no_gap"
+    assert diagnosis.shrink is None
+    assert diagnosis.next_test is None
+    assert diagnosis.nominal["probability"] > 0.5
+    assert inside(diagnosis.nominal["k_b"], K_B)
+
+
+# -- an effect that the library lacks --------------------------------------------------------------
+
+
+def test_a_withheld_effect_is_not_blamed_on_another(withheld):
+    diagnosis = withheld.diagnosis
+    assert diagnosis.verdict == "unknown"
+    assert diagnosis.unknown_score > 0.5
+    assert "attached_mass" in diagnosis.excluded
+    assert all("attached_mass" not in cause.effects for cause in diagnosis.causes)
+    assert diagnosis.shrink is None
+    assert diagnosis.next_test is not None
+
+
+def test_a_known_effect_is_less_strange_than_a_withheld_one(weighed, healthy, withheld):
+    known = max(weighed.diagnosis.unknown_score, healthy.diagnosis.unknown_score)
+    assert known < 0.5 < withheld.diagnosis.unknown_score
+
+
+def test_an_effect_that_does_not_exist_cannot_be_excluded():
+    with pytest.raises(ValueError, match="no effect flux_capacitor"):
+        diagnose(campaign_of(*both_supports()), exclude=("flux_capacitor", "open_crack"))
+
+
+# -- runs of other kinds ---------------------------------------------------------------------------
+
+
+def test_rigid_runs_alone_give_no_bearing_stiffness():
+    run = measure("rigid", (MASS,), seed=1)
+    diagnosis = diagnose(campaign_of(run), exclude=all_but("attached_mass", "bearing_damping")).diagnosis
+    assert diagnosis.nominal["k_b"] is None
+    assert diagnosis.causes[0].effects == ("attached_mass",)
+    assert diagnosis.causes[0].k_b is None
+    assert diagnosis.next_test is not None
+    assert diagnosis.next_test.run["support"] == "bearing"
+
+
+def test_errors_need_not_be_given():
+    runs = (replace(run, std=None) for run in both_supports(MASS, seed=3))
+    diagnosis = diagnose(campaign_of(*runs), exclude=all_but("attached_mass")).diagnosis
+    assert diagnosis.causes[0].effects == ("attached_mass",)
+    assert diagnosis.causes[0].location.node == 3
+
+
+def test_progress_and_the_virtual_rig_are_asked():
+    told, asked = [], []
+
+    def confirm(runs, effects, k_b):
+        asked.append((len(runs), effects, k_b))
+        return [], "model"
+
+    outcome = diagnose(
+        campaign_of(*both_supports(MASS, seed=3)),
+        exclude=all_but("attached_mass"),
+        progress=lambda done, total, words: told.append((done, total, words)),
+        confirm=confirm,
+    )
+    assert told
+    assert all(0 <= done <= total and words for done, total, words in told)
+    ((n_runs, (effect,), k_b),) = asked
+    assert (n_runs, effect.node) == (2, 3)
+    assert_allclose(k_b, outcome.diagnosis.causes[0].k_b.value, rtol=1e-2)
+
+
+# -- the file --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("outcome", ["weighed", "healthy", "withheld"])
+def test_the_file_holds_what_was_agreed(outcome, request, tmp_path):
+    diagnosis = request.getfixturevalue(outcome).diagnosis
+    path = diagnosis.save(tmp_path)
+    assert path.name == FILE_NAME
+    document = json.loads(path.read_text(encoding="utf-8"))
+    assert document == json.loads(diagnosis.to_json())
+    assert document["schema"] == SCHEMA
+    keys = {
+        "verdict",
+        "sentence",
+        "nominal",
+        "where",
+        "causes",
+        "equivalent",
+        "next_test",
+        "shrink",
+        "audit",
+        "excluded",
+    }
+    assert keys <= set(document)
+    assert document["verdict"] == diagnosis.verdict
+    assert {"bands", "supports", "nodes", "regime", "levels", "joint"} <= set(document["where"])
+    assert {"value", "std", "unit"} == set(document["nominal"]["k_b"])
+    for cause, written in zip(diagnosis.causes, document["causes"], strict=True):
+        assert written["effects"] == list(cause.effects)
+        assert {"location", "probability", "parameters", "k_b", "log_evidence"} <= set(written)
+        for name, estimate in cause.parameters.items():
+            assert written["parameters"][name]["value"] == estimate.value

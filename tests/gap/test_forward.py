@@ -1,0 +1,216 @@
+"""The modal form of a run against the rotor's own solver, and what drifts and tolerances do to it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gap.forward import MODES, TOLERANCES, Forward
+from rotor.assembly import assemble
+from rotor.effects import (
+    EFFECTS,
+    AttachedMass,
+    FastSweep,
+    ForceDropout,
+    PlaneAnisotropy,
+    SensorGain,
+    ViscoelasticSupport,
+)
+from rotor.measured import measured_response
+from rotor.rig import load_rig
+from sim.campaign import Channel
+from tests.gap.conftest import BELIEF, K_B, LINEAR, RIG, STRUCTURE, blank, condition, lines, truth
+
+# Resonances are narrow: what they say must be right to this share of a channel's peak.
+CLOSE = 1e-4
+
+
+@pytest.fixture(scope="module")
+def forward():
+    return Forward(STRUCTURE, BELIEF)
+
+
+@pytest.fixture(scope="module")
+def tolerant():
+    """A model that knows what the workshop's tolerances do to both runs."""
+    model = Forward(STRUCTURE, BELIEF)
+    model.allow_for_tolerances(load_rig(RIG), [blank(support, lines(support)) for support in ("rigid", "bearing")], K_B)
+    return model
+
+
+def off(H, expected):
+    """Largest error of a channel over its peak; channels that are held still do not count."""
+    peak = np.abs(expected).max(axis=0)
+    moving = peak > 1e-6 * peak.max()
+    return float((np.abs(H - expected).max(axis=0)[moving] / peak[moving]).max())
+
+
+def acting(name):
+    """An effect at its start values, at a node in the middle of the shaft."""
+    return EFFECTS[name](**({"node": 3} if "node" in EFFECTS[name].roles() else {}))
+
+
+# -- against the rotor's own solver ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("support", ["rigid", "bearing"])
+@pytest.mark.parametrize("name", [name for name in LINEAR if name != "fast_sweep"])
+def test_every_linear_effect_agrees_with_the_rotor(forward, name, support):
+    effect = acting(name)
+    run = blank(support, lines(support, [effect]))
+    assert off(forward.modal(run, K_B, [effect]).response(), truth(run, [effect])) < CLOSE
+
+
+@pytest.mark.parametrize("relaxation_time", [1e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("k_b", [3e5, 2e7])
+def test_a_strong_relaxing_support_agrees_too(forward, k_b, relaxation_time):
+    effect = ViscoelasticSupport(strength=2.0, relaxation_time=relaxation_time)
+    run = blank("bearing", lines("bearing", [effect]))
+    assert off(forward.modal(run, k_b, [effect]).response(), truth(run, [effect], k_b=k_b)) < CLOSE
+
+
+@pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
+def test_every_quantity_agrees(forward, quantity):
+    run = blank("bearing", lines("bearing"), quantity=quantity, excitation_node=4)
+    assert off(forward.modal(run, K_B).response(), truth(run)) < CLOSE
+
+
+def test_at_constant_current_the_force_drops(forward):
+    effect = ForceDropout()
+    run = blank("bearing", lines("bearing", [effect]), quantity="acceleration", force_amplitude_N=3.0)
+    expected = truth(run, [effect])
+    assert off(forward.modal(run, K_B, [effect]).response(), expected) < CLOSE
+    assert off(truth(run), expected) > 0.1
+
+
+def test_a_channel_across_the_force_agrees(forward):
+    effect = PlaneAnisotropy(anisotropy=0.3, angle=0.4)
+    across = (Channel(2, "z"), Channel(4, "z"))
+    run = blank("bearing", lines("bearing", [effect]), channels=across)
+    expected = measured_response(STRUCTURE, condition("bearing"), [effect], run.frequency_hz, [2, 4], plane=2)
+    assert off(forward.modal(run, K_B, [effect]).response(), expected) < CLOSE
+
+
+def test_several_effects_act_together(forward):
+    effects = [AttachedMass(mass=0.2, node=5), SensorGain(gain=1.2, node=2)]
+    run = blank("bearing", lines("bearing", effects))
+    assert off(forward.modal(run, K_B, effects).response(), truth(run, effects)) < CLOSE
+
+
+# -- drifts ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_drift_moves_its_resonance_and_no_other(forward, mode):
+    own = forward.modal(blank("bearing", lines("bearing")), K_B).frequencies_hz
+    drift = np.zeros(MODES)
+    drift[mode] = 2e-3
+    for m in (0, 1):
+        f = own[m] * (1 + np.linspace(-8e-3, 8e-3, 1601))
+        modal = forward.modal(blank("bearing", f, channels=(Channel(3),)), K_B)
+        before, after = (f[np.argmax(np.abs(H[:, 0]))] for H in (modal.response(), modal.response(drift)))
+        assert_allclose(after / before - 1, drift[m], atol=3e-5)
+
+
+@pytest.mark.parametrize("support", ["rigid", "bearing"])
+def test_a_drift_of_all_resonances_is_another_frequency_axis(forward, support):
+    run = blank(support, lines(support))
+    moved = forward.modal(run, K_B).response(np.full(MODES, 1e-4))
+    # Heights of peaks change by twice the drift, and so does what modes above the lines leave.
+    assert off(moved, truth(run, drift=1e-4)) < 3e-4
+    assert off(truth(run), truth(run, drift=1e-4)) > 5e-3
+
+
+# -- derivatives -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("support", ["rigid", "bearing"])
+def test_derivatives_are_finite_differences(tolerant, support):
+    rng = np.random.default_rng(1)
+    modal = tolerant.modal(blank(support, lines(support)), K_B, [AttachedMass(mass=0.05, node=5)])
+    drift, tolerance = 1e-4 * rng.standard_normal(MODES), 5e-4 * rng.standard_normal(len(TOLERANCES))
+    H, D = modal.with_derivatives(drift, tolerance)
+    assert_allclose(H, modal.response(drift, tolerance))
+    at, step = np.concatenate([drift, tolerance]), 1e-7
+    for k, derivative in enumerate(D):
+        up, down = at.copy(), at.copy()
+        up[k], down[k] = at[k] + step, at[k] - step
+        difference = (modal.response(*np.split(up, [MODES])) - modal.response(*np.split(down, [MODES]))) / (2 * step)
+        assert np.abs(derivative - difference).max() <= 1e-5 * np.abs(difference).max() + 1e-6
+
+
+# -- tolerances ------------------------------------------------------------------------------------
+
+
+def rebuilt(tolerance, size):
+    """The rig as a workshop makes it that is off by so much."""
+    rig, more = load_rig(RIG), 1 + size
+    segment, disk = rig.segment, rig.disk
+    if tolerance == "modulus":
+        segment = [s.model_copy(update={"youngs_modulus_Pa": more * s.youngs_modulus_Pa}) for s in segment]
+        return rig.model_copy(update={"segment": segment})
+    if tolerance == "span":
+        segment = [s.model_copy(update={"length_m": more * s.length_m}) for s in segment]
+        return rig.model_copy(update={"segment": segment, "nodes_m": [more * x for x in rig.nodes_m]})
+    number = int(tolerance[-1]) - 1
+    disks = [
+        d.model_copy(update={"density_kg_per_m3": more * d.density_kg_per_m3}) if k == number else d
+        for k, d in enumerate(disk)
+    ]
+    return rig.model_copy(update={"disk": disks})
+
+
+@pytest.mark.parametrize("size", [1e-3, -1e-3])
+@pytest.mark.parametrize("support", ["rigid", "bearing"])
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_a_tolerance_is_what_a_rebuilt_rig_does(tolerant, tolerance, support, size):
+    run = blank(support, lines(support))
+    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
+    expected = measured_response(structure, condition(support), (), run.frequency_hz)
+    given = tolerant.modal(run, K_B).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
+    change = np.abs(expected - truth(run)).max()
+    assert change > 0.01 * np.abs(expected).max()
+    assert np.abs(given - expected).max() < 0.05 * change
+
+
+@pytest.mark.parametrize("drive", [2, 4])
+@pytest.mark.parametrize("support", ["rigid", "bearing"])
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_a_tolerance_acts_beside_an_effect(tolerance, support, drive):
+    """Driven at midspan the nominal rotor has modes that do not move; with a mass on one side they do."""
+    size, effect = 1e-3, AttachedMass(mass=0.1, node=3)
+    run = blank(support, lines(support, [effect]), excitation_node=drive)
+    model = Forward(STRUCTURE, BELIEF)
+    model.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
+    expected = measured_response(structure, condition(support, drive), [effect], run.frequency_hz)
+    given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
+    assert np.abs(given - expected).max() < 0.1 * np.abs(expected - truth(run, [effect])).max()
+
+
+# -- fast sweeps -----------------------------------------------------------------------------------
+
+
+def test_a_long_dwell_is_a_steady_response(forward):
+    run = blank("bearing", lines("bearing"))
+    steady = truth(run)
+    errors = [off(forward.modal(run, K_B, [FastSweep(dwell=dwell)]).response(), steady) for dwell in (0.1, 1.0, 30.0)]
+    assert errors[0] > 0.1
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < CLOSE
+
+
+def test_a_fast_sweep_pulls_peaks_along(forward):
+    run = blank("rigid", np.linspace(80.0, 120.0, 801), channels=(Channel(3),))
+    H = {
+        sweep: np.abs(
+            forward.modal(
+                blank("rigid", run.frequency_hz, channels=run.channels, sweep=sweep), K_B, [FastSweep(dwell=0.05)]
+            ).response()[:, 0]
+        )
+        for sweep in ("up", "down")
+    }
+    steady = np.abs(forward.modal(run, K_B).response()[:, 0])
+    up, down, settled = (run.frequency_hz[np.argmax(h)] for h in (H["up"], H["down"], steady))
+    assert down < settled < up

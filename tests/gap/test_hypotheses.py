@@ -1,0 +1,106 @@
+"""Which candidates are formed from what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gap.hypotheses import NOMINAL, candidates
+from rotor.effects import EFFECTS
+from sim.campaign import Channel
+from tests.gap.conftest import STRUCTURE, blank
+
+F_HZ = np.linspace(20.0, 400.0, 5)
+RIGID, BEARING = blank("rigid", F_HZ), blank("bearing", F_HZ)
+
+
+def ids(*runs, **options):
+    return {h.ids[0] for h in candidates(runs, STRUCTURE, **options)}
+
+
+def nodes(runs, name):
+    return [h.terms[0].fixed[0][1] for h in candidates(runs, STRUCTURE) if h.ids == (name,)]
+
+
+def test_an_excluded_effect_is_no_candidate():
+    left = ids(RIGID, BEARING, exclude=("attached_mass", "open_crack"))
+    assert ids(RIGID, BEARING) - left == {"attached_mass", "open_crack"}
+
+
+def test_linear_and_nonlinear_effects_are_apart():
+    linear, nonlinear = ids(RIGID, BEARING), ids(RIGID, BEARING, nonlinear=True)
+    assert nonlinear
+    assert {EFFECTS[name].family for name in nonlinear} == {"nonlinear"}
+    assert {EFFECTS[name].family for name in linear} == {"structure", "support", "chain"}
+
+
+def test_an_effect_needs_its_support():
+    bearings = {name for name, effect in EFFECTS.items() if effect.location == "bearings"}
+    assert bearings
+    assert not ids(RIGID) & bearings
+    assert not ids(RIGID, nonlinear=True) & bearings
+    assert "compliant_rigid_support" in ids(RIGID)
+    assert "compliant_rigid_support" not in ids(BEARING)
+    assert "bearing_damping" in ids(BEARING)
+
+
+def test_an_effect_of_the_chain_needs_its_quantity():
+    assert "force_dropout" not in ids(BEARING)
+    assert "force_dropout" in ids(replace(BEARING, quantity="acceleration"))
+    assert "sensor_delay" in ids(BEARING)
+    assert "sensor_delay" not in ids(replace(BEARING, magnitude_only=True))
+
+
+def test_sensors_are_where_sensors_are():
+    two = blank("bearing", F_HZ, channels=(Channel(2), Channel(6)))
+    assert nodes([two], "sensor_position") == [0, 2, 6]
+    assert nodes([two], "sensor_gain") == [2, 6]  # of all sensors together: the exciter's gain, a nuisance
+    one = blank("bearing", F_HZ, channels=(Channel(3),))
+    assert nodes([one], "sensor_mass") == [3]
+
+
+def test_a_mass_sits_where_the_rotor_moves():
+    assert nodes([RIGID, BEARING], "attached_mass") == [1, 2, 3, 4, 5, 6, 7]
+    assert nodes([RIGID], "attached_mass") == [2, 3, 4, 5, 6]
+
+
+def test_effects_are_equally_probable_and_places_share():
+    every = candidates([RIGID, BEARING], STRUCTURE)
+    total: dict[str, float] = {}
+    for h in every:
+        total[h.ids[0]] = total.get(h.ids[0], 0.0) + h.prior
+    assert_allclose(list(total.values()), 1 / len(total))
+
+
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_ranges_reach_to_where_an_effect_does_nothing(nonlinear):
+    for h in candidates([RIGID, BEARING, replace(BEARING, quantity="acceleration")], STRUCTURE, nonlinear=nonlinear):
+        roles = h.terms[0].effect.parameters()
+        for free in h.free:
+            if free.name not in roles:
+                continue
+            role = roles[free.name]
+            assert free.low <= role.low
+            assert free.high >= role.high
+            if isinstance(role.null, (int, float)) and np.isfinite(role.null):
+                # In a logarithm nothing is out of reach; it is come near to.
+                assert free.low <= role.null <= free.high or (free.log and free.low <= role.low / 10)
+            elif role.null is not None and not isinstance(role.null, str):
+                assert free.high >= 10 * role.high
+
+
+def test_starts_are_effects_inside_their_ranges():
+    for h in candidates([RIGID, BEARING], STRUCTURE):
+        for u in h.starts():
+            assert len(h.effects(u)) == 1
+            for free, x in zip(h.free, u, strict=True):
+                assert free.ends[0] <= x <= free.ends[1]
+
+
+def test_the_nominal_model_is_no_effect():
+    assert str(NOMINAL) == "nominal"
+    assert NOMINAL.effects(()) == ()
+    assert len(NOMINAL.starts()) == 1

@@ -1,0 +1,185 @@
+"""The joint fit of a candidate and of what runs do not share, on runs whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gap.hypotheses import NOMINAL, Hypothesis
+from gap.likelihood import Problem, observe
+from gap.search import recalibrate
+from rotor.effects import AttachedMass, BearingDamping
+from rotor.rig import load_rig
+from tests.gap.conftest import BELIEF, K_B, NOISE, RIG, both_supports, candidate, lines, measure, problem_of
+
+MASS = AttachedMass(mass=0.1, node=3)
+GAINS, DRIFTS = (1.03, 0.98), (1.5e-4, -1e-4)
+
+
+def two_runs(*effects, seed=0, **settings):
+    """Runs with a gain and a drift of their own."""
+    return tuple(
+        measure(support, effects, seed=seed + n, gain=GAINS[n], drift=DRIFTS[n], **settings)
+        for n, support in enumerate(("rigid", "bearing"))
+    )
+
+
+def fitted(problem, hypothesis):
+    """A candidate from the middle of its range and the nominal model's stiffness."""
+    start = np.concatenate([recalibrate(problem).u[:1], hypothesis.starts()[len(hypothesis.starts()) // 2]])
+    return problem.fit(hypothesis, problem.rough(hypothesis, start)[0])
+
+
+def sigmas(fit, place, truth):
+    """How far a fitted coordinate is from the truth, in its standard errors."""
+    return float((fit.u[place] - truth) / np.sqrt(fit.covariance()[place, place]))
+
+
+@pytest.fixture(scope="module")
+def heavy() -> Problem:
+    problem = problem_of(*two_runs(MASS))
+    problem.allow_for_tolerances(load_rig(RIG), K_B)
+    return problem
+
+
+@pytest.fixture(scope="module")
+def right(heavy):
+    return fitted(heavy, candidate(heavy.runs, "attached_mass", 3))
+
+
+def test_stiffness_and_mass_are_recovered(right):
+    assert abs(sigmas(right, 0, np.log(K_B))) < 4
+    assert abs(sigmas(right, 1, np.log(MASS.mass))) < 4
+    assert_allclose(right.k_b, K_B, rtol=5e-3)
+    assert_allclose(right.effects[0].mass, MASS.mass, rtol=0.05)
+
+
+def test_only_noise_is_left(right):
+    assert right.n_data == 2 * sum(np.count_nonzero(run.H) for run in two_runs(MASS))
+    assert 0.9 < right.chi2 / right.n_data < 1.1
+    assert np.abs(right.nu / right.prior_std).max() < 4
+
+
+def test_gains_of_the_runs_are_recovered(heavy, right):
+    """A run's gain, times what its sensors share."""
+    nuisances = heavy.nuisances
+    common = right.nu[nuisances.sensor][1:6].mean()
+    assert_allclose(np.exp(right.nu[nuisances.gain] + common), GAINS, rtol=5e-3)
+
+
+def test_a_drift_between_runs_is_recovered(heavy, right):
+    """Two runs of one rotor differ by what drifted between them."""
+    first, second = (measure("bearing", (MASS,), seed=n, drift=drift, noise=1e-3) for n, drift in enumerate(DRIFTS))
+    problem = problem_of(first, second)
+    fit = problem.fit(candidate(problem.runs, "attached_mass", 3), right.u)
+    between = fit.nu[problem.nuisances.drift[0]] - fit.nu[problem.nuisances.drift[1]]
+    assert_allclose(between[:2], DRIFTS[0] - DRIFTS[1], atol=4e-5)
+
+
+def test_the_fit_predicts_the_runs(heavy, right):
+    for observed, model in zip(heavy.observed, heavy.predict(right), strict=True):
+        error = np.linalg.norm(observed.run.H - model) / np.linalg.norm(observed.run.H)
+        assert 0.5 * NOISE < error < 1.5 * NOISE
+
+
+def test_evidence_prefers_what_is_there(heavy, right):
+    nominal = recalibrate(heavy)
+    elsewhere = fitted(heavy, candidate(heavy.runs, "attached_mass", 5))
+    other = fitted(heavy, candidate(heavy.runs, "disk_mass"))
+    assert right.log_evidence() > max(fit.log_evidence() for fit in (nominal, elsewhere, other)) + 10
+
+
+@pytest.mark.parametrize("seed", [10, 20])
+def test_evidence_prefers_the_nominal_model_where_nothing_is(seed):
+    problem = problem_of(*two_runs(seed=seed))
+    nominal = recalibrate(problem)
+    assert 0.9 < nominal.chi2 / nominal.n_data < 1.1
+    for name, node in (("attached_mass", 3), ("disk_mass", None), ("bearing_damping", None)):
+        hypothesis = candidate(problem.runs, name, node)
+        start = np.concatenate([nominal.u, hypothesis.starts()[0]])
+        assert problem.fit(hypothesis, start).log_evidence() < nominal.log_evidence()
+
+
+def test_errors_that_are_too_small_can_be_scaled():
+    """Twice the noise that is believed: with the scale given, the evidence is that of the right errors."""
+    runs = two_runs(MASS)
+    forward = problem_of(*runs).forward
+    honest, believed = (
+        Problem(forward, [observe(run, share * np.asarray(run.std)) for run in runs], 0.0) for share in (1.0, 0.5)
+    )
+    u = np.array([np.log(K_B), np.log(MASS.mass)])
+    hypothesis = candidate(runs, "attached_mass", 3)
+    loud, true = (problem.fit(hypothesis, u, anneal=(0.0,), steps=0) for problem in (believed, honest))
+    assert_allclose(loud.log_evidence(2.0), true.log_evidence(), rtol=0.02)
+    assert loud.log_evidence() < true.log_evidence() - 100
+
+
+def test_magnitudes_alone_tell_stiffness_and_mass():
+    runs = [replace(run, H=np.abs(run.H), magnitude_only=True) for run in two_runs(MASS, seed=3)]
+    problem = problem_of(*runs)
+    fit = fitted(problem, candidate(runs, "attached_mass", 3))
+    assert fit.n_data == sum(np.count_nonzero(run.H) for run in runs)
+    assert 0.85 < fit.chi2 / fit.n_data < 1.15
+    assert abs(sigmas(fit, 0, np.log(K_B))) < 4
+    assert abs(sigmas(fit, 1, np.log(MASS.mass))) < 4
+
+
+def test_missing_values_take_no_part(right):
+    runs = []
+    for run in two_runs(MASS):
+        H = run.H.copy()
+        H[::7, 2], H[5, :] = np.nan, np.nan
+        runs.append(replace(run, H=H))
+    problem = problem_of(*runs)
+    fit = fitted(problem, candidate(runs, "attached_mass", 3))
+    assert fit.n_data < right.n_data
+    assert 0.9 < fit.chi2 / fit.n_data < 1.1
+    assert abs(sigmas(fit, 1, np.log(MASS.mass))) < 4
+
+
+def test_a_channel_without_errors_takes_no_part():
+    run = measure("bearing")
+    std = run.std.copy()
+    std[:, 3] = np.inf
+    broken = replace(run, H=np.where(np.arange(7) == 3, 100 * run.H, run.H))
+    problem = Problem(problem_of(run).forward, [observe(broken, std)])
+    fit = recalibrate(problem)
+    assert 0.9 < fit.chi2 / fit.n_data < 1.1
+    assert_allclose(fit.k_b, K_B, rtol=5e-3)
+
+
+def test_an_arbitrary_unit_is_fitted():
+    run = measure("bearing", (BearingDamping(damping=60.0),), gain=37.0, quantity="acceleration")
+    problem = problem_of(run)
+    fit = fitted(problem, candidate([run], "bearing_damping"))
+    assert_allclose(fit.effects[0].damping, 60.0, rtol=0.05)
+    assert_allclose(np.exp(fit.nu[problem.nuisances.gain]), 37.0, rtol=0.05)
+
+
+def test_rigid_runs_say_nothing_of_the_bearings():
+    run = measure("rigid", (MASS,))
+    problem = problem_of(run)
+    assert not problem.with_k_b
+    fit = fitted(problem, candidate([run], "attached_mass", 3))
+    assert_allclose(fit.effects[0].mass, MASS.mass, rtol=0.05)
+    assert np.isfinite(fit.log_evidence())
+
+
+def test_an_impossible_start_is_refused():
+    run = measure("bearing", frequency_hz=lines("bearing")[::4])
+    hypothesis: Hypothesis = candidate([run], "bearing_offset")
+    problem = problem_of(run)
+    term = replace(hypothesis.terms[0], free=(replace(hypothesis.free[0], low=-0.2, high=-0.15),))
+    with pytest.raises(ValueError, match=r"bearing_offset|no model"):
+        problem.fit(Hypothesis((term,)), np.array([np.log(K_B), -0.18]))
+
+
+def test_belief_sets_the_nuisances_width():
+    problem = problem_of(*both_supports())
+    std, nuisances = problem.nuisances.std, problem.nuisances
+    assert_allclose(std[nuisances.gain], BELIEF.gain_tolerance)
+    assert_allclose(std[nuisances.drift[1]], BELIEF.frequency_drift)
+    assert NOMINAL.free == ()

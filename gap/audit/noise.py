@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
+from gap.curves import SILENT
 from sim.campaign import FloatArray, Run
 
 # Neighbouring lines in one local fit. A magnitude's fit has more unknowns.
@@ -92,9 +93,14 @@ def estimate_noise(run: Run) -> NoiseEstimate:
 
 
 def live_channels(run: Run) -> np.ndarray:
-    """(n_channels,) whether a channel carries a response on half of the lines or more."""
+    """(n_channels,) whether a channel carries a response on half of the lines or more.
+
+    What stays below ``SILENT`` of the largest channel is the noise of a node that is held.
+    """
     H = responses(run)
-    return np.count_nonzero(np.isfinite(H) & (H != 0), axis=0) * 2 >= max(len(H), 2)
+    there = np.count_nonzero(np.isfinite(H) & (H != 0), axis=0) * 2 >= max(len(H), 2)
+    size = np.max(np.abs(np.where(np.isfinite(H), H, 0.0)), axis=0, initial=0.0)
+    return there & (size > SILENT * size.max(initial=0.0))
 
 
 def responses(run: Run) -> np.ndarray:

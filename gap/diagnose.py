@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.special import logsumexp
@@ -261,7 +262,8 @@ def _report(
 ) -> Outcome:
     scale = _scale(quality)
     raster = _coarse_raster(findings, exclude) if verdict == "no_gap" else None
-    causes = _causes(problem, ranked, scale)
+    doubt = _unknown_score(problem, ranked.fits[0], quality)
+    causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
     if raster is not None:
         verdict, causes = "cause", (raster, *causes)
     best = nominal if verdict in ("no_gap", "unknown") or raster is not None else ranked.fits[0]
@@ -281,7 +283,7 @@ def _report(
     gap = float(np.mean([nrmse(np.nan_to_num(c.run.H), _like(c.run, c.nominal)) for c in curves]))
     diagnosis = Diagnosis(
         title=campaign.title,
-        rig=campaign.rig,
+        rig=Path(campaign.rig).name,
         verdict=verdict,
         sentence="",
         nominal={
@@ -298,7 +300,7 @@ def _report(
         shrink=shrink,
         audit=(*findings, *_noise_finding(problem, quality)),
         excluded=tuple(exclude),
-        unknown_score=_unknown_score(problem, ranked.fits[0], quality) if ranked.fits else None,
+        unknown_score=doubt,
         calibration=_calibration(problem, best),
         timing_s=clock.laps,
     )
@@ -324,15 +326,19 @@ def _k_b(problem: Problem, fit: Fit, scale: float) -> Estimate | None:
     return Estimate(fit.k_b, fit.k_b * float(np.sqrt(fit.covariance(scale)[0, 0])), "N/m")
 
 
-def _causes(problem: Problem, ranked: _Ranked, scale: float) -> tuple[Cause, ...]:
-    """One cause for every set of effects, at its most probable place, with the probability of all its places."""
+def _causes(problem: Problem, ranked: _Ranked, scale: float, known: float) -> tuple[Cause, ...]:
+    """One cause for every set of effects, at its most probable place, with the probability of all its places.
+
+    Parameters
+    ----------
+    known : probability that it is a known effect, or none, at all
+    """
     names, seen, causes = _by_name(ranked), set(), []
-    alone = sum(names.values())
     for fit in ranked.fits:
         name = tuple(sorted(fit.hypothesis.ids))
         if name not in seen:
             seen.add(name)
-            causes.append(_cause(problem, fit, names[name] / max(alone, 1e-300), scale))
+            causes.append(_cause(problem, fit, known * names[name], scale))
     return tuple(causes)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def diagnose_peaks(campaign: Campaign, exclude: Sequence[str], findings: tuple[F
     )
     return Diagnosis(
         title=campaign.title,
-        rig=campaign.rig,
+        rig=Path(campaign.rig).name,
         verdict="no_gap" if enough else "not_enough_data",
         sentence=sentence,
         nominal={

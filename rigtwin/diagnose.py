@@ -208,7 +208,7 @@ def write_prediction(path: Path, folder: Path, out: Path) -> int:
     campaign = load_campaign(folder)
     if not campaign.runs:
         raise UserError(f"{folder}: the campaign has no run, only resonance lists; there are no lines to predict")
-    if document.get("rig") != campaign.rig:
+    if document.get("rig") != Path(campaign.rig).name:
         note(f"{path} is of the rig {document.get('rig')}, {folder} of {campaign.rig}; the campaign's is predicted")
     files = _files(campaign, folder)
     runs = [

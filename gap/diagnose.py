@@ -112,12 +112,13 @@ def diagnose(
     nominal = recalibrate(problem)
     clock.lap("recalibration")
     laws = candidates(campaign.runs, structure, exclude, nonlinear=True)
-    if laws and _amplitude_dependent(findings):
+    dependent = bool(laws) and _amplitude_dependent(findings)
+    linear = candidates(campaign.runs, structure, exclude)
+    fits = _linear(problem, linear, nominal, progress, clock, with_pairs=not dependent)
+    if dependent and not _adequate(problem, fits[0], judge(problem, fits[0])):
         problem, found = search_nonlinear(problem, laws, nominal, progress)
         nominal, fits = found.nominal, list(found.fits)
         clock.lap("nonlinear effects")
-    else:
-        fits = _linear(problem, candidates(campaign.runs, structure, exclude), nominal, progress, clock)
     quality = judge(problem, fits[0])
     ranked = _rank(problem, nominal, fits, quality)
     verdict, adequate = _verdict(problem, nominal, ranked, quality)
@@ -125,13 +126,19 @@ def diagnose(
 
 
 def _linear(
-    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None, clock: _Clock
+    problem: Problem,
+    hypotheses: Sequence[Hypothesis],
+    nominal: Fit,
+    progress: Progress | None,
+    clock: _Clock,
+    *,
+    with_pairs: bool,
 ) -> list[Fit]:
     """Single effects, and pairs where no single one is adequate; best first."""
     found = search(problem, hypotheses, nominal, progress)
     clock.lap("single effects")
     fits = list(found.fits)
-    if not _adequate(problem, fits[0], judge(problem, fits[0])):
+    if with_pairs and not _adequate(problem, fits[0], judge(problem, fits[0])):
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
     problem.refine()

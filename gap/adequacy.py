@@ -20,7 +20,6 @@ class Adequacy:
     scale: float  # true over believed standard error, from differences of neighbouring lines
     misfit: float  # mean square of the residuals over that of their noise; 1: nothing is left
     correlation: float  # of neighbouring lines' residuals, in its standard errors
-    worst_misfit: float  # largest misfit of a run
 
 
 def whitened(observed: Observed, model: ComplexArray, model_error: float = 0.0) -> ComplexArray:
@@ -37,7 +36,7 @@ def whitened(observed: Observed, model: ComplexArray, model_error: float = 0.0) 
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:
     """Compare a fit's residuals with the noise under them."""
-    bends, squares, products, n, misfits = [], 0.0, 0.0, 0, []
+    bends, squares, products, n = [], 0.0, 0.0, 0
     for observed, model in zip(problem.observed, problem.predict(fit), strict=True):
         z = whitened(observed, model, problem.model_error if problem.model_error > MODEL_ERROR else 0.0)
         real = observed.run.magnitude_only
@@ -46,10 +45,8 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
             bend = z[1:-1] - (z[:-2] + z[2:]) / 2
             bends.append((np.abs(bend) ** 2 / (1.5 * (_MEDIAN_1 if real else _MEDIAN_2))).ravel())
         size = float(np.nansum(np.abs(z) ** 2)) / parts
-        count = int(np.isfinite(z).sum())
-        misfits.append(size / max(count, 1))
         squares += size
-        n += count
+        n += int(np.isfinite(z).sum())
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
     every = np.concatenate(bends) if bends else np.ones(1)
     scale2 = float(np.nanmedian(every))
@@ -58,5 +55,4 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         scale=float(np.sqrt(scale2)),
         misfit=squares / dof / max(scale2, 1e-30),
         correlation=products / max(squares, 1e-30) * np.sqrt(2 * n),
-        worst_misfit=max(misfits, default=np.nan) / max(scale2, 1e-30),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,9 +17,9 @@ from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Shrink, Verdict, Where
 from gap.forward import TOLERANCES, Forward
 from gap.held_out import Confirm, measure_shrink
-from gap.hypotheses import NOMINAL, Hypothesis, candidates
+from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Fit, Observed, Problem, observe
-from gap.search import Search, pairs, polished, recalibrate, search, search_nonlinear
+from gap.search import Progress, Search, pairs, polished, recalibrate, search, search_nonlinear
 from gap.where import locate
 from rotor.assembly import assemble
 from rotor.effects.library import EFFECTS
@@ -45,8 +45,6 @@ _ELEMENTS, _FINE_ELEMENTS = 2, 8
 
 # Leading candidates that are fitted once more in the end, on that mesh.
 _POLISHED = 4
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -121,8 +119,8 @@ def diagnose(
         clock.lap("nonlinear effects")
     quality = judge(problem, fits[0])
     ranked = _rank(problem, nominal, fits, quality)
-    verdict, adequate = _verdict(problem, nominal, ranked, quality)
-    return _report(campaign, problem, nominal, ranked, quality, verdict, adequate, findings, exclude, confirm, clock)
+    verdict = _verdict(problem, nominal, ranked, quality)
+    return _report(campaign, problem, nominal, ranked, quality, verdict, findings, exclude, confirm, clock)
 
 
 def _linear(
@@ -143,7 +141,7 @@ def _linear(
         clock.lap("pairs")
     problem.refine()
     fits[:_POLISHED] = [polished(problem, fit) for fit in fits[:_POLISHED]]
-    fits.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
+    fits.sort(key=lambda fit: fit.log_weight, reverse=True)
     return fits
 
 
@@ -174,7 +172,7 @@ def _with_pairs(
     best = found.fits[0].log_evidence()
     kept = [fit for fit in pairs(problem, found, hypotheses, progress) if fit.log_evidence() > best + PAIR_GAIN]
     every = [*found.fits, *kept]
-    every.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
+    every.sort(key=lambda fit: fit.log_weight, reverse=True)
     return every
 
 
@@ -231,15 +229,15 @@ def _rank(problem: Problem, nominal: Fit, fits: Sequence[Fit], quality: Adequacy
     return _Ranked(tuple(fits[k] for k in order), tuple(float(share[k]) for k in order), float(share[-1]))
 
 
-def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, quality: Adequacy) -> tuple[Verdict, bool]:
+def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, quality: Adequacy) -> Verdict:
     before = judge(problem, nominal)
     if ranked.no_gap > 0.5 and _adequate(problem, nominal, before):
-        return "no_gap", True
+        return "no_gap"
     if not _adequate(problem, ranked.fits[0], quality):
-        return "unknown", False
+        return "unknown"
     by_name = _by_name(ranked)
     top = max(by_name.values()) / max(sum(by_name.values()), 1e-300)
-    return ("cause" if top >= SURE else "ambiguous"), True
+    return "cause" if top >= SURE else "ambiguous"
 
 
 def _by_name(ranked: _Ranked) -> dict[tuple[str, ...], float]:
@@ -261,7 +259,6 @@ def _report(
     ranked: _Ranked,
     quality: Adequacy,
     verdict: Verdict,
-    adequate: bool,
     findings: tuple[Finding, ...],
     exclude: Sequence[str],
     confirm: Confirm | None,
@@ -274,7 +271,7 @@ def _report(
     if raster is not None:
         verdict, causes = "cause", (raster, *causes)
     best = nominal if verdict in ("no_gap", "unknown") or raster is not None else ranked.fits[0]
-    believed = _bare(problem, nominal)
+    believed = problem.bare(nominal)
     corrected = problem.predict(best)
     where = _where(problem, nominal, believed, verdict, causes)
     clock.lap("where")
@@ -316,15 +313,6 @@ def _report(
 
 def _like(run: Run, model: ComplexArray) -> ComplexArray:
     return np.abs(model) if run.magnitude_only else model
-
-
-def _bare(problem: Problem, nominal: Fit) -> list[ComplexArray]:
-    """The nominal model at its own k_b, nuisances left out; arbitrary units are fitted."""
-    made = []
-    for r, modal in enumerate(problem.modals(nominal.k_b, ())):
-        gain = np.exp(nominal.nu[problem.nuisances.gain][r]) if modal.run.quantity == "acceleration" else 1.0
-        made.append(modal.response() * gain)
-    return made
 
 
 def _k_b(problem: Problem, fit: Fit, scale: float) -> Estimate | None:
@@ -440,6 +428,3 @@ def _calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
         },
         "tolerance": dict(zip(TOLERANCES, map(float, fit.nu[nuisances.tolerance]), strict=True)),
     }
-
-
-__all__ = ["NOMINAL", "Outcome", "diagnose", "forward_of", "structure_of"]

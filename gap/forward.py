@@ -20,16 +20,13 @@ from gap.nonlinear import NonlinearModal, solve_run
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import Effect, FastSweep, HubStiffening, OpenCrack
-from rotor.measured import channel_factor, channel_groups, force_factor
+from rotor.measured import DERIVATIVE_ORDER, channel_factor, channel_groups, force_factor
 from rotor.model import build_model
 from rotor.rig import Rig
 from rotor.state_space import StateSpace
 from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 from rotor.system import LinearSystem
 from sim.campaign import NominalBelief, Run
-
-# Powers of i omega between a quantity and receptance.
-_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
 
 # Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
 _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
@@ -83,14 +80,6 @@ class Modal:
         group = self.groups[0]
         positive = (group.mode >= 0) & (group.poles.imag > 0)
         return np.sort(np.abs(group.poles[positive])) / (2 * np.pi)
-
-    @property
-    def damping_ratios(self) -> FloatArray:
-        """Their damping ratios."""
-        group = self.groups[0]
-        poles = group.poles[(group.mode >= 0) & (group.poles.imag > 0)]
-        poles = poles[np.argsort(np.abs(poles))]
-        return -poles.real / np.abs(poles)
 
     def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
         """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,), all relative."""
@@ -252,7 +241,7 @@ class Forward:
             groups.append(made)
         amplitude = run.force_amplitude_N or 1.0
         unit = amplitude if run.quantity == "acceleration" else 1.0
-        scale = unit * (1j * omega) ** _ORDER[run.quantity]
+        scale = unit * (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
         return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, scale)
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
@@ -270,7 +259,6 @@ class Forward:
             H,
             slope,
             linear.frequencies_hz,
-            linear.damping_ratios,
             linear.sensitivity,
             tuple(effects),
             joints,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from gap.curves import SILENT
 from gap.diagnosis import Shrink
 from gap.likelihood import Fit, Observed, Problem
 from rotor.effects import Effect
@@ -41,7 +41,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     )
     without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(0.0,))
     with_it = training.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
-    before = _bare(problem, without)
+    before = problem.bare(without)
     after = problem.predict(with_it)
     model_after, verified = after, "model"
     if confirm is not None:
@@ -69,15 +69,6 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
 
 def _held_out(n: int) -> FloatArray:
     return (np.arange(n) * _BLOCKS // n) % 2 == 1
-
-
-def _bare(problem: Problem, fit: Fit) -> list[ComplexArray]:
-    plain = replace(fit, nu=np.zeros_like(fit.nu))
-    plain.nu[problem.nuisances.gain] = [
-        fit.nu[problem.nuisances.gain][r] if run.quantity == "acceleration" else 0.0
-        for r, run in enumerate(problem.runs)
-    ]
-    return problem.predict(plain)
 
 
 def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
@@ -114,7 +105,7 @@ def _figures(table: FloatArray, rows) -> tuple[float, float, float]:
     """NRMSE before, after and of the noise, averaged over channels that move."""
     sums = table[rows].sum(axis=0)
     size = np.sqrt(sums[:, 0])
-    moving = size > 1e-4 * size.max(initial=0.0)
+    moving = size > SILENT * size.max(initial=0.0)
     return tuple(float(np.mean(np.sqrt(sums[moving, k]) / size[moving])) for k in (1, 2, 3))  # type: ignore[return-value]
 
 

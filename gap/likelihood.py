@@ -9,7 +9,7 @@ and are integrated over in the evidence (Laplace). What a nuisance takes is judg
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -110,7 +110,6 @@ class Fit:
     n_data: int
     prior_std: FloatArray  # of the nuisances
     with_k_b: bool
-    floor: tuple[float, ...] = field(default=())
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -131,21 +130,26 @@ class Fit:
         ----------
         scale : true over believed standard error of the data
         """
-        free = (K_B, *self.hypothesis.free) if self.with_k_b else self.hypothesis.free
-        width = np.array([f.ends[1] - f.ends[0] for f in free])
-        prior = np.concatenate([12 / width**2, 1 / self.prior_std**2])
-        data = self.precision / scale**2
-        keep = np.arange(0 if self.with_k_b else 1, len(self.precision))
-        posterior = data[np.ix_(keep, keep)] + np.diag(prior)
+        keep = slice(0 if self.with_k_b else 1, None)
+        prior = self._prior_precision[keep]
+        posterior = self.precision[keep, keep] / scale**2 + np.diag(prior)
         _, logdet = np.linalg.slogdet(posterior)
         return -(self.chi2 / scale**2 + self.penalty + logdet - np.sum(np.log(prior))) / 2
 
     def covariance(self, scale: float = 1.0) -> FloatArray:
         """Of (u, nu)."""
-        free = (K_B, *self.hypothesis.free)
-        width = np.array([f.ends[1] - f.ends[0] for f in free])
-        prior = np.concatenate([12 / width**2, 1 / self.prior_std**2])
-        return np.linalg.inv(self.precision / scale**2 + np.diag(prior))
+        return np.linalg.inv(self.precision / scale**2 + np.diag(self._prior_precision))
+
+    @property
+    def _prior_precision(self) -> FloatArray:
+        """Of (u, nu); an even prior counts by its variance."""
+        width = np.array([f.ends[1] - f.ends[0] for f in (K_B, *self.hypothesis.free)])
+        return np.concatenate([12 / width**2, 1 / self.prior_std**2])
+
+    @property
+    def log_weight(self) -> float:
+        """Logarithm of evidence times prior: what candidates are ranked by."""
+        return self.log_evidence() + float(np.log(self.hypothesis.prior))
 
 
 class Problem:
@@ -190,14 +194,20 @@ class Problem:
             self._memory[key] = self.forward.modal(run, k_b, acting)
         return self._memory[key]
 
-    def predict(self, fit: Fit, *, drifting: bool = True) -> list[ComplexArray]:
+    def predict(self, fit: Fit) -> list[ComplexArray]:
         """Response of every run, nuisances included."""
         made = []
         for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
-            drift, tolerance = self.nuisances.of_run(fit.nu, r)
-            H = modal.response(drift if drifting else None, tolerance)
+            H = modal.response(*self.nuisances.of_run(fit.nu, r))
             made.append(H * self.nuisances.gains(fit.nu, r, modal))
         return made
+
+    def bare(self, fit: Fit) -> list[ComplexArray]:
+        """Response of every run, nuisances left out; an arbitrary unit is not one."""
+        nu = np.zeros_like(fit.nu)
+        gain = self.nuisances.gain
+        nu[gain] = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[gain], 0.0)
+        return self.predict(replace(fit, nu=nu))
 
     def thinned(self, every: int, model_error: float) -> Problem:
         """The same on every n-th line of every run, with another model error."""

@@ -10,7 +10,6 @@ so that Newton's method finds the branch the data are on, without following curv
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from rotor.condition import Condition
 from rotor.effects import Effect
 from rotor.harmonic_balance import Balance
+from rotor.measured import DERIVATIVE_ORDER
 from rotor.model import RotorModel
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
@@ -26,7 +26,6 @@ from sim.campaign import Run
 BoolArray = NDArray[np.bool_]
 
 HARMONICS, SAMPLES, CORNER = 3, 128, 0.02
-_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
 
 # Truncation to three harmonics, the rounded corners and neighbouring branches leave this much.
 MODEL_ERROR = 0.01
@@ -40,7 +39,6 @@ class NonlinearModal:
     H: ComplexArray  # (n_freq, n_channels)
     by_frequency: ComplexArray  # (n_freq, n_channels) derivative by the logarithm of all resonances together
     frequencies_hz: FloatArray  # of the linear part, those that may drift
-    damping_ratios: FloatArray
     sensitivity: FloatArray  # (MODES, n_tolerances)
     effects: tuple[Effect, ...]
     joints: ComplexArray  # (n_freq, K, n_joints) converged motion
@@ -89,12 +87,12 @@ def solve_run(
     if start is None or start.shape[2] != balance.n_joints:
         start = _start(run, balance, read, force)
     motions = balance.solve(run.frequency_hz, force, start)
-    scale = (2j * np.pi * run.frequency_hz[:, None]) ** _ORDER[run.quantity]
+    scale = (2j * np.pi * run.frequency_hz[:, None]) ** DERIVATIVE_ORDER[run.quantity]
     unit = 1.0 if run.quantity == "acceleration" else 1 / force
     H = unit * scale * (motions.states[:, 1] @ read.T)
     step = 1e-4
     near = balance.solve(run.frequency_hz * (1 - step), force, motions.joints)
-    moved = unit * (scale * (1 - step) ** _ORDER[run.quantity]) * (near.states[:, 1] @ read.T)
+    moved = unit * (scale * (1 - step) ** DERIVATIVE_ORDER[run.quantity]) * (near.states[:, 1] @ read.T)
     converged = motions.converged
     both = (converged & near.converged)[:, None]
     small = np.abs(moved - H) < 0.3 * np.abs(H) + 1e-300
@@ -108,7 +106,7 @@ def _start(run: Run, balance: Balance, read: ComplexArray, force: float) -> Comp
     states = balance.resolvent(omega, balance.loads)[:, 1]  # (n_freq, n_states, n_joints + 1)
     sensors, joints = read @ states, balance.left @ states
     unit = 1.0 if run.quantity == "acceleration" else force
-    y = unit * np.nan_to_num(run.H) / (1j * omega[:, None]) ** _ORDER[run.quantity]
+    y = unit * np.nan_to_num(run.H) / (1j * omega[:, None]) ** DERIVATIVE_ORDER[run.quantity]
     if run.magnitude_only:
         y = sensors[:, :, -1] * force
     wanted = sensors[:, :, -1] * force - y
@@ -117,13 +115,3 @@ def _start(run: Run, balance: Balance, read: ComplexArray, force: float) -> Comp
     start = np.zeros((len(omega), balance.harmonics + 1, balance.n_joints), dtype=complex)
     start[:, 1] = X
     return start
-
-
-def levels(runs: Sequence[Run]) -> bool:
-    """Whether a support was measured at more than one force."""
-    seen: dict[tuple, set[float]] = {}
-    for run in runs:
-        if run.force_amplitude_N is not None:
-            key = run.support, run.excitation_node, run.excitation_plane
-            seen.setdefault(key, set()).add(float(run.force_amplitude_N))
-    return any(len(forces) > 1 for forces in seen.values())

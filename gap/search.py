@@ -103,7 +103,7 @@ def search(
         if best is not None:
             fits.append(best)
             hopeless = min(hopeless, best.chi2 + best.penalty + _HOPELESS)
-    fits.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
+    fits.sort(key=lambda fit: fit.log_weight, reverse=True)
     return Search(nominal, tuple(fits))
 
 
@@ -184,7 +184,7 @@ def pairs(
         if best is not None:
             fits.append(best)
             hopeless = min(hopeless, best.chi2 + best.penalty + _HOPELESS)
-    fits.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
+    fits.sort(key=lambda fit: fit.log_weight, reverse=True)
     return fits
 
 
@@ -198,8 +198,7 @@ def _leaders(fits: Sequence[Fit]) -> list[Fit]:
 
 def polished(problem: Problem, fit: Fit) -> Fit:
     """The same candidate, fitted on from where it is."""
-    again = problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=30)
-    return again
+    return problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=30)
 
 
 # Lines of a nonlinear search: every so many, roughly and finely.
@@ -238,5 +237,5 @@ def search_nonlinear(
             fits.append(some.fit(hypothesis, u, anneal=(0.1, 0.0), steps=6))
         except (ValueError, np.linalg.LinAlgError):
             continue
-    fits.sort(key=lambda fit: fit.log_evidence() + np.log(fit.hypothesis.prior), reverse=True)
+    fits.sort(key=lambda fit: fit.log_weight, reverse=True)
     return some, Search(base, tuple(fits))

@@ -20,10 +20,9 @@ import numpy as np
 from gap.diagnosis import Band, JointStiffness, NodeShare, Regime, Where
 from gap.forward import Forward
 from gap.likelihood import Fit, Observed, Problem
+from rotor.measured import DERIVATIVE_ORDER
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Channel, Run
-
-_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
 
 # Laws a joint stiffness is compared with: name and shape over omega.
 _LAWS = {
@@ -151,7 +150,7 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
     _, number, node, g, explained = best
     run = problem.runs[number]
     omega = 2 * np.pi * run.frequency_hz
-    power = (1j * omega) ** _ORDER[run.quantity]
+    power = (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
     at_node = replace(
         run,
         channels=(Channel(node, run.excitation_plane),),

@@ -13,7 +13,6 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from gap.diagnosis import FILE_NAME
 from rigtwin.console import note, say
 from rigtwin.diagnose import write_prediction
 from rigtwin.exits import UserError
@@ -90,6 +89,3 @@ def diagnose_one(campaign: Path, answer: Path, exclude: Sequence[str]) -> tuple[
     with replacing(answer / _SECONDS) as beside:
         beside.write_text(json.dumps({"seconds": seconds}), encoding="utf-8")
     return campaign.name, seconds, ""
-
-
-__all__ = ["FILE_NAME", "BlindRequest", "run_blind"]

@@ -21,7 +21,7 @@ from rotor.structure import ComplexArray, FloatArray, Structure
 Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
 
 # Powers of i omega between a quantity and receptance.
-_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
+DERIVATIVE_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def measured_response(
     response = np.empty((len(omega), len(read)), dtype=complex)
     for group in channel_groups(effects, read):
         H, drive = _receptance(structure, condition, group, omega, plane or condition.excitation_plane)
-        scale = unit * (1j * omega) ** _ORDER[quantity]
+        scale = unit * (1j * omega) ** DERIVATIVE_ORDER[quantity]
         if nominal:
             scale = scale * force_factor(group.effects, omega, drive)
         sensors = [scale * channel_factor(group.effects, omega, node) for node in group.nodes]

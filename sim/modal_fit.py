@@ -18,10 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
+from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import ComplexArray, FloatArray, MeasurementError, Plane, Run
-
-# Powers of i omega between a quantity and receptance.
-_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
 
 # A resonance stands out from its surroundings by at least this factor.
 _PROMINENCE = 1.5
@@ -128,7 +126,7 @@ def _half_way_to_neighbour(run: Run, near_hz: float) -> float:
 
 def _displacement_size(run: Run) -> FloatArray:
     """(n_freq,) root-sum-square over channels, brought to displacement."""
-    return np.linalg.norm(run.H, axis=1) / run.frequency_hz ** _ORDER[run.quantity]
+    return np.linalg.norm(run.H, axis=1) / run.frequency_hz ** DERIVATIVE_ORDER[run.quantity]
 
 
 class _Problem:
@@ -138,8 +136,8 @@ class _Problem:
         self.omega = 2 * np.pi * run.frequency_hz[use]
         self.H = run.H[np.ix_(use, moving)]
         self.n_channels, self.moving = run.H.shape[1], moving
-        self.factor = (1j * self.omega) ** _ORDER[run.quantity]
-        self.order = _ORDER[run.quantity]
+        self.factor = (1j * self.omega) ** DERIVATIVE_ORDER[run.quantity]
+        self.order = DERIVATIVE_ORDER[run.quantity]
         self.known_errors = run.std is not None
         # Without standard errors every line counts alike; their size is the optimiser's unit.
         alike = np.full(self.H.shape, np.abs(self.H).max())

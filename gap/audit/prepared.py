@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from gap.audit.noise import NoiseEstimate, estimate_noise, live_channels, responses
-from gap.audit.resonances import ORDER, Resonance, find_resonances
+from gap.audit.resonances import Resonance, find_resonances
 from gap.diagnosis import Finding
+from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import Channel, FloatArray, NominalBelief, Run
 
 Severity = Literal["ok", "note", "warning", "error"]
@@ -97,7 +98,7 @@ class Prepared:
     def receptance(self) -> np.ndarray:
         """(n, n_live) responses brought to displacement; magnitudes for magnitudes."""
         s = 2 * np.pi * self.f[:, None] * (1 if self.run.magnitude_only else 1j)
-        return self.H / s ** ORDER[self.run.quantity]
+        return self.H / s ** DERIVATIVE_ORDER[self.run.quantity]
 
     def half_power_hz(self, resonance: Resonance, belief: NominalBelief) -> float:
         """Width of a resonance's half-power band [Hz], fitted or else as believed; nan where neither is known."""

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import find_peaks
 
+from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import ComplexArray, FloatArray
-
-# Powers of i omega between a quantity and receptance.
-ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "acceleration": 2}
 
 # A resonance stands out from its surroundings by half or more, and by more than noise does: lines
 # in a channel's noise differ by eight standard deviations once in a million times.
@@ -72,7 +70,7 @@ def find_resonances(
         return ()
     size = np.linalg.norm(H, axis=1)
     error = float(np.median(np.linalg.norm(std, axis=1) / np.maximum(size, np.finfo(float).tiny)))
-    displacement = np.log(size / frequency_hz ** ORDER[quantity] + np.finfo(float).tiny)
+    displacement = np.log(size / frequency_hz ** DERIVATIVE_ORDER[quantity] + np.finfo(float).tiny)
     prominence = max(np.log(_PROMINENCE), _PROMINENCE_STD * error if np.isfinite(error) else 0.0)
     peaks, _ = find_peaks(displacement, prominence=prominence)
     found = [_resonance(frequency_hz, H, std, int(line), peaks) for line in peaks]

@@ -1,6 +1,7 @@
 # make demo   everything from nothing: .venv, both FMUs in dist/, the virtual rig, the result page
 # make test   the whole test suite
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects   the figures in docs/, measured again
+# make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
 # make laws   print the force laws anew after a change of rotor/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
@@ -10,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator benchmark-effects laws effect-pages clean
+.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator benchmark-effects paper-rig laws effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -40,6 +41,9 @@ benchmark-estimator: $(VENV)/installed
 
 benchmark-effects: $(VENV)/installed
 	$(PYTHON) -m benchmarks.effects
+
+paper-rig: $(VENV)/installed
+	$(PYTHON) -m benchmarks.paper_rig
 
 laws: $(VENV)/installed
 	$(PYTHON) build_laws.py

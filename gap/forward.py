@@ -11,15 +11,16 @@ m-th resonance, which belongs to the run, not to the model.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.nonlinear import NonlinearModal, solve_run
+from gap.nonlinear import CORNER, FINE, Known, NonlinearModal
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import Effect, FastSweep, HubStiffening, OpenCrack
+from rotor.harmonic_balance import Balance
 from rotor.measured import DERIVATIVE_ORDER, channel_factor, channel_groups, force_factor
 from rotor.model import build_model
 from rotor.rig import Rig
@@ -30,9 +31,6 @@ from sim.campaign import NominalBelief, Run
 
 # Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
 _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
-
-# Share of lines from which the joints' motion is a start for the next candidate.
-_MOSTLY = 0.5
 
 # A mode whose residues are below this share of the largest is not reached by the exciter: its shape is judged by that.
 _UNREACHED = 0.05
@@ -61,6 +59,15 @@ class _Group:
     chain: ComplexArray  # (n_freq, n_channels)
     bent: ComplexArray  # (n_tolerances, n_channels + 1, n_states) change of the residues by the tolerances
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1) change of what the other modes leave
+
+
+@dataclass(frozen=True)
+class _Bend:
+    """How the tolerances change what a group of channels sees."""
+
+    columns: IntArray  # places of its channels in the run, ascending
+    residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the norm of each mode's residues
+    aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1)
 
 
 @dataclass(frozen=True)
@@ -93,17 +100,16 @@ class Modal:
         self, drift: FloatArray | None, tolerance: FloatArray | None, *, derivatives: bool
     ) -> tuple[ComplexArray, ComplexArray]:
         tolerance = np.zeros(len(TOLERANCES)) if tolerance is None else tolerance
-        shift = self.sensitivity @ tolerance + (0.0 if drift is None else drift)
+        shift = self._shift(drift, tolerance)
         n_f, n_c = len(self.omega), len(self.run.channels)
         H = np.empty((n_f, n_c), dtype=complex)
         D = np.zeros((MODES + len(TOLERANCES) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
             poles = group.poles * (1 + np.where(group.mode >= 0, shift[group.mode], 0.0))
-            residues = group.residues + np.tensordot(tolerance, group.bent, axes=1)
             shares = 1 / (1j * self.omega[:, None] - poles)
             if self.dwell_s is not None:
                 shares = shares + self._unsettled(poles)
-            Y = shares @ residues.T + group.rest + np.tensordot(tolerance, group.aside, axes=1)
+            Y, residues = self._motion(group, shares, tolerance)
             factor = group.chain * self._force(Y[:, -1])[:, None]
             H[:, group.columns] = Y[:, :-1] * factor
             if derivatives:
@@ -119,6 +125,42 @@ class Modal:
             D[MODES:] += np.tensordot(self.sensitivity.T, D[:MODES], axes=1)
         return H, D
 
+    def _shift(self, drift: FloatArray | None, tolerance: FloatArray) -> FloatArray:
+        """(MODES,) relative shift of each resonance."""
+        return self.sensitivity @ tolerance + (0.0 if drift is None else drift)
+
+    def _motion(self, group: _Group, shares: ComplexArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """(n_freq, n_channels + 1) receptance and the residues that it is made of."""
+        residues = group.residues + np.tensordot(tolerance, group.bent, axes=1)
+        return shares @ residues.T + group.rest + np.tensordot(tolerance, group.aside, axes=1), residues
+
+    def _read(self, group: _Group, shares: ComplexArray, tolerance: FloatArray) -> ComplexArray:
+        """(n_freq, n_channels of the group) what its sensors read."""
+        Y, _ = self._motion(group, shares, tolerance)
+        return Y[:, :-1] * group.chain * self._force(Y[:, -1])[:, None]
+
+    def change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+        """(n_freq, n_channels) another response less this one, to first order in the shifts of the resonances.
+
+        A plain difference is no derivative where a resonance shifts by more than a small part of its width.
+        """
+        plain = self.response(drift, tolerance)
+        H = other.response(drift, tolerance)
+        if self.dwell_s is not None or other.dwell_s is not None:
+            return H - plain
+        for group in other.groups:
+            twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)
+            here = None if twin is None else _matched(group, twin)
+            if here is None:
+                continue
+            own, others = self._shift(drift, tolerance), other._shift(drift, tolerance)
+            poles = group.poles * (1 + np.where(group.mode >= 0, others[group.mode], 0.0))
+            there = np.where(group.mode >= 0, here * (1 + own[group.mode]), poles)
+            shares = 1 / (1j * self.omega[:, None] - there)
+            shares = shares + shares**2 * (poles - there)
+            H[:, group.columns] = other._read(group, shares, tolerance)
+        return H - plain
+
     @property
     def dwell_s(self) -> float | None:
         """Time after which every line is read, settled or not; None: when it has settled."""
@@ -128,25 +170,27 @@ class Modal:
     def _unsettled(self, poles: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) what the transients add to 1 / (i omega - lambda), read over one period after the dwell.
 
-        A unit force whose phase goes on from line to line drives xi' = lambda xi + e^{i theta}; the real signal is
-        its imaginary part, and synchronous detection over a period T sees of a transient c e^{lambda t}
-        (c E(lambda - i omega) - c* E(lambda* - i omega)) / T with E(a) = (e^{aT} - 1) / a.
+        A unit force whose phase theta goes on from line to line drives xi' = lambda xi + e^{i theta}. The real
+        signal is the imaginary part, so the conjugate pole's transient is seen as well; over a period T synchronous
+        detection takes the mean of e^{(lambda - i omega) t}. Accelerometers read lambda^2 of a transient.
         """
         assert self.dwell_s is not None
         order = np.arange(len(self.omega))
         if self.run.sweep == "down":
             order = order[::-1]
+        twin = np.abs(poles[:, None] - poles.conj()).argmin(axis=1)
         seen = np.zeros((len(self.omega), len(poles)), dtype=complex)
         xi, phase = np.zeros(len(poles), dtype=complex), 1.0 + 0j
         for n in order:
             w = self.omega[n]
-            T = 2 * np.pi / w
-            steady = 1 / (1j * w - poles)
-            left = (xi / phase - steady) * np.exp((poles - 1j * w) * self.dwell_s)
-            own, image = poles - 1j * w, poles.conj() - 1j * w
-            seen[n] = (left * np.expm1(own * T) / own - left.conj() * np.expm1(image * T) / image) / T
-            phase *= np.exp(1j * w * (self.dwell_s + T))
+            T, own = 2 * np.pi / w, poles - 1j * w
+            steady = -1 / own
+            left = (xi / phase - steady) * np.exp(own * self.dwell_s)
+            phase *= np.exp(1j * w * self.dwell_s)
+            image = left[twin].conj() / phase**2
+            seen[n] = (left - image) * np.expm1(own * T) / (own * T) * (poles / (1j * w)) ** 2
             xi = phase * (steady + left * np.exp(own * T))
+            phase /= abs(phase)
         return seen
 
     def _force(self, drive: ComplexArray) -> ComplexArray:
@@ -168,48 +212,42 @@ class Forward:
     def __init__(self, structure: Structure, belief: NominalBelief, fine: Structure | None = None):
         self.structure, self.belief, self._fine = structure, belief, fine or structure
         self.refined = False  # whether the finer mesh is used
-        self._joints: dict[tuple, ComplexArray] = {}
+        self.resolution = FINE  # of nonlinear motions
+        self.with_data = True  # whether a run's values say which branch it is on
+        self._known: dict[tuple, Known] = {}
+        self._sensitivities: dict[tuple, FloatArray] = {}
         self._variants: list[Structure] = []
-        self._bends: dict[tuple, tuple[ComplexArray, ComplexArray]] = {}
+        self._bends: dict[tuple, list[_Bend]] = {}
 
     def allow_for_tolerances(self, rig: Rig, runs: Sequence[Run], k_b: float) -> None:
         """Find how the workshop's tolerances bend the modes of these runs, at a bearing stiffness near the truth.
 
         Frequencies follow the tolerances in every candidate's own modes; shapes change by what they change in the
-        nominal model, which is a small part of a small change.
+        nominal model, or in the candidate itself once ``bend`` has been called for it.
         """
         elements = (len(self.structure.x) - 1) // (len(rig.nodes_m) - 1)
         self._variants = [assemble(each, elements_between_nodes=elements) for each in _variants(rig)]
         for run in runs:
-            self._bends[_key(run)] = self._bend(run, k_b)
+            self.bend(run, k_b, ())
 
-    def _bend(self, run: Run, k_b: float) -> tuple[ComplexArray, ComplexArray]:
-        """Change by each tolerance of residues and of what the modes that do not drift leave.
-
-        Returns
-        -------
-        (n_tolerances, n_channels + 1, MODES) over the norm of each mode's residues, and
-        (n_tolerances, n_freq, n_channels + 1)
-        """
-        structure = self.structure
-        plain = self._linear(run, k_b, ()).groups[0]
-        omega = 2 * np.pi * run.frequency_hz
-        aside = np.zeros((len(TOLERANCES), len(omega), len(run.channels) + 1), dtype=complex)
-        bent = np.zeros((len(TOLERANCES), len(run.channels) + 1, MODES), dtype=complex)
+    def bend(self, run: Run, k_b: float, effects: Sequence[Effect]) -> None:
+        """Find how the tolerances bend the modes of a run under these effects, near these numbers."""
+        structure, kind = self.structure, _kind(run, effects)
+        self._bends.pop(kind, None)
+        refined, self.refined = self.refined, False
+        nominal = self._bends.pop(_kind(run, ()), None)
         try:
-            for t, variant in enumerate(self._variants):
+            plain = self._linear(run, k_b, effects).groups
+            others = []
+            for variant in self._variants:
                 self.structure = variant
-                other = self._linear(run, k_b, ()).groups[0]
-                aside[t] = (_others(other, omega) - _others(plain, omega)) / _STEP
-                least = _UNREACHED * np.linalg.norm(plain.residues[:, plain.mode >= 0], axis=0).max(initial=1e-300)
-                for m in range(MODES):
-                    a, b = _upper(plain, m), _upper(other, m)
-                    if a is not None and b is not None:
-                        change = other.residues[:, b] - plain.residues[:, a]
-                        bent[t, :, m] = change / (_STEP * max(np.linalg.norm(plain.residues[:, a]), least))
+                others.append(self._linear(run, k_b, effects).groups)
         finally:
-            self.structure = structure
-        return bent, aside
+            self.structure, self.refined = structure, refined
+            if nominal is not None:
+                self._bends[_kind(run, ())] = nominal
+        omega = 2 * np.pi * run.frequency_hz
+        self._bends[kind] = [_bend(each, [o[g] for o in others], omega) for g, each in enumerate(plain)]
 
     def condition(self, run: Run, k_b: float) -> Condition:
         """The test condition of a run."""
@@ -235,9 +273,10 @@ class Forward:
         condition = self.condition(run, k_b)
         nodes = sorted({channel.node for channel in run.channels})
         groups, sensitivity = [], np.zeros((MODES, len(TOLERANCES)))
+        bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), [])
         for group in channel_groups(effects, nodes):
             columns = np.array([c for c, channel in enumerate(run.channels) if channel.node in group.nodes])
-            made, sensitivity = self._group(run, omega, condition, group.effects, columns)
+            made, sensitivity = self._group(run, omega, condition, group.effects, columns, bends)
             groups.append(made)
         amplitude = run.force_amplitude_N or 1.0
         unit = amplitude if run.quantity == "acceleration" else 1.0
@@ -245,28 +284,47 @@ class Forward:
         return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, scale)
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
-        condition = self.condition(run, k_b)
-        model = build_model(self.structure, condition, effects)
-        linear = self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
-        if not model.forces:
-            return linear
-        kind = (id(run), tuple(e.id for e in effects))
-        H, slope, joints, found = solve_run(run, model, condition, self._joints.get(kind))
-        if found.mean() > _MOSTLY:
-            self._joints[kind] = np.where(found[:, None, None], joints, 0.0)
+        condition, finely = self.condition(run, k_b), self.resolution
+        if not build_model(self.structure, condition, effects).forces:
+            return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
+        top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
+
+        def balance(tolerance: FloatArray) -> tuple[Balance, IntArray]:
+            model = build_model(self._with(tolerance), condition, effects)
+            made = Balance(model, condition, harmonics=finely.harmonics, samples=finely.samples, corner=CORNER)
+            if made.values.ndim > 1:
+                raise ValueError("a rotor without a full set of eigenvectors has no modal form")
+            return made, _numbers(made.values, top)
+
+        numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
+        plain, mode = balance(np.zeros(len(TOLERANCES)))
+        key = (*_key(run)[:3], k_b, top)
+        if key not in self._sensitivities:
+            self._sensitivities = {key: self._sensitivity(plain.system)}
+        sensitivity = self._sensitivities[key]
         return NonlinearModal(
-            run,
-            H,
-            slope,
-            linear.frequencies_hz,
-            linear.sensitivity,
-            tuple(effects),
-            joints,
-            found,
+            run, balance, plain, mode, sensitivity, tuple(effects), numbers, self._known, finely, self.with_data
         )
 
+    def _with(self, tolerance: FloatArray) -> Structure:
+        """The structure with the workshop's tolerances, its matrices to first order."""
+        if not (self._variants and tolerance.any()):
+            return self.structure
+        plain, change = self.structure, {}
+        for name in ("M", "K", "G"):
+            own = getattr(plain, name)
+            slopes = [(getattr(variant, name) - own) / _STEP for variant in self._variants]
+            change[name] = own + np.tensordot(tolerance, np.array(slopes), axes=1)
+        return replace(plain, **change)
+
     def _group(
-        self, run: Run, omega, condition: Condition, effects: Sequence[Effect], columns
+        self,
+        run: Run,
+        omega: FloatArray,
+        condition: Condition,
+        effects: Sequence[Effect],
+        columns: IntArray,
+        bends: Sequence[_Bend],
     ) -> tuple[_Group, FloatArray]:
         local = self.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
         model = build_model(self._fine if local else self.structure, condition, effects)
@@ -289,22 +347,9 @@ class Forward:
         factors = [channel_factor(effects, omega, run.channels[c].node) for c in columns]
         top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
         mode = _numbers(poles, top)
-        bent, aside = self._bent(run, columns, poles, residues[:, 0], mode)
+        bent, aside = _bent(bends, omega, columns, poles, residues[:, 0], mode)
         made = _Group(columns, poles, residues[:, 0], mode, rest, np.array(factors).T, bent, aside)
         return made, self._sensitivity(system)
-
-    def _bent(self, run: Run, columns, poles: ComplexArray, residues: ComplexArray, mode):
-        """What ``_bend`` found for a run, in the order of a candidate's poles."""
-        bent = np.zeros((len(TOLERANCES), *residues.shape), dtype=complex)
-        known = self._bends.get(_key(run))
-        if known is None:
-            return bent, np.zeros((len(TOLERANCES), len(run.frequency_hz), len(columns) + 1), dtype=complex)
-        rows = np.append(columns, len(run.channels))
-        for k in np.flatnonzero((mode >= 0) & (poles.imag > 0)):
-            bent[:, :, k] = known[0][:, rows, mode[k]] * np.linalg.norm(residues[:, k])
-            twin = int(np.argmin(np.abs(poles - poles[k].conj())))
-            bent[:, :, twin] = bent[:, :, k].conj()
-        return bent, known[1][:, :, rows]
 
     def _sensitivity(self, system: LinearSystem) -> FloatArray:
         """(MODES, n_tolerances) relative change of each undamped resonance by modulus, span and each disk's mass."""
@@ -325,8 +370,65 @@ class Forward:
         return at
 
 
+def _matched(group: _Group, twin: _Group) -> ComplexArray | None:
+    """The twin's pole in the place of each of the group's resonances; None where they are not one to one."""
+    poles = group.poles.copy()
+    for k in np.flatnonzero(group.mode >= 0):
+        same = np.flatnonzero((twin.mode == group.mode[k]) & (np.sign(twin.poles.imag) == np.sign(poles[k].imag)))
+        if len(same) != 1 or abs(twin.poles[same[0]] / poles[k] - 1) > _SAME:
+            return None
+        poles[k] = twin.poles[same[0]]
+    return poles if group.mode.max(initial=-1) == twin.mode.max(initial=-1) else None
+
+
+# Resonances whose frequencies differ by more than this share are not one and the same.
+_SAME = 0.05
+
+
+def acting(effects: Iterable[Effect], support: str) -> tuple[Effect, ...]:
+    """The effects that a support lets act."""
+    absent = "bearings" if support == "rigid" else "rigid_support"
+    return tuple(effect for effect in effects if effect.location != absent)
+
+
 def _key(run: Run) -> tuple:
     return run.support, run.excitation_node, run.excitation_plane, run.channels, run.frequency_hz.tobytes()
+
+
+def _kind(run: Run, effects: Sequence[Effect]) -> tuple:
+    """What a bend belongs to: a run, and effects at their nodes, whatever their numbers."""
+    nodes = [tuple(getattr(e, name) for name, place in e.places().items() if place.kind == "node") for e in effects]
+    return _key(run), tuple((e.id, *at) for e, at in zip(effects, nodes, strict=True))
+
+
+def _bend(plain: _Group, others: Sequence[_Group], omega: FloatArray) -> _Bend:
+    """Change by each tolerance of a group's residues and of what the modes that do not drift leave."""
+    n_rows = len(plain.columns) + 1
+    aside = np.zeros((len(TOLERANCES), len(omega), n_rows), dtype=complex)
+    bent = np.zeros((len(TOLERANCES), n_rows, MODES), dtype=complex)
+    least = _UNREACHED * np.linalg.norm(plain.residues[:, plain.mode >= 0], axis=0).max(initial=1e-300)
+    for t, other in enumerate(others):
+        aside[t] = (_others(other, omega) - _others(plain, omega)) / _STEP
+        for m in range(MODES):
+            a, b = _upper(plain, m), _upper(other, m)
+            if a is not None and b is not None:
+                change = other.residues[:, b] - plain.residues[:, a]
+                bent[t, :, m] = change / (_STEP * max(np.linalg.norm(plain.residues[:, a]), least))
+    return _Bend(plain.columns, bent, aside)
+
+
+def _bent(bends: Sequence[_Bend], omega, columns, poles: ComplexArray, residues: ComplexArray, mode: IntArray):
+    """(n_tolerances, n_channels + 1, n_states) and (n_tolerances, n_freq, n_channels + 1): a bend for these poles."""
+    bent = np.zeros((len(TOLERANCES), *residues.shape), dtype=complex)
+    known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
+    if known is None:
+        return bent, np.zeros((len(TOLERANCES), len(omega), len(columns) + 1), dtype=complex)
+    rows = np.append(np.searchsorted(known.columns, columns), len(known.columns))
+    for k in np.flatnonzero((mode >= 0) & (poles.imag > 0)):
+        bent[:, :, k] = known.residues[:, rows, mode[k]] * np.linalg.norm(residues[:, k])
+        twin = int(np.argmin(np.abs(poles - poles[k].conj())))
+        bent[:, :, twin] = bent[:, :, k].conj()
+    return bent, known.aside[:, :, rows]
 
 
 def _others(group: _Group, omega: FloatArray) -> ComplexArray:

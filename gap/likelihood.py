@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal
+from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting
 from gap.hypotheses import K_B_RANGE, Free, Hypothesis
 from gap.nonlinear import BoolArray, NonlinearModal
 from rotor.effects import Effect
 from rotor.rig import Rig
-from rotor.structure import ComplexArray, FloatArray
+from rotor.structure import ComplexArray, FloatArray, IntArray
 from sim.campaign import NominalBelief, Run
 
 K_B = Free("k_b", *K_B_RANGE, True)
@@ -121,6 +121,11 @@ class Fit:
         """Bearing stiffness [N/m]."""
         return K_B.value(self.u[0])
 
+    @property
+    def cost(self) -> float:
+        """Misfit and penalty."""
+        return self.chi2 + self.penalty
+
     def log_evidence(self, scale: float = 1.0) -> float:
         """Laplace's approximation, up to a constant of the data.
 
@@ -174,6 +179,14 @@ class Problem:
         self.forward.allow_for_tolerances(rig, self.runs, k_b)
         self._memory.clear()
 
+    def bend(self, fit: Fit) -> None:
+        """Let the tolerances bend the modes of a candidate as they do at its own numbers."""
+        if any(effect.family == "nonlinear" for effect in fit.effects):
+            return
+        for run in self.runs:
+            self.forward.bend(run, fit.k_b, acting(fit.effects, run.support))
+        self._memory.clear()
+
     def refine(self) -> None:
         """Use the finer mesh from now on, for effects that need one."""
         self.forward.refined = True
@@ -185,13 +198,12 @@ class Problem:
 
     def _modal(self, r: int, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
         run = self.runs[r]
-        absent = "bearings" if run.support == "rigid" else "rigid_support"
-        acting = tuple(e for e in effects if e.location != absent)
-        key = (r, 0.0 if run.support == "rigid" else k_b, acting)
+        there = acting(effects, run.support)
+        key = (r, 0.0 if run.support == "rigid" else k_b, there)
         if key not in self._memory:
             if len(self._memory) >= _MEMORY:
                 self._memory.pop(next(iter(self._memory)))
-            self._memory[key] = self.forward.modal(run, k_b, acting)
+            self._memory[key] = self.forward.modal(run, k_b, there)
         return self._memory[key]
 
     def predict(self, fit: Fit) -> list[ComplexArray]:
@@ -208,6 +220,11 @@ class Problem:
         gain = self.nuisances.gain
         nu[gain] = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[gain], 0.0)
         return self.predict(replace(fit, nu=nu))
+
+    def only(self, support: str) -> Problem | None:
+        """The same with the runs on one support; None where there are none, or no others."""
+        some = [o for o in self.observed if o.run.support == support]
+        return Problem(self.forward, some, self.model_error) if 0 < len(some) < len(self.observed) else None
 
     def thinned(self, every: int, model_error: float) -> Problem:
         """The same on every n-th line of every run, with another model error."""
@@ -278,7 +295,6 @@ class Problem:
         *,
         anneal: Sequence[float] = (0.1, 0.02, 0.0),
         steps: int = 12,
-        hopeless: float = np.inf,
     ) -> Fit:
         """Gauss-Newton steps, damped, with what is left of a rough error added to the data's own.
 
@@ -288,20 +304,17 @@ class Problem:
         nu : nuisances to start from, default none
         anneal : relative errors that are added in turn; the last one should be zero
         steps : at each of them, at most
-        hopeless : misfit from which the candidate is given up, as soon as even added errors do not hide it
         """
         nu = np.zeros(self.nuisances.n) if nu is None else nu.copy()
         u = u.copy()
         for added in anneal:
             u, nu, chi2, penalty, precision = self._descend(hypothesis, u, nu, added, steps)
-            if chi2 + penalty > hopeless:
-                u, nu, chi2, penalty, precision = self._descend(hypothesis, u, nu, anneal[-1], 0)
-                break
         n = sum(o.n_values for o in self.observed)
         return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b)
 
     def _descend(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float, steps: int):
         ends = self._ends(hypothesis)
+        log = np.array([f.log for f in (K_B, *hypothesis.free)])
         prior = 1 / self.nuisances.std**2
         n_u = len(u)
         here = self._linearise(hypothesis, u, nu, added)
@@ -318,7 +331,7 @@ class Problem:
             # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
             for mu in _DAMPING:
                 step = _damped_step(A, g, mu, active)
-                trial_u = np.clip(u + step[:n_u], ends[:, 0], ends[:, 1])
+                trial_u = np.clip(u + np.where(log, _tamed(step[:n_u]), step[:n_u]), ends[:, 0], ends[:, 1])
                 trial_nu = nu + step[n_u:]
                 value = self._cost(hypothesis, trial_u, trial_nu, added, prior)
                 if value < cost:
@@ -361,40 +374,64 @@ class Problem:
         except (ValueError, np.linalg.LinAlgError):
             return None
         moved = [self._moved(hypothesis, u, j) for j in range(len(u))]
-        n_u, n = len(u), len(u) + self.nuisances.n
+        n = len(u) + self.nuisances.n
         chi2, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
-        for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
-            own, gains = self.nuisances.of_run(nu, r), self.nuisances.gains(nu, r, modal)
-            H0, D = modal.with_derivatives(*own)
-            H = H0 * gains
-            columns, places = [], []
-            for j, (step, others) in enumerate(moved):
-                if step == 0.0 or others[r] is modal:
-                    continue
-                other = others[r]
-                columns.append((other.response(*own) * gains - H) / step)
-                places.append(j)
-            columns.append(H)
-            places.append(n_u + self.nuisances.gain.start + r)
-            for c, channel in enumerate(modal.run.channels):
-                only = np.zeros_like(H)
-                only[:, c] = H[:, c]
-                columns.append(only)
-                places.append(n_u + self.nuisances.sensor.start + self.nuisances.sensors.index(channel))
-            used = [m for m in range(MODES) if m < len(modal.frequencies_hz)]
-            for m in used:
-                columns.append(D[m] * gains)
-                places.append(n_u + self.nuisances.drift[r].start + m)
-            for t, column in enumerate(D[MODES:]):
-                columns.append(column * gains)
-                places.append(n_u + self.nuisances.tolerance.start + t)
-            weight, residual = _weighted(observed, H, np.hypot(added, self.model_error))
-            J = _columns(observed, H, np.array(columns), weight)
-            where = np.array(places)
+        for r in range(len(self.runs)):
+            residual, J, where = self._slopes(r, modals[r], moved, nu, np.hypot(added, self.model_error))
             chi2 += float(residual @ residual)
             gradient[where] += J @ residual
             hessian[np.ix_(where, where)] += J @ J.T
         return chi2, gradient, hessian
+
+    def _slopes(
+        self,
+        r: int,
+        modal: Modal | NonlinearModal,
+        moved: Sequence[tuple[float, list[Modal | NonlinearModal]]],
+        nu: FloatArray,
+        added: float,
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Residuals of a run, their derivatives (n_columns, n_residuals), and which of (u, nu) each column is."""
+        n_u = len(moved)
+        own, gains = self.nuisances.of_run(nu, r), self.nuisances.gains(nu, r, modal)
+        H0, D = modal.with_derivatives(*own)
+        H = H0 * gains
+        columns, places = [], []
+        for j, (step, others) in enumerate(moved):
+            if step == 0.0 or others[r] is modal:
+                continue
+            columns.append(_change(modal, others[r], own) * gains / step)
+            places.append(j)
+        columns.append(H)
+        places.append(n_u + self.nuisances.gain.start + r)
+        for c, channel in enumerate(modal.run.channels):
+            only = np.zeros_like(H)
+            only[:, c] = H[:, c]
+            columns.append(only)
+            places.append(n_u + self.nuisances.sensor.start + self.nuisances.sensors.index(channel))
+        for m in range(min(MODES, len(modal.frequencies_hz))):
+            columns.append(D[m] * gains)
+            places.append(n_u + self.nuisances.drift[r].start + m)
+        for t, column in enumerate(D[MODES:]):
+            columns.append(column * gains)
+            places.append(n_u + self.nuisances.tolerance.start + t)
+        weight, residual = _weighted(self.observed[r], H, added)
+        return residual, _columns(self.observed[r], H, np.array(columns), weight), np.array(places)
+
+    def change(self, fit: Fit, more: Sequence[Effect]) -> list[ComplexArray]:
+        """What more effects change of a fit's prediction, to first order in the shifts of the resonances."""
+        before, after = self.modals(fit.k_b, fit.effects), self.modals(fit.k_b, (*fit.effects, *more))
+        return [
+            _change(a, b, self.nuisances.of_run(fit.nu, r)) * self.nuisances.gains(fit.nu, r, b)
+            for r, (a, b) in enumerate(zip(before, after, strict=True))
+        ]
+
+    def score(self, fit: Fit) -> Score:
+        """What one more number could gain beside a fit, to first order."""
+        modals = self.modals(fit.k_b, fit.effects)
+        moved = [self._moved(fit.hypothesis, fit.u, j) for j in range(len(fit.u))]
+        parts = [self._slopes(r, modals[r], moved, fit.nu, self.model_error) for r in range(len(self.runs))]
+        return Score(self, fit, self.predict(fit), parts)
 
     def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal | NonlinearModal]]:
         """A small step of one coordinate, into the range, and the models there."""
@@ -412,11 +449,62 @@ class Problem:
             return 0.0, []
 
 
+class Score:
+    """Rao's score test beside a fit: how much of the misfit a small effect explains, nuisances refitted.
+
+    Parameters
+    ----------
+    problem, fit : where the effect is added
+    model : the fit's response of every run
+    parts : of every run its residuals, their derivatives, and which of (u, nu) each belongs to
+    """
+
+    def __init__(self, problem: Problem, fit: Fit, model: Sequence[ComplexArray], parts: Sequence[tuple]):
+        self._problem, self._fit, self._model, self._parts = problem, fit, model, parts
+        self._covariance = fit.covariance()
+
+    def gain(self, effects: Sequence[Effect]) -> tuple[float, float]:
+        """To first order, the misfit that these small effects take away once they are scaled, and that scale.
+
+        Returns
+        -------
+        gain and scale, both negative where the effects would have to be
+        """
+        problem, fit = self._problem, self._fit
+        try:
+            changes = problem.change(fit, effects)
+        except (ValueError, np.linalg.LinAlgError):
+            return 0.0, 0.0
+        slope, size, shared = 0.0, 0.0, np.zeros(len(self._covariance))
+        for observed, H, change, (residual, J, where) in zip(
+            problem.observed, self._model, changes, self._parts, strict=True
+        ):
+            weight, _ = _weighted(observed, H, problem.model_error)
+            d = _columns(observed, H, change[None], weight)[0]
+            slope += float(d @ residual)
+            size += float(d @ d)
+            shared[where] += J @ d
+        told = size - float(shared @ self._covariance @ shared)
+        if told <= _UNTOLD * size:
+            return 0.0, 0.0
+        return slope * abs(slope) / told, slope / told
+
+
+# Share of an effect's change that nuisances must leave, for the change to tell anything.
+_UNTOLD = 1e-9
+
 # Error of a rough start's logarithms that counts as one.
 _ROUGH = 0.3
 
 # Marquardt's damping, tried in turn.
 _DAMPING = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)
+
+
+def _change(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
+    """(n_freq, n_channels) change of the response with a run's drifts and tolerances."""
+    if isinstance(before, Modal) and isinstance(after, Modal):
+        return before.change_to(after, *own)
+    return after.response(*own) - before.response(*own)
 
 
 def _thin(modal: Modal | NonlinearModal, every: int) -> Modal | NonlinearModal:
@@ -460,6 +548,11 @@ def _columns(observed: Observed, H: ComplexArray, columns: ComplexArray, weight:
         return (J * direction).real.reshape(len(J), -1)
     flat = J.reshape(len(J), -1)
     return np.concatenate([flat.real, flat.imag], axis=1)
+
+
+def _tamed(step: FloatArray) -> FloatArray:
+    """Steps of logarithms: upwards by as many times the number itself, downwards likewise of its reciprocal."""
+    return np.sign(step) * np.log1p(np.abs(step))
 
 
 def _damped_step(A: FloatArray, g: FloatArray, mu: float, active: BoolArray) -> FloatArray:

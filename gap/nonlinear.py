@@ -5,113 +5,312 @@ the rotor's own receptances, give what the sensors read,
 
     y_s = H_sF F - sum_j H_sj N_j,   X_j = H_jF F - sum_i H_ji N_i,
 
-so that Newton's method finds the branch the data are on, without following curves.
+so that Newton's method finds the branch the data are on, without following curves. Lines that end far from the data
+are started again from other motions; the one nearest to the data counts. Without data a sweep is followed line by line.
+
+Drifts and tolerances move the poles of the linear rotor, as in ``forward.Modal``; derivatives by them follow from the
+balance's own Jacobian.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotor.condition import Condition
 from rotor.effects import Effect
-from rotor.harmonic_balance import Balance
+from rotor.harmonic_balance import Balance, jacobian
 from rotor.measured import DERIVATIVE_ORDER
-from rotor.model import RotorModel
-from rotor.structure import ComplexArray, FloatArray
+from rotor.periodic_force import real_form
+from rotor.structure import ComplexArray, FloatArray, IntArray
 from sim.campaign import Run
 
 BoolArray = NDArray[np.bool_]
 
-HARMONICS, SAMPLES, CORNER = 3, 128, 0.02
+# Truncated harmonics, rounded corners and what the tolerances do to shapes leave this much of the response.
+MODEL_ERROR = 0.005
 
-# Truncation to three harmonics, the rounded corners and neighbouring branches leave this much.
-MODEL_ERROR = 0.01
+# A line this far from the data, and so many times as far as the median line, is started again.
+_FAR, _FARTHER = 0.05, 4.0
+
+# Parameters this near to those of the known motion: it is the start, and no other is tried.
+_NEAR = 2e-3
+
+# Sweeps without data: from one line to the next the motion changes by less than this, or it has jumped.
+_JUMP, _HALVINGS = 0.3, 6
+
+# Frequencies above a line from which a branch is come down on where the one below has ended.
+_ABOVE = (0.01, 0.03, 0.06, 0.12, 0.25)
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely a periodic motion is computed."""
+
+    harmonics: int = 3
+    samples: int = 128
+    iterations: int = 15  # of Newton's method; where they are too few the last force counts
+
+
+# Rounding of the corners of laws with a gap, relative to the gap: more of it is a stiffness that is felt at rest.
+CORNER = 0.003
+
+ROUGH = Resolution(1, 64, 5)
+MIDDLE = Resolution(3, 128, 8)
+FINE = Resolution(3, 128, 15)
+FINAL = Resolution(5, 256, 15)
+
+
+@dataclass
+class Known:
+    """The last motion of a run under some effects: where the next candidate starts."""
+
+    numbers: FloatArray  # k_b and the effects' parameters
+    joints: ComplexArray  # (n_freq, K, n_joints)
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Motions of a run at given drifts of the resonances."""
+
+    balance: Balance
+    joints: ComplexArray  # (n_freq, K, n_joints)
+    states: ComplexArray  # (n_freq, K, n_states)
+    H: ComplexArray  # (n_freq, n_channels)
+    converged: BoolArray  # (n_freq,)
+    plain: Balance | None = None  # without the drifts
+    mode: IntArray | None = None  # (n_states,) as of ``NonlinearModal``
 
 
 @dataclass(frozen=True)
 class NonlinearModal:
-    """Noise-free fundamental of one run; drifts and tolerances act by first order."""
+    """Noise-free fundamental of one run."""
 
     run: Run
-    H: ComplexArray  # (n_freq, n_channels)
-    by_frequency: ComplexArray  # (n_freq, n_channels) derivative by the logarithm of all resonances together
-    frequencies_hz: FloatArray  # of the linear part, those that may drift
+    balance_of: Callable[
+        [FloatArray], tuple[Balance, IntArray]
+    ]  # for tolerances (n_tolerances,); ``mode`` of each pole
+    balance: Balance  # without tolerances
+    mode: IntArray  # (n_states,) resonance that each pole of the linear rotor belongs to, -1: none
     sensitivity: FloatArray  # (MODES, n_tolerances)
     effects: tuple[Effect, ...]
-    joints: ComplexArray  # (n_freq, K, n_joints) converged motion
-    found: BoolArray  # (n_freq,)
+    numbers: FloatArray  # k_b and the effects' parameters
+    known: dict[tuple, Known]
+    resolution: Resolution
+    with_data: bool  # whether the run's own values say which branch it is on
+    _solved: dict[bytes, Solved] = field(default_factory=dict)
 
     def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
         """As ``Modal.response``."""
-        shift = np.zeros(len(self.sensitivity)) if drift is None else drift
-        if tolerance is not None:
-            shift = shift + self.sensitivity @ tolerance
-        return self.H + np.tensordot(shift, self._by_mode(), axes=1)
+        return self.solved(drift, tolerance).H
 
     def with_derivatives(self, drift: FloatArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """As ``Modal.with_derivatives``."""
-        D = self._by_mode()
-        return self.response(drift, tolerance), np.concatenate([D, np.tensordot(self.sensitivity.T, D, axes=1)])
+        """As ``Modal.with_derivatives``; tolerances by what they do to the resonances."""
+        solved = self.solved(drift, tolerance)
+        D = self._by_mode(solved)
+        return solved.H, np.concatenate([D, np.tensordot(self.sensitivity.T, D, axes=1)])
 
-    def _by_mode(self) -> ComplexArray:
-        """(MODES, n_freq, n_channels): a line belongs to the resonance next to it."""
-        D = np.zeros((len(self.sensitivity), *self.H.shape), dtype=complex)
-        f = self.frequencies_hz
-        if len(f):
-            nearest = np.argmin(np.abs(np.log(self.run.frequency_hz[:, None] / f)), axis=1)
-            for m in range(len(f)):
-                D[m][nearest == m] = self.by_frequency[nearest == m]
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """Resonances of the linear part that may drift, lowest first [Hz]."""
+        values: ComplexArray = self.balance.values
+        positive = (self.mode >= 0) & (values.imag > 0)
+        return np.sort(np.abs(values[positive])) / (2 * np.pi)
+
+    @property
+    def found(self) -> BoolArray:
+        """(n_freq,) lines with a motion, without drifts."""
+        return self.solved().converged
+
+    def solved(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> Solved:
+        """The run's motions with drifts (MODES,) and tolerances (n_tolerances,), remembered."""
+        n_modes, n_tolerances = self.sensitivity.shape
+        drift = np.zeros(n_modes) if drift is None else drift
+        tolerance = np.zeros(n_tolerances) if tolerance is None else tolerance
+        key = drift.tobytes() + tolerance.tobytes()
+        if key not in self._solved:
+            if len(self._solved) > 2:
+                self._solved.pop(next(iter(self._solved)))
+            plain, mode = self.balance_of(tolerance) if tolerance.any() else (self.balance, self.mode)
+            balance = copy.copy(plain)
+            balance.values = plain.values * (1 + np.where(mode >= 0, drift[mode], 0.0))
+            made = self._by_data(balance) if self.with_data else self._by_sweep(balance)
+            self._solved[key] = replace(made, plain=plain, mode=mode)
+        return self._solved[key]
+
+    # -- the branch that the data are on ---------------------------------------------------------
+
+    def _by_data(self, balance: Balance) -> Solved:
+        run, places = self.run, tuple((e.id, *(getattr(e, name) for name in e.places())) for e in self.effects)
+        test = (run.support, run.excitation_node, run.excitation_plane, run.force_amplitude_N, run.name)
+        kind = (*test, run.frequency_hz.tobytes(), places, balance.harmonics, balance.n_joints)
+        if self.resolution.harmonics == 1:
+            return self._solve(balance, self._measured_motion(balance))
+        known = self.known.get(kind)
+        near = known is not None and np.allclose(known.numbers, self.numbers, rtol=_NEAR)
+        if known is None:
+            best = self._solve(balance, self._measured_motion(balance))
+        else:
+            best = self._solve(balance, known.joints)
+        if not near:
+            best = self._nearer(balance, best)
+        good = np.isfinite(best.joints).all(axis=(1, 2)) & best.converged
+        start = best.joints if known is None else known.joints
+        self.known[kind] = Known(self.numbers, np.where(good[:, None, None], best.joints, start))
+        return best
+
+    def _nearer(self, balance: Balance, best: Solved) -> Solved:
+        """Start lines that are far from the data again: from the data, without the law, and from their neighbours."""
+        for start in ("data", "linear", "left", "right"):
+            miss = self._miss(best)
+            far = np.flatnonzero((miss > max(_FAR, _FARTHER * float(np.median(miss)))) | ~best.converged)
+            if not len(far):
+                break
+            if start == "data":
+                joints = self._measured_motion(balance)[far]
+            elif start == "linear":
+                joints = self._force * balance.receptance(self._omega[far])[1]
+            else:
+                joints = best.joints[np.clip(far + (1 if start == "right" else -1), 0, len(miss) - 1)]
+            other = self._solve(balance, joints, far)
+            better = other.converged & (self._miss(other, far) < np.where(best.converged[far], miss[far], np.inf))
+            best = _replaced(best, other, far, better)
+        return best
+
+    def _solve(self, balance: Balance, start: ComplexArray, lines: IntArray | None = None) -> Solved:
+        at = slice(None) if lines is None else lines
+        hz, finely = self.run.frequency_hz[at], self.resolution
+        motions = balance.solve(hz, self._force, start, iterations=finely.iterations)
+        states = motions.states
+        H = self._unit * self._scale[at, None] * (states[:, 1] @ self._read(balance).T)
+        usable: BoolArray = np.asarray(np.isfinite(H).all(axis=1), dtype=bool)
+        return Solved(balance, motions.joints, states, np.where(usable[:, None], H, 0.0), motions.converged & usable)
+
+    def _miss(self, solved: Solved, lines: IntArray | None = None) -> FloatArray:
+        """(n_freq,) distance to the data, relative, over all channels."""
+        y = np.nan_to_num(self.run.H if lines is None else self.run.H[lines])
+        d = np.abs(y) - np.abs(solved.H) if self.run.magnitude_only else y - solved.H
+        return np.linalg.norm(d, axis=1) / np.maximum(np.linalg.norm(y, axis=1), 1e-300)
+
+    def _measured_motion(self, balance: Balance) -> ComplexArray:
+        """(n_freq, K, n_joints) joints that the data tell of; harmonics and mean start at zero."""
+        states = balance.resolvent(self._omega, balance.loads)[:, 1]  # (n_freq, n_states, n_joints + 1)
+        sensors, joints = self._read(balance) @ states, balance.left @ states
+        linear = sensors[:, :, -1] * self._force
+        y = np.nan_to_num(self.run.H) / (self._unit * self._scale[:, None])
+        if self.run.magnitude_only:
+            y = linear
+        elif self.run.quantity == "acceleration":  # of an arbitrary scale
+            usable = (np.abs(y) > 0) & (np.abs(linear) > 0)
+            y = y / np.exp(np.median(np.log(np.abs(y[usable] / linear[usable])))) if usable.any() else y
+        N = (np.linalg.pinv(sensors[:, :, :-1], rcond=1e-3) @ (linear - y)[..., None])[..., 0]
+        start = np.zeros((len(linear), balance.harmonics + 1, balance.n_joints), dtype=complex)
+        start[:, 1] = joints[:, :, -1] * self._force - (joints[:, :, :-1] @ N[..., None])[..., 0]
+        return start
+
+    # -- a sweep ---------------------------------------------------------------------------------
+
+    def _by_sweep(self, balance: Balance) -> Solved:
+        """Follow the run's sweep from its first line; where a branch ends, fall onto the one that comes from beyond."""
+        n = len(self._omega)
+        order = range(n - 1, -1, -1) if self.run.sweep == "down" else range(n)
+        joints = np.zeros((n, balance.harmonics + 1, balance.n_joints), dtype=complex)
+        before: tuple[float, ComplexArray] | None = None
+        for line in order:
+            hz = float(self.run.frequency_hz[line])
+            X = None if before is None else self._follow(balance, *before, hz)
+            if X is None:
+                X = self._land(balance, hz)
+            before = None if X is None else (hz, X)
+            joints[line] = np.nan if X is None else X
+        filled = np.where(np.isfinite(joints), joints, 0.0)
+        return self._solve(balance, filled)
+
+    def _follow(self, balance: Balance, hz_before: float, before: ComplexArray, hz: float) -> ComplexArray | None:
+        """The motion (K, n_joints) that continues a known one; None where the branch ends on the way."""
+        here, X, step, halvings = hz_before, before, hz - hz_before, 0
+        while here != hz:
+            there = hz if abs(step) >= abs(hz - here) else here + step
+            motions = balance.solve(there, self._force, X[None])
+            new = motions.joints[0]
+            if motions.converged[0] and np.linalg.norm(new - X) < _JUMP * np.linalg.norm(new):
+                here, X, step = there, new, 2 * step
+            elif halvings < _HALVINGS:
+                step, halvings = step / 4, halvings + 1
+            else:
+                return None
+        return X
+
+    def _land(self, balance: Balance, hz: float) -> ComplexArray | None:
+        """The motion that is come to from beyond the line, where there is one motion only."""
+        sign = -1 if self.run.sweep == "down" else 1
+        for way in (0.0, *_ABOVE):
+            motions = balance.solve(hz * (1 + sign * way), self._force)
+            if motions.converged[0]:
+                X = self._follow(balance, float(motions.frequency_hz[0]), motions.joints[0], hz)
+                if X is not None:
+                    return X
+        return None
+
+    # -- derivatives -----------------------------------------------------------------------------
+
+    def _by_mode(self, solved: Solved) -> ComplexArray:
+        """(MODES, n_freq, n_channels) derivative by the relative shift of every resonance of the linear rotor."""
+        balance, n_modes = solved.balance, len(self.frequencies_hz)
+        D = np.zeros((len(self.sensitivity), *solved.H.shape), dtype=complex)
+        n_modes = min(n_modes, len(D))
+        if not n_modes:
+            return D
+        s = 1j * self._omega[:, None] * np.arange(balance.harmonics + 1)
+        assert solved.plain is not None
+        assert solved.mode is not None
+        moved = solved.states * solved.plain.values / (s[..., None] - balance.values)  # (n_freq, K, n_states)
+        belongs = (solved.mode[:, None] == np.arange(n_modes)).astype(float)  # (n_states, n_modes)
+        direct = balance.left[:, :, None] * belongs  # (n_joints, n_states, n_modes)
+        push = np.einsum("fks,jsm->fkjm", moved, direct, optimize=True)  # of the joints, their forces held
+        _, DN = balance.forces(solved.joints)
+        J = jacobian(balance.receptance(self._omega)[0], DN)
+        flat = real_form(push.reshape(*push.shape[:2], -1)).reshape(len(J), -1, n_modes)
+        dX = np.linalg.solve(J, flat)  # (n_freq, n_unknowns n_joints, n_modes)
+        dN = np.einsum("fjun,funm->fjm", DN[:, 1], dX.reshape(len(J), DN.shape[3], DN.shape[4], n_modes), optimize=True)
+        to_sensors = self._read(balance) @ balance.resolvent(self._omega, balance.loads)[:, 1, :, :-1]
+        own = np.einsum("fs,cs,sm->fcm", moved[:, 1], self._read(balance), belongs, optimize=True)
+        change = self._unit * self._scale[:, None, None] * (own - to_sensors @ dN)
+        usable = solved.converged[:, None, None] & np.isfinite(change)
+        D[:n_modes] = np.moveaxis(np.where(usable, change, 0.0), 2, 0)
         return D
 
+    # -- the run -----------------------------------------------------------------------------------
 
-def solve_run(
-    run: Run,
-    model: RotorModel,
-    condition: Condition,
-    start: ComplexArray | None,
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, BoolArray]:
-    """Fundamental of every line, its derivative by the logarithm of the frequency, joints, and which converged.
+    @property
+    def _omega(self) -> FloatArray:
+        return 2 * np.pi * self.run.frequency_hz
 
-    Parameters
-    ----------
-    run : gives lines, channels, force and, where there is no start, the motion to start from
-    model, condition : rotor with its local forces
-    start : (n_freq, K, n_joints) joints of a neighbouring candidate
-    """
-    balance = Balance(model, condition, harmonics=HARMONICS, samples=SAMPLES, corner=CORNER)
-    force = run.force_amplitude_N or 1.0
-    read = np.stack([balance.read_out(1 if c.plane == "y" else 2)[c.node - 1] for c in run.channels])
-    if start is None or start.shape[2] != balance.n_joints:
-        start = _start(run, balance, read, force)
-    motions = balance.solve(run.frequency_hz, force, start)
-    scale = (2j * np.pi * run.frequency_hz[:, None]) ** DERIVATIVE_ORDER[run.quantity]
-    unit = 1.0 if run.quantity == "acceleration" else 1 / force
-    H = unit * scale * (motions.states[:, 1] @ read.T)
-    step = 1e-4
-    near = balance.solve(run.frequency_hz * (1 - step), force, motions.joints)
-    moved = unit * (scale * (1 - step) ** DERIVATIVE_ORDER[run.quantity]) * (near.states[:, 1] @ read.T)
-    converged = motions.converged
-    both = (converged & near.converged)[:, None]
-    small = np.abs(moved - H) < 0.3 * np.abs(H) + 1e-300
-    slope = np.where(both & small, (moved - H) / step, 0.0)
-    return np.where(converged[:, None], H, 0.0), slope, motions.joints, converged
+    @property
+    def _force(self) -> float:
+        return self.run.force_amplitude_N or 1.0
+
+    @property
+    def _unit(self) -> float:
+        return 1.0 if self.run.quantity == "acceleration" else 1 / self._force
+
+    @property
+    def _scale(self) -> ComplexArray:
+        return (1j * self._omega) ** DERIVATIVE_ORDER[self.run.quantity]
+
+    def _read(self, balance: Balance) -> ComplexArray:
+        """(n_channels, n_states)"""
+        planes = {c.plane: balance.read_out(1 if c.plane == "y" else 2) for c in self.run.channels}
+        return np.stack([planes[c.plane][c.node - 1] for c in self.run.channels])
 
 
-def _start(run: Run, balance: Balance, read: ComplexArray, force: float) -> ComplexArray:
-    """(n_freq, K, n_joints) joints that the measured fundamental tells of; higher harmonics start at zero."""
-    omega = 2 * np.pi * run.frequency_hz
-    states = balance.resolvent(omega, balance.loads)[:, 1]  # (n_freq, n_states, n_joints + 1)
-    sensors, joints = read @ states, balance.left @ states
-    unit = 1.0 if run.quantity == "acceleration" else force
-    y = unit * np.nan_to_num(run.H) / (1j * omega[:, None]) ** DERIVATIVE_ORDER[run.quantity]
-    if run.magnitude_only:
-        y = sensors[:, :, -1] * force
-    wanted = sensors[:, :, -1] * force - y
-    N = (np.linalg.pinv(sensors[:, :, :-1], rcond=1e-3) @ wanted[..., None])[..., 0]
-    X = joints[:, :, -1] * force - (joints[:, :, :-1] @ N[..., None])[..., 0]
-    start = np.zeros((len(omega), balance.harmonics + 1, balance.n_joints), dtype=complex)
-    start[:, 1] = X
-    return start
+def _replaced(best: Solved, other: Solved, lines: IntArray, better: BoolArray) -> Solved:
+    """The first, with some lines of the second, which was solved on some lines alone."""
+    joints, states, H, converged = best.joints.copy(), best.states.copy(), best.H.copy(), best.converged.copy()
+    taken = lines[better]
+    joints[taken], states[taken], H[taken] = other.joints[better], other.states[better], other.H[better]
+    converged[taken] = True
+    return Solved(best.balance, joints, states, H, converged)

@@ -1,238 +1,549 @@
-"""A campaign of which only resonance frequencies survive: what a handful of numbers can and cannot tell."""
+"""A campaign of which only resonance frequencies survive: what a handful of numbers can and cannot tell.
+
+A list of resonances is read off a curve by a person. A resonance that stands out of the curve is listed with
+probability ``seen``, one that hardly stands out with less; a listed peak may also be foreign: of the exciter, the
+frame, or a motion that no rotor model has. So the probability of a list under a model is the largest, over all ways
+to match listed peaks with the model's resonances in order, of
+
+    product over matches   p_j N(listed_i; f_j, std_i)
+    product over resonances within the tested range that are not listed   1 - p_j
+    product over listed peaks that match nothing   foreign peaks per list / tested range
+
+The evidence of a candidate is the mean of that over its prior, on a grid: k_b and each of the effect's numbers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import copy
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
+from scipy.stats import chi2 as chi2_distribution
 
 from gap.diagnosis import Band, Cause, Diagnosis, Estimate, Finding, Location, NextTest, Where
-from gap.forward import Forward
-from gap.hypotheses import K_B_RANGE, Hypothesis, candidates
-from rotor.effects import Effect
-from rotor.model import build_system
+from gap.hypotheses import K_B_RANGE, Free, Hypothesis, candidates
+from gap.resonances import Resonances, Rotor
+from rotor.rig import load_rig
 from rotor.structure import FloatArray
-from sim.campaign import Campaign, PeakList, Run
+from sim.campaign import Campaign, Channel, PeakList, Run
 
-# Probability of no gap before the data.
-_NO_GAP = 0.5
+# Probability of no gap before the data, and probability from which a verdict stands: those of ``gap.diagnose``.
+_NO_GAP, _SURE = 0.95, 0.9
 
-# Points along each free number of an effect, and of ln k_b, at which the evidence is summed.
-_GRID, _GRID_K_B = (11, 8, 5), 400
+# Level of the test whether the residuals of matched peaks are those of their standard errors.
+_TEST_LEVEL = 0.01
 
-# A resonance of the model that is matched with none of the measured ones costs nothing: a curve need not show it.
-# A measured one that the model lacks costs this many standard errors.
-_MISSING = 5.0
+# Points along ln k_b, and along each number of an effect with so many of them.
+_K_B_POINTS, _POINTS = 320, {0: 1, 1: 41, 2: 15, 3: 9}
+
+# Relative standard error that those points resolve; sharper lists are zoomed in on, by so much at a time.
+_RESOLVED, _ZOOM = 0.008, 4.0
+
+# Logarithm of the likelihood below its largest that a zoom leaves out.
+_LEFT_OUT = 6.0
+
+# First step of the search for the best point, as a part of each prior range.
+_STEP = 0.02
+
+# Effects whose numbers do not move resonances.
+_DAMPING_ONLY = ("shaft_damping", "bearing_damping")
+
+# Candidates at least so probable, beside the first, are not told apart from it.
+_RIVAL = 0.05
+
+_K_B = Free("k_b", *K_B_RANGE, True)
 
 
 @dataclass(frozen=True)
-class _Scored:
-    """A candidate, its evidence, and the best point."""
+class Reading:
+    """What is assumed of how the lists came about."""
+
+    seen: float = 0.9  # probability that a resonance which stands out is listed
+    foreign: float = 0.1  # foreign peaks expected in a list
+    noticed: float = 0.05  # height, over the highest one's, from which a resonance stands out
+
+
+@dataclass(frozen=True)
+class Match:
+    """One list beside a model's resonances."""
+
+    peaks: PeakList
+    model_hz: tuple[float | None, ...]  # of each listed peak; None: it matches nothing
+    unseen_hz: tuple[float, ...]  # resonances in the tested range that stand out and are not listed
+
+    @property
+    def chi2(self) -> float:
+        """Squared differences of the matched peaks in their standard errors."""
+        return sum(z**2 for z in self.residuals if z is not None)
+
+    @property
+    def residuals(self) -> tuple[float | None, ...]:
+        """Listed minus model, in standard errors; None for a peak that matches nothing."""
+        rows = zip(self.model_hz, self.peaks.frequencies_hz, self.peaks.std_hz, strict=True)
+        return tuple(None if f is None else float((listed - f) / std) for f, listed, std in rows)
+
+    @property
+    def n_matched(self) -> int:
+        """Listed peaks that match a resonance."""
+        return sum(f is not None for f in self.model_hz)
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A candidate and what the lists make of it."""
 
     hypothesis: Hypothesis
     log_evidence: float
-    k_b: float
-    u: FloatArray
-    chi2: float
+    u: FloatArray  # (1 + n_free,) the best ln k_b and coordinates
+    std: FloatArray  # (1 + n_free,) distance from them within which 68 % of the posterior lie
+    determined: float  # combinations of numbers, k_b among them, that the data determine
+    with_k_b: bool
+    matches: tuple[Match, ...] = field(default=())
+
+    @property
+    def k_b(self) -> Estimate | None:
+        """Bearing stiffness with its standard error."""
+        value = _K_B.value(self.u[0])
+        return Estimate(value, float(value * self.std[0]), "N/m") if self.with_k_b else None
+
+    @property
+    def n_parameters(self) -> int:
+        """Numbers that were fitted."""
+        return len(self.u) - (not self.with_k_b)
+
+    @property
+    def n_matched(self) -> int:
+        """Listed peaks that match a resonance."""
+        return sum(match.n_matched for match in self.matches)
+
+    @property
+    def n_foreign(self) -> int:
+        """Listed peaks that match none."""
+        return sum(len(match.model_hz) for match in self.matches) - self.n_matched
+
+    @property
+    def n_unseen(self) -> int:
+        """Resonances that should have been listed."""
+        return sum(len(match.unseen_hz) for match in self.matches)
+
+    @property
+    def chi2(self) -> float:
+        """Misfit of the matched peaks."""
+        return sum(match.chi2 for match in self.matches)
+
+    @property
+    def freedom(self) -> int:
+        """Matched peaks more than fitted numbers."""
+        return self.n_matched - self.n_parameters
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger misfit by reading errors alone; nan without degrees of freedom."""
+        return float(chi2_distribution.sf(self.chi2, self.freedom)) if self.freedom > 0 else float("nan")
+
+    @property
+    def adequate(self) -> bool:
+        """Whether every listed peak is a resonance of the model within its error, as far as that can be tested."""
+        return self.n_foreign == 0 and not self.p_value < _TEST_LEVEL
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """All candidates, best first, the best place of each effect only; the nominal model beside them."""
+
+    nominal: Scored
+    scored: tuple[Scored, ...]
+    probabilities: tuple[float, ...]  # of each effect, all of its places together
+    no_gap: float
+
+
+class Lists:
+    """Resonance lists of one rig, and how probable they are under a model."""
+
+    def __init__(self, campaign: Campaign, reading: Reading | None = None):
+        from gap.diagnose import structure_of
+
+        self.campaign, self.lists, self.reading = campaign, campaign.peaks, reading or Reading()
+        self.structure = structure_of(campaign.rig, 1)  # a list of peaks is far coarser than any mesh
+        self.rotor = Rotor(self.structure, campaign.nominal, load_rig(campaign.rig).excitation_node)
+        self.with_k_b = any(peaks.support == "bearing" for peaks in self.lists)
+        every = np.concatenate([peaks.frequencies_hz for peaks in self.lists])
+        self.tested_hz = (float(every.min()) / 2, float(every.max()))
+
+    def read_as(self, reading: Reading) -> Lists:
+        """The same lists under another assumption of how they came about."""
+        other = copy.copy(self)
+        other.reading = reading
+        return other
+
+    @property
+    def n_peaks(self) -> int:
+        """Listed peaks."""
+        return sum(len(peaks.frequencies_hz) for peaks in self.lists)
+
+    @cached_property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Single effects that move resonances, at every place."""
+        found = [h for h in candidates([_stand_in(p) for p in self.lists], self.structure) if _moves_resonances(h)]
+        total = sum(h.prior for h in found)
+        return tuple(replace(h, prior=h.prior / total) for h in found)
+
+    def log_likelihood(self, k_b: FloatArray, hypothesis: Hypothesis, u: FloatArray, inflate: float = 1.0):
+        """(n_k_b,) of all lists; -inf where there is no such rotor."""
+        total = np.zeros(len(k_b))
+        for peaks in self.lists:
+            try:
+                found = self.rotor.resonances(peaks.support, k_b, hypothesis.effects(u))
+            except (ValueError, np.linalg.LinAlgError):
+                return np.full(len(k_b), -np.inf)
+            total = total + self._table(peaks, found, inflate)[-1, -1]
+        return np.where(np.isfinite(total), total, -np.inf)
+
+    def _table(self, peaks: PeakList, found: Resonances, inflate: float = 1.0) -> FloatArray:
+        """(n_peaks + 1, MODES + 1, n_k_b) log-likelihood of the first peaks by the first resonances."""
+        _, unseen, matched, foreign = self._terms(peaks, found, inflate)
+        n, m, n_k = matched.shape
+        table = np.full((n + 1, m + 1, n_k), -np.inf)
+        table[0, 0] = -self.reading.foreign
+        for i in range(n + 1):
+            for j in range(m + 1):
+                if i:
+                    table[i, j] = np.maximum(table[i, j], table[i - 1, j] + foreign)
+                if j:
+                    table[i, j] = np.maximum(table[i, j], table[i, j - 1] + unseen[j - 1])
+                if i and j:
+                    table[i, j] = np.maximum(table[i, j], table[i - 1, j - 1] + matched[i - 1, j - 1])
+        return np.where(np.isnan(found.f_hz[:, 0]), -np.inf, table)
+
+    def _terms(self, peaks: PeakList, found: Resonances, inflate: float):
+        """Probability to be seen and its logarithms: not seen (MODES, n_k_b), matched (n_peaks, MODES, n_k_b)."""
+        f, height = found.f_hz.T, found.height.T
+        low, high = self.tested_hz
+        inside = (f >= low) & (f <= high)
+        highest = np.max(np.where(inside, height, 0.0), axis=0)
+        enough = np.maximum(self.reading.noticed * highest, 1e-300)
+        seen = self.reading.seen * np.clip(height / enough, 0.0, 1.0)
+        std = peaks.std_hz[:, None, None] * inflate
+        z = (peaks.frequencies_hz[:, None, None] - np.where(np.isfinite(f), f, 1e9)) / std
+        with np.errstate(divide="ignore"):
+            matched = np.log(seen) - z**2 / 2 - np.log(np.sqrt(2 * np.pi) * std)
+        unseen = np.where(inside, np.log1p(-seen), 0.0)
+        return seen, unseen, matched, np.log(self.reading.foreign / (high - low))
+
+    def match(self, k_b: float, hypothesis: Hypothesis, u: FloatArray) -> tuple[Match, ...]:
+        """The most probable matching of every list."""
+        made = []
+        for peaks in self.lists:
+            found = self.rotor.resonances(peaks.support, np.array([k_b]), hypothesis.effects(u))
+            made.append(self._matched(peaks, found))
+        return tuple(made)
+
+    def _matched(self, peaks: PeakList, found: Resonances) -> Match:
+        table = self._table(peaks, found)[:, :, 0]
+        seen, unseen, _, foreign = self._terms(peaks, found, 1.0)
+        i, j = table.shape[0] - 1, table.shape[1] - 1
+        partner: list[float | None] = [None] * i
+        left: list[float] = []
+        while i or j:
+            if j and np.isclose(table[i, j], table[i, j - 1] + unseen[j - 1, 0], rtol=0, atol=1e-9):
+                j -= 1
+                f = float(found.f_hz[0, j])
+                inside = self.tested_hz[0] <= f <= self.tested_hz[1]
+                left += [f] if inside and seen[j, 0] > self.reading.seen / 2 else []
+            elif i and np.isclose(table[i, j], table[i - 1, j] + foreign, rtol=0, atol=1e-9):
+                i -= 1
+            else:
+                i, j = i - 1, j - 1
+                partner[i] = float(found.f_hz[0, j])
+        return Match(peaks, tuple(partner), tuple(sorted(left)))
+
+    # -- evidence ----------------------------------------------------------------------------------
+
+    def score(self, hypothesis: Hypothesis) -> Scored:
+        """Evidence on a grid that is narrowed to where lists of small errors have their likelihood."""
+        ends = np.array([free.ends for free in (_K_B, *hypothesis.free)])
+        box = ends.copy()
+        log_p, axes = np.zeros(1), []
+        for inflate in self._inflations():
+            axes = self._axes(box, len(hypothesis.free))
+            log_p = self._grid(hypothesis, axes, inflate)
+            if inflate > 1:
+                box = _narrowed(box, axes, log_p)
+        width = np.where(ends[:, 1] > ends[:, 0], ends[:, 1] - ends[:, 0], 1.0)
+        volume = float(np.prod((box[:, 1] - box[:, 0]) / width))
+        top = float(log_p.max())
+        evidence = top + np.log(np.exp(log_p - top).mean()) + np.log(volume) if np.isfinite(top) else -np.inf
+        return self._summary(hypothesis, axes, log_p, evidence, width)
+
+    def _inflations(self) -> list[float]:
+        """Factors on the standard errors, the last one 1."""
+        sharpest = min(float(np.min(p.std_hz / p.frequencies_hz)) for p in self.lists)
+        factors = [1.0]
+        while sharpest * factors[-1] < _RESOLVED:
+            factors.append(factors[-1] * _ZOOM)
+        return factors[::-1]
+
+    def _axes(self, box: FloatArray, n_free: int) -> list[FloatArray]:
+        """Middles of equal cells along ln k_b and every free number."""
+        counts = [_K_B_POINTS if self.with_k_b else 1] + [_POINTS[n_free]] * n_free
+        return [lo + (hi - lo) * (np.arange(n) + 0.5) / n for (lo, hi), n in zip(box, counts, strict=True)]
+
+    def _grid(self, hypothesis: Hypothesis, axes: Sequence[FloatArray], inflate: float) -> FloatArray:
+        """Log-likelihood over the grid, ln k_b first."""
+        k_b = np.exp(axes[0])
+        shape = [len(axis) for axis in axes[1:]]
+        log_p = np.empty((len(k_b), *shape))
+        for place in np.ndindex(*shape):
+            u = np.array([axis[at] for axis, at in zip(axes[1:], place, strict=True)])
+            log_p[(slice(None), *place)] = self.log_likelihood(k_b, hypothesis, u, inflate)
+        return log_p
+
+    def _summary(
+        self, hypothesis: Hypothesis, axes: Sequence[FloatArray], log_p: FloatArray, evidence: float, width: FloatArray
+    ) -> Scored:
+        """The best point of a grid, and how far the posterior reaches round it."""
+        best = int(np.argmax(log_p))
+        known = np.exp(log_p - log_p.max()) if np.isfinite(evidence) else np.ones(log_p.shape)
+        share = known / known.sum()
+        points = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(len(axes), -1)
+        u = points[:, best]
+        weight = share.ravel()
+        half = [(axis[1] - axis[0]) / 2 if len(axis) > 1 else 0.0 for axis in axes]
+        off = np.abs(points - u[:, None])
+        std = np.array([_reach(row, weight, h) for row, h in zip(off, half, strict=True)])
+        mean: FloatArray = points @ weight
+        centred = (points - mean[:, None]) / width[:, None]
+        kept = slice(0 if self.with_k_b else 1, None)
+        spread = np.linalg.eigvalsh(12 * (centred[kept] * weight) @ centred[kept].T)
+        determined = float(np.clip(1 - spread, 0.0, 1.0).sum())
+        return Scored(hypothesis, evidence, u, std, determined, self.with_k_b)
+
+    def polished(self, scored: Scored) -> Scored:
+        """The best point off the grid, and the peaks matched there."""
+        ends = np.array([free.ends for free in (_K_B, *scored.hypothesis.free)])
+        low, width = ends[:, 0], ends[:, 1] - ends[:, 0]
+
+        def cost(x: FloatArray) -> float:
+            u = low + np.clip(x, 0.0, 1.0) * width
+            return -float(self.log_likelihood(np.exp(u[:1]), scored.hypothesis, u[1:])[0])
+
+        start = (scored.u - low) / width
+        step = np.where(start > 0.5, -_STEP, _STEP)
+        options = {"initial_simplex": np.vstack([start, start + np.diag(step)]), "xatol": 1e-5, "fatol": 1e-3}
+        found: Any = minimize(cost, start, method="Nelder-Mead", options=options)
+        u = low + np.clip(found.x, 0.0, 1.0) * width
+        return replace(scored, u=u, matches=self.match(float(np.exp(u[0])), scored.hypothesis, u[1:]))
+
+    def rank(self, exclude: Sequence[str] = ()) -> Ranking:
+        """Every effect at its best place, with the probability of all its places."""
+        every = [self.score(h) for h in self.hypotheses if h.ids[0] not in exclude]
+        nominal = self.score(Hypothesis())
+        weights = np.array([s.log_evidence + np.log(s.hypothesis.prior * (1 - _NO_GAP)) for s in every])
+        own = nominal.log_evidence + np.log(_NO_GAP)
+        shares = np.exp(np.append(weights, own) - np.logaddexp.reduce(np.append(weights, own)))
+        best: dict[str, Scored] = {}
+        total: dict[str, float] = {}
+        for s, share in sorted(zip(every, shares[:-1], strict=True), key=lambda pair: -pair[1]):
+            best.setdefault(s.hypothesis.ids[0], s)
+            total[s.hypothesis.ids[0]] = total.get(s.hypothesis.ids[0], 0.0) + float(share)
+        names = sorted(total, key=lambda name: -total[name])
+        return Ranking(
+            self.polished(nominal),
+            tuple(self.polished(best[name]) for name in names),
+            tuple(total[name] for name in names),
+            float(shares[-1]),
+        )
+
+
+def _moves_resonances(hypothesis: Hypothesis) -> bool:
+    effect = hypothesis.terms[0].effect
+    return effect.family in ("structure", "support") and effect.id not in _DAMPING_ONLY
+
+
+def _stand_in(peaks: PeakList) -> Run:
+    """A run that says which support was measured."""
+    f = peaks.frequencies_hz
+    return Run(f, np.ones((len(f), 1), dtype=complex), (Channel(2),), peaks.support)
+
+
+def _reach(distance: FloatArray, weight: FloatArray, half: float) -> float:
+    """Distance within which 68.3 % of the weight lie: a standard error that a far second solution does not blow up.
+
+    Parameters
+    ----------
+    distance, weight : of every point of the grid
+    half : half a cell, over which a point's weight is spread
+    """
+    values, place = np.unique(distance, return_inverse=True)
+    inside = np.append(0.0, np.cumsum(np.bincount(place, weight)))
+    return float(np.interp(0.683 * inside[-1], inside, np.append(0.0, values + half)))
+
+
+def _narrowed(box: FloatArray, axes: Sequence[FloatArray], log_p: FloatArray) -> FloatArray:
+    """The cells that matter, and one more on either side."""
+    matters = log_p > log_p.max() - _LEFT_OUT
+    narrowed = box.copy()
+    for d, axis in enumerate(axes):
+        others = tuple(k for k in range(log_p.ndim) if k != d)
+        used = np.flatnonzero(matters.any(axis=others))
+        if len(axis) > 1 and len(used):
+            cell = axis[1] - axis[0]
+            narrowed[d] = max(axis[used[0]] - 1.5 * cell, box[d, 0]), min(axis[used[-1]] + 1.5 * cell, box[d, 1])
+    return narrowed
+
+
+# -- the diagnosis -----------------------------------------------------------------------------------
 
 
 def diagnose_peaks(campaign: Campaign, exclude: Sequence[str], findings: tuple[Finding, ...]) -> Diagnosis:
     """Rank what could explain a list of resonances.
 
-    With as many numbers as free parameters every candidate fits: then the answer is which ones remain possible, and
-    the verdict "not_enough_data".
+    A few frequencies never prove a cause: the verdict is "no_gap" or "not_enough_data".
     """
-    from gap.diagnose import structure_of
+    lists = Lists(campaign)
+    return diagnosis_of(campaign, lists, lists.rank(exclude), exclude, findings)
 
-    structure = structure_of(campaign.rig, 1)  # a list of peaks is far coarser than any mesh
-    forward = Forward(structure, campaign.nominal)
-    runs = [_stand_in(peaks) for peaks in campaign.peaks]
-    hypotheses = [
-        h
-        for h in candidates(runs, structure, exclude)
-        if h.terms[0].effect.family in ("structure", "support") and h.ids[0] not in ("shaft_damping", "bearing_damping")
-    ]
-    nominal = _score(forward, campaign.peaks, Hypothesis())
-    scored = sorted((_score(forward, campaign.peaks, h) for h in hypotheses), key=lambda s: -s.log_evidence)
-    weights = np.array([s.log_evidence + np.log(s.hypothesis.prior * (1 - _NO_GAP)) for s in scored])
-    own = nominal.log_evidence + np.log(_NO_GAP)
-    top = max(float(weights.max(initial=-np.inf)), own)
-    total = float(np.sum(np.exp(weights - top)) + np.exp(own - top))
-    no_gap = float(np.exp(own - top)) / total
-    causes = _causes(scored, np.exp(weights - top) / total)
-    n = sum(len(p.frequencies_hz) for p in campaign.peaks)
-    enough = no_gap > 0.9
-    leaders = ", ".join(c.effects[0] for c in causes[:3])
-    sentence = (
-        "The listed resonances agree with the nominal model within their errors: there is nothing to explain."
-        if enough
-        else f"{n} resonance frequencies differ from the nominal model, but cannot tell one cause from another; "
-        f"most probable: {leaders}."
-    )
+
+def diagnosis_of(
+    campaign: Campaign,
+    lists: Lists,
+    ranking: Ranking,
+    exclude: Sequence[str] = (),
+    findings: tuple[Finding, ...] = (),
+) -> Diagnosis:
+    """What a ranking says, in the form of every diagnosis."""
+    nominal = ranking.nominal
+    causes = tuple(_cause(s, p) for s, p in zip(ranking.scored, ranking.probabilities, strict=True))
+    agrees = ranking.no_gap > _SURE and nominal.adequate and nominal.n_unseen == 0
     return Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
-        verdict="no_gap" if enough else "not_enough_data",
-        sentence=sentence,
+        verdict="no_gap" if agrees else "not_enough_data",
+        sentence=_sentence(lists, ranking, agrees=agrees),
         nominal={
-            "k_b": Estimate(nominal.k_b, float("nan"), "N/m"),
-            "gap": float(np.sqrt(nominal.chi2 / max(n, 1))),
-            "gap_is": "root mean square difference of the resonances, in their standard errors",
-            "probability": no_gap,
-            "resonances_Hz": _table(forward, campaign.peaks, nominal),
+            "k_b": nominal.k_b,
+            "gap": None,
+            "probability": ranking.no_gap,
+            "peaks": list(_rows(ranking)),
+            "fit": _fit(nominal),
+            "best_fit": _fit(ranking.scored[0]) if ranking.scored else None,
         },
-        where=_where(forward, campaign.peaks, nominal),
+        where=_where(nominal),
         causes=causes,
-        equivalent=causes[:3] if not enough else (),
-        next_test=NextTest(
-            "Record complete frequency responses, with phase, on both supports and at three nodes or more: "
-            "shapes and widths tell apart what frequencies cannot.",
-            {"support": "bearing", "excitation_node": 2, "force_amplitude_N": 1.0},
-        ),
+        equivalent=() if agrees else tuple(c for c in causes if c.probability > _RIVAL * causes[0].probability),
+        next_test=None if agrees else _next_test(lists, ranking),
         audit=findings,
         excluded=tuple(exclude),
     )
 
 
-def _stand_in(peaks: PeakList) -> Run:
-    """A run that says which support was measured."""
-    from sim.campaign import Channel
-
-    f = peaks.frequencies_hz
-    return Run(f, np.ones((len(f), 1), dtype=complex), (Channel(2),), peaks.support)
-
-
-def _resonances(forward: Forward, peaks: PeakList, k_b: float, effects: Sequence[Effect]) -> FloatArray:
-    """Undamped resonances in the exciter's plane up to 1.5 times the highest listed one [Hz]."""
-    absent = "bearings" if peaks.support == "rigid" else "rigid_support"
-    acting = [e for e in effects if e.location != absent]
-    system = build_system(forward.structure, forward.condition(_stand_in(peaks), k_b), acting)
-    if not system.couples_planes():
-        system = system.in_plane(1)
-    f = system.modes.omega / (2 * np.pi)
-    return f[(f > 1.0) & (f < 1.5 * peaks.frequencies_hz[-1])]
-
-
-def _chi2(forward: Forward, lists: Sequence[PeakList], k_b: float, effects: Sequence[Effect]) -> float:
-    """Squared differences of every listed resonance from the model's own, matched in order."""
-    total = 0.0
-    for peaks in lists:
-        try:
-            f = _resonances(forward, peaks, k_b, effects)
-        except (ValueError, np.linalg.LinAlgError):
-            return np.inf
-        total += _matched(peaks, f)
-    return total
-
-
-def _matched(peaks: PeakList, f: FloatArray) -> float:
-    """Cheapest matching in order: resonances of the model may go unseen, listed ones may not."""
-    z = (peaks.frequencies_hz[:, None] - f[None, :]) / peaks.std_hz[:, None]
-    cost = np.minimum(z**2, _MISSING**2)
-    best = np.zeros(len(f) + 1)
-    for row in cost:
-        taken = best[:-1] + row if len(f) else np.zeros(0)
-        after = np.full(len(best), np.inf)
-        after[0] = best[0] + _MISSING**2
-        for j in range(1, len(best)):
-            after[j] = min(after[j - 1], taken[j - 1], best[j] + _MISSING**2)
-        best = after
-    return float(best[-1])
-
-
-def _score(forward: Forward, lists: Sequence[PeakList], hypothesis: Hypothesis) -> _Scored:
-    """Evidence by a grid over the effect's numbers and, inside, the best and the width in ln k_b."""
-    free = hypothesis.free
-    grids = [np.linspace(*f.ends, _GRID[len(free) - 1]) for f in free]
-    points = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, len(free)) if free else np.zeros((1, 0))
-    low, high = (float(np.log(k)) for k in K_B_RANGE)
-    best = (np.inf, 1e7, points[0])
-    logs = []
-    for u in points:
-        effects = hypothesis.effects(u)
-        coarse = np.linspace(low, high, 25)
-        values = [_chi2(forward, lists, float(np.exp(x)), effects) for x in coarse]
-        k = int(np.argmin(values))
-        lo, hi = coarse[max(k - 1, 0)], coarse[min(k + 1, len(coarse) - 1)]
-        if np.isfinite(values[k]):
-            found: Any = minimize_scalar(
-                lambda x, e=effects: _chi2(forward, lists, float(np.exp(x)), e),
-                bounds=(lo, hi),
-                method="bounded",
-                options={"xatol": 1e-3},
-            )
-            chi2, x = (float(found.fun), float(found.x)) if found.fun < values[k] else (values[k], float(coarse[k]))
-        else:
-            chi2, x = np.inf, float(coarse[k])
-        # The volume in ln k_b: where the misfit exceeds its least value by less than one.
-        inside = np.interp(np.linspace(low, high, _GRID_K_B), coarse, np.minimum(values, 1e6)) < chi2 + 1
-        logs.append(-chi2 / 2 + np.log(max(inside.mean(), 1 / _GRID_K_B)))
-        if chi2 < best[0]:
-            best = (chi2, float(np.exp(x)), u)
-    evidence = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
-    return _Scored(hypothesis, evidence, best[1], best[2], best[0])
-
-
-def _causes(scored: Sequence[_Scored], share: FloatArray) -> tuple[Cause, ...]:
-    """One cause for every effect at its best place, with the probability of all its places."""
-    total: dict[str, float] = {}
-    for s, p in zip(scored, share, strict=True):
-        total[s.hypothesis.ids[0]] = total.get(s.hypothesis.ids[0], 0.0) + float(p)
-    causes, seen = [], set()
-    for s in scored:
-        name = s.hypothesis.ids[0]
-        if name in seen:
-            continue
-        seen.add(name)
-        term = s.hypothesis.terms[0]
-        parameters = {}
-        position, node = None, None
-        for free, u in zip(term.free, s.u, strict=True):
-            low, high = free.ends
-            unit = "m" if free.name == "position" else term.effect.parameters()[free.name].unit
-            value = free.value(u)
-            spread = (high - low) / np.sqrt(12) * (value if free.log else 1.0)
-            parameters[free.name] = Estimate(value, float(abs(spread)), unit)
-            position = value if free.name == "position" else position
-        for key, value in term.fixed:
-            node = int(value) if key == "node" else node
-        location = Location(term.effect.location, node, position)  # type: ignore[arg-type]
-        causes.append(
-            Cause(
-                (name,),
-                location,
-                total[name],
-                parameters,
-                Estimate(s.k_b, float("nan"), "N/m"),
-                s.log_evidence,
-                locations=(location,),
-                places={f"{name}.{k}": v for k, v in term.fixed},
-            )
-        )
-    return tuple(sorted(causes, key=lambda c: -c.probability))
-
-
-def _table(forward: Forward, lists: Sequence[PeakList], best: _Scored) -> dict[str, list[float]]:
-    effects = best.hypothesis.effects(best.u)
-    return {peaks.support: [float(f) for f in _resonances(forward, peaks, best.k_b, effects)] for peaks in lists}
-
-
-def _where(forward: Forward, lists: Sequence[PeakList], nominal: _Scored) -> Where:
-    """Each support's share of the misfit, and each listed resonance's."""
-    supports, bands = {}, []
-    for peaks in lists:
-        f = _resonances(forward, peaks, nominal.k_b, ())
-        supports[peaks.support] = _matched(peaks, f)
-        for listed, std in zip(peaks.frequencies_hz, peaks.std_hz, strict=True):
-            off = min(float(np.min(np.abs(f - listed)) / std) if len(f) else _MISSING, _MISSING)
-            bands.append((float(listed - 2 * std), float(listed + 2 * std), off**2))
-    total, across = sum(supports.values()), sum(b[2] for b in bands)
-    return Where(
-        bands=tuple(Band(lo, hi, None, size / across if across else 1 / len(bands)) for lo, hi, size in bands),
-        supports={k: v / total if total else 1 / len(supports) for k, v in supports.items()},
-        remark="resonance frequencies alone: no place can be told",
+def _cause(scored: Scored, probability: float) -> Cause:
+    """A candidate with its numbers and their posterior errors."""
+    term = scored.hypothesis.terms[0]
+    parameters: dict[str, Estimate] = {}
+    edge: list[str] = []
+    places = {f"{term.effect.id}.{name}": value for name, value in term.fixed}
+    node, position = next((int(v) for n, v in term.fixed if n == "node" and v), None), None
+    for free, u, std in zip(term.free, scored.u[1:], scored.std[1:], strict=True):
+        value, (low, high) = free.value(u), free.ends
+        unit = "m" if free.name == "position" else term.effect.parameters()[free.name].unit
+        parameters[free.name] = Estimate(value, float(abs(std * value) if free.log else std), unit)
+        if free.name == "position":
+            position = value
+            places[f"{term.effect.id}.position"] = value
+        elif min(u - low, high - u) < 1e-3 * (high - low):
+            edge.append(free.name)
+    location = Location(term.effect.location, node, position)  # type: ignore[arg-type]
+    return Cause(
+        effects=(term.effect.id,),
+        location=location,
+        probability=probability,
+        parameters=parameters,
+        k_b=scored.k_b,
+        log_evidence=scored.log_evidence,
+        locations=(location,),
+        places=places,
+        at_prior_edge=tuple(edge),
     )
+
+
+def _fit(scored: Scored) -> dict[str, Any]:
+    """How well a model matches the lists, in numbers."""
+    return {
+        "chi2": scored.chi2,
+        "degrees_of_freedom": scored.freedom,
+        "p_value": scored.p_value,
+        "matched": scored.n_matched,
+        "unmatched": scored.n_foreign,
+        "not_listed": scored.n_unseen,
+        "parameters": scored.n_parameters,
+        "determined": scored.determined,
+    }
+
+
+def _rows(ranking: Ranking) -> Iterator[dict[str, Any]]:
+    """Every listed peak beside the resonance of the nominal model and of the most probable candidate."""
+    names = ("listed_Hz", "std_Hz", "nominal_Hz", "best_Hz")
+    best = ranking.scored[0].matches if ranking.scored else ranking.nominal.matches
+    for own, other in zip(ranking.nominal.matches, best, strict=True):
+        peaks = own.peaks
+        for row in zip(peaks.frequencies_hz, peaks.std_hz, own.model_hz, other.model_hz, strict=True):
+            yield {"support": peaks.support, **dict(zip(names, row, strict=True))}
+
+
+def _sentence(lists: Lists, ranking: Ranking, *, agrees: bool) -> str:
+    """The verdict in a sentence."""
+    nominal, n = ranking.nominal, lists.n_peaks
+    if agrees:
+        return f"The {n} listed resonances are the nominal model's within their errors: there is nothing to explain."
+    if nominal.adequate and nominal.n_unseen == 0:
+        return f"The nominal model meets the {n} listed resonances, but so do others: {n} numbers do not decide."
+    fault = f"{nominal.n_foreign} of {n} listed resonances have no counterpart in the nominal model"
+    if not nominal.n_foreign:
+        fault = f"the nominal model misses the {n} listed resonances (chi-squared {nominal.chi2:.3g})"
+    if not ranking.scored:
+        return f"{fault[0].upper()}{fault[1:]}; no effect of the library is left to explain it."
+    return f"{fault[0].upper()}{fault[1:]}, even with its best k_b; {n} numbers cannot tell which effect is the cause."
+
+
+def _next_test(lists: Lists, ranking: Ranking) -> NextTest:
+    """Complete responses; across the force too, where a leading candidate moves the rotor across it."""
+    leaders = [s for s, p in zip(ranking.scored, ranking.probabilities, strict=True) if p > 0.01] or ranking.scored[:1]
+    across = any("plane_anisotropy" in s.hypothesis.ids for s in leaders)
+    node = lists.rotor.node
+    words = (
+        f"Record complete frequency responses, with phase, on both supports, at three nodes or more, driven at {node}"
+    )
+    words += (
+        ", and on bearings also across the force: bearings that differ in two directions move the rotor across it, "
+        "nothing else in the list does."
+        if across
+        else ": shapes and widths tell apart what frequencies cannot."
+    )
+    return NextTest(words, {"support": "bearing", "excitation_node": node, "force_amplitude_N": 1.0})
+
+
+def _where(nominal: Scored) -> Where:
+    """Each support's and each listed peak's share of the misfit; one that matches nothing counts as 5 errors."""
+    sizes: dict[str, float] = {}
+    bands: list[tuple[float, float, float]] = []
+    for match in nominal.matches:
+        for listed, std, z in zip(match.peaks.frequencies_hz, match.peaks.std_hz, match.residuals, strict=True):
+            size = _UNMATCHED**2 if z is None else z**2
+            sizes[match.peaks.support] = sizes.get(match.peaks.support, 0.0) + size
+            bands.append((float(listed - 2 * std), float(listed + 2 * std), size))
+    total = sum(sizes.values()) or 1.0
+    return Where(
+        bands=tuple(Band(lo, hi, None, size / total) for lo, hi, size in bands),
+        supports={name: size / total for name, size in sizes.items()},
+        remark="Resonance frequencies alone: no place can be told.",
+    )
+
+
+# Standard errors that a peak without a counterpart counts as, in the shares of the gap.
+_UNMATCHED = 5.0

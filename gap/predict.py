@@ -10,7 +10,8 @@ import numpy as np
 
 from gap.diagnose import forward_of
 from gap.diagnosis import SCHEMA
-from gap.forward import TOLERANCES
+from gap.forward import TOLERANCES, acting
+from gap.nonlinear import FINAL
 from rotor.effects import Effect
 from rotor.effects.library import EFFECTS
 from rotor.rig import load_rig
@@ -54,12 +55,15 @@ def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predic
     nominal_k_b = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
     calibration = document.get("calibration") or {}
     forward = forward_of(campaign)
-    forward.refined = True
+    forward.refined, forward.resolution, forward.with_data = True, FINAL, False
     tolerance = np.array([float(calibration.get("tolerance", {}).get(name, 0.0)) for name in TOLERANCES])
     forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, k_b)
     for run in campaign.runs:
         before = forward.modal(run, nominal_k_b).response()
-        after = forward.modal(run, k_b, _acting(effects, run))
+        there = acting(effects, run.support)
+        if not any(effect.family == "nonlinear" for effect in there):
+            forward.bend(run, k_b, there)
+        after = forward.modal(run, k_b, there)
         gains = [float(calibration.get("sensor_gain", {}).get(str(channel), 1.0)) for channel in run.channels]
         response = after.response(None, tolerance) * np.array(gains)
         yield Predicted(run, _with(run, before), _with(run, response))
@@ -87,11 +91,6 @@ def _of_effect(table: Mapping[str, Any], effect: str, *, alone: bool) -> dict[st
     return {
         key.removeprefix(prefix): v for key, v in table.items() if key.startswith(prefix) or (alone and "." not in key)
     }
-
-
-def _acting(effects: tuple[Effect, ...], run: Run) -> tuple[Effect, ...]:
-    absent = "bearings" if run.support == "rigid" else "rigid_support"
-    return tuple(effect for effect in effects if effect.location != absent)
 
 
 def _with(run: Run, H: ComplexArray) -> Run:

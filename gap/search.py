@@ -1,15 +1,21 @@
-"""From runs to ranked candidates: recalibrate the nominal model, start every candidate roughly, fit the best ones."""
+"""From runs to ranked candidates.
+
+1. Recalibrate the nominal model.
+2. Give every candidate starts: far from the data by a rough fit of logarithms, close to them next to the nominal
+   model, where Rao's score says how much each candidate could explain to first order.
+3. Race the candidates: with relative errors added that shrink from stage to stage, those that fall behind drop out.
+4. Where no single effect is adequate, race pairs: every candidate beside the leaders.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gap.hypotheses import K_B_RANGE, NOMINAL, Hypothesis, Term
-from gap.likelihood import Fit, Problem
-from gap.nonlinear import MODEL_ERROR
+from gap.likelihood import Fit, Problem, Score
 from rotor.structure import FloatArray
 
 Progress = Callable[[int, int, str], None]
@@ -17,27 +23,52 @@ Progress = Callable[[int, int, str], None]
 # Starting values of the bearing stiffness along its range.
 _K_B_STARTS = 10
 
-# A rough cost within this factor (and this much) of the best one is worth a fine fit, and at least so many are.
-_WORTH_FACTOR, _WORTH, _AT_LEAST = 3.0, 0.02, 12
+# A start whose first cost is among the best of its candidate is worth a rough fit: this share of them, and two more.
+_SHARE = 1 / 3
 
-# Of several starts of one candidate, those whose rough cost is within this factor of its best are all fitted.
-_RIVAL = 1.3
+# A rough cost within this factor (and this much) of the best one is worth racing.
+_WORTH_FACTOR, _WORTH = 3.0, 0.02
+
+# To first order, a candidate is worth a fit from this share of the largest gain, or within so much of it.
+_WORTH_GAIN, _WORTH_MISFIT = 0.3, 40.0
+
+# At least so many candidates are raced.
+_AT_LEAST = 12
+
+# Starts of one candidate that run on.
 _RIVALS = 2
-
-# A misfit by so much above the best one's cannot be made good by anything else.
-_HOPELESS = 400.0
 
 # Positions along the shaft from which a weak effect is started.
 _POSITIONS = 7
 
-# Below this mean square misfit of the nominal model every candidate is fitted from next to it, without rough starts.
-_NEAR = 3.0
+# Close: the mean square misfit of the nominal model is below the first and its nuisances are not further outside
+# their priors than by so many standard deviations.
+_NEAR, _CALM = 5.0, 40.0
 
-# ... provided that its nuisances are not far outside their priors: mean square, in their units.
-_CALM = 3.0
 
-# Candidates of an inadequate search from which pairs are formed.
-_PAIR_LEADERS = 3
+@dataclass(frozen=True)
+class Stage:
+    """One round of the race."""
+
+    added: float  # relative error that is added to the data's own
+    steps: int  # at most
+    keep: int  # candidates' starts that go on, at most
+
+
+FAR = (Stage(0.1, 5, 30), Stage(0.02, 6, 16), Stage(0.0, 20, 12))
+CLOSE = (Stage(0.0, 20, 100),)
+
+# Leading candidates that are fitted to the end: valleys of several numbers are long.
+POLISHED, _PATIENCE = 4, 60
+
+# Misfit behind the best one's by this factor, and so much more, cannot be made good.
+_BEHIND, _HOPELESS = 2.0, 400.0
+
+# Leaders of pairs: of all runs, and of the rigid runs alone, in which fewer effects can act.
+_LEADERS, _RIGID_LEADERS = 3, 2
+
+# Pairs that are raced: the most promising to first order, and by a rough fit.
+_BY_GAIN, _BY_ROUGH = 24, 16
 
 
 @dataclass(frozen=True)
@@ -48,8 +79,19 @@ class Search:
     fits: tuple[Fit, ...]  # best first by evidence, the nominal model not among them
 
 
-def recalibrate(problem: Problem) -> Fit:
+@dataclass(frozen=True)
+class Start:
+    """Where a candidate's fit begins."""
+
+    hypothesis: Hypothesis
+    u: FloatArray
+    nu: FloatArray
+
+
+def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
     """The nominal model with the bearing stiffness that suits the runs best."""
+    if start is not None:
+        return problem.fit(NOMINAL, start.u, start.nu, anneal=(0.0,))
     if not problem.with_k_b:
         return problem.fit(NOMINAL, np.array([np.log(1e7)]))
     starts = np.geomspace(*K_B_RANGE, _K_B_STARTS)
@@ -74,37 +116,144 @@ def search(
     progress : called with (done, total, words)
     """
     nominal = nominal or recalibrate(problem)
-    base = nominal.u[:1]
-    if problem.with_k_b:
-        base = problem.rough(NOMINAL, base)[0]
-    near = nominal.chi2 + nominal.penalty < _NEAR * nominal.n_data and nominal.penalty < _CALM * len(nominal.nu)
-    total = 2 * len(hypotheses)
+    if _close(nominal):
+        fits = race(problem, _weak_starts(problem, hypotheses, nominal, progress), CLOSE, progress)
+    else:
+        fits = race(problem, _rough_starts(problem, hypotheses, nominal, progress), FAR, progress)
+    return Search(nominal, tuple(fits))
+
+
+def _close(nominal: Fit) -> bool:
+    outside = np.abs(nominal.nu / nominal.prior_std).max()
+    return nominal.chi2 + nominal.penalty < _NEAR * nominal.n_data and bool(outside < _CALM)
+
+
+def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], progress: Progress | None) -> list[Fit]:
+    """The candidates that do not fall behind, each from its best start, best first by evidence and prior."""
+    fits: list[Fit] = []
+    for stage in stages:
+        fits = []
+        for number, start in enumerate(starts):
+            if progress:
+                progress(number, len(starts), str(start.hypothesis))
+            try:
+                fits.append(problem.fit(start.hypothesis, start.u, start.nu, anneal=(stage.added,), steps=stage.steps))
+            except (ValueError, np.linalg.LinAlgError):
+                continue
+        fits.sort(key=lambda fit: fit.cost)
+        fits = [fit for fit in fits if fit.cost <= _BEHIND * fits[0].cost + _HOPELESS]
+        fits = _of_each(fits, _RIVALS)[: stage.keep]
+        starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
+    fits = _of_each(fits, 1)
+    return best_first([*(polished(problem, fit) for fit in fits[:POLISHED]), *fits[POLISHED:]])
+
+
+def best_first(fits: Iterable[Fit]) -> list[Fit]:
+    """By evidence and prior."""
+    return sorted(fits, key=lambda fit: fit.log_weight, reverse=True)
+
+
+def polished(problem: Problem, fit: Fit) -> Fit:
+    """The same candidate, fitted on from where it is, with the tolerances as they act there."""
+    problem.bend(fit)
+    return problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=_PATIENCE)
+
+
+def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
+    """The first so many of every candidate."""
+    seen: dict[int, int] = {}
+    kept = []
+    for fit in fits:
+        seen[id(fit.hypothesis)] = seen.get(id(fit.hypothesis), 0) + 1
+        if seen[id(fit.hypothesis)] <= count:
+            kept.append(fit)
+    return kept
+
+
+def _begin(hypothesis: Hypothesis, u: FloatArray, like: Fit) -> Start:
+    """A start with the nuisances of another fit, as far as their priors allow."""
+    return Start(hypothesis, u, np.clip(like.nu, -2 * like.prior_std, 2 * like.prior_std))
+
+
+def _rough_starts(
+    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None
+) -> list[Start]:
+    """Starts of the candidates whose rough cost is near the best one's, most promising first."""
+    base = problem.rough(NOMINAL, nominal.u[:1])[0] if problem.with_k_b else nominal.u[:1]
+    score = problem.score(nominal)
     rough: list[tuple[float, Hypothesis, list[FloatArray]]] = []
     for number, hypothesis in enumerate(hypotheses):
         if progress:
-            progress(number, total, str(hypothesis))
-        if near:
-            rough.append((0.0, hypothesis, []))
-            continue
-        found = [problem.rough(hypothesis, np.concatenate([base, start])) for start in hypothesis.starts()]
+            progress(number, 2 * len(hypotheses), str(hypothesis))
+        points = [np.concatenate([base, start]) for start in hypothesis.starts()]
+        points.sort(key=lambda point: problem.rough(hypothesis, point, steps=0)[1])
+        found = [problem.rough(hypothesis, point) for point in points[: 2 + int(_SHARE * len(points))]]
         found.sort(key=lambda pair: pair[1])
-        rivals = [x for x, cost in found[:_RIVALS] if cost <= _RIVAL * found[0][1] + 1e-9]
-        rough.append((found[0][1], hypothesis, rivals))
+        weak = [point for gain, point in _promises(score, nominal, hypothesis)[:1] if gain > 0]
+        rough.append((found[0][1], hypothesis, [*(x for x, _ in found[:_RIVALS]), *weak]))
     rough.sort(key=lambda entry: entry[0])
     limit = _WORTH_FACTOR * rough[0][0] + _WORTH if rough else 0.0
     worth = [entry for place, entry in enumerate(rough) if place < _AT_LEAST or entry[0] <= limit]
-    fits: list[Fit] = []
-    hopeless = np.inf
-    for number, (_, hypothesis, starts) in enumerate(worth):
+    return [_begin(hypothesis, point, nominal) for _, hypothesis, points in worth for point in points]
+
+
+def _weak_starts(
+    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None
+) -> list[Start]:
+    """Starts next to the nominal model of the candidates that could explain most to first order."""
+    score = problem.score(nominal)
+    found: list[tuple[float, list[Start]]] = []
+    for number, hypothesis in enumerate(hypotheses):
         if progress:
-            progress(len(hypotheses) + number, len(hypotheses) + len(worth), str(hypothesis))
-        every = [*starts, *_from_nominal(nominal, hypothesis)]
-        best = fit_best(problem, hypothesis, every, nominal, hopeless)
-        if best is not None:
-            fits.append(best)
-            hopeless = min(hopeless, best.chi2 + best.penalty + _HOPELESS)
-    fits.sort(key=lambda fit: fit.log_weight, reverse=True)
-    return Search(nominal, tuple(fits))
+            progress(number, 2 * len(hypotheses), str(hypothesis))
+        tried = _promises(score, nominal, hypothesis)[:_RIVALS]
+        found.append((tried[0][0], [Start(hypothesis, point, nominal.nu) for _, point in tried]))
+    found.sort(key=lambda entry: entry[0], reverse=True)
+    limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0
+    return [
+        start
+        for place, (gain, starts) in enumerate(found)
+        for start in starts
+        if place < _AT_LEAST or gain >= limit or _several(start.hypothesis)
+    ]
+
+
+def _promises(score: Score, fit: Fit, hypothesis: Hypothesis) -> list[tuple[float, FloatArray]]:
+    """What an effect could gain beside a fit, to first order, and where its own fit should begin; best first."""
+    (term,) = hypothesis.terms
+    found = []
+    for point in _from_nominal(fit, hypothesis):
+        gain, scale = score.gain(hypothesis.effects(point[1:]))
+        stronger = _scaled(term, point[1:], scale)
+        found.append((-np.inf, point) if stronger is None else (abs(gain), np.concatenate([point[:1], stronger])))
+    return sorted(found, key=lambda entry: entry[0], reverse=True)
+
+
+def _scaled(term: Term, point: FloatArray, scale: float) -> FloatArray | None:
+    """A weak effect made so many times stronger; None where its range is on the other side of nothing.
+
+    An effect of several numbers stays as it is: more than one of them says how strong it is.
+    """
+    strengths = [k for k, free in enumerate(term.free) if free.name != "position"]
+    free, at = term.free[strengths[0]], point.copy()
+    null = term.effect.parameters()[free.name].null
+    two_sided = isinstance(null, (int, float)) and free.low < null < free.high
+    if scale <= 0 and not two_sided:
+        return None
+    if len(strengths) > 1 or not isinstance(null, (int, float)):
+        return at
+    k = strengths[0]
+    if free.log:
+        at[k] += np.log(scale) * (-1 if np.isinf(null) else 1)
+    else:
+        at[k] = null + scale * (at[k] - null)
+    at[k] = np.clip(at[k], *free.ends)
+    return at
+
+
+def _several(hypothesis: Hypothesis) -> bool:
+    """Whether more than one number besides a position says how strong the effect is: one start is not enough."""
+    return sum(free.name != "position" for free in hypothesis.free) > 1
 
 
 def _from_nominal(nominal: Fit, hypothesis: Hypothesis) -> list[FloatArray]:
@@ -141,101 +290,51 @@ def _along_the_shaft(term: Term) -> list[FloatArray]:
     ]
 
 
-def fit_best(
-    problem: Problem, hypothesis: Hypothesis, starts: Sequence[FloatArray], nominal: Fit, hopeless: float = np.inf
-) -> Fit | None:
-    """The best of several fits; None where no start has a model."""
-    best: Fit | None = None
-    for number, start in enumerate(starts):
-        nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
-        try:
-            fit = problem.fit(hypothesis, start, nu, hopeless=hopeless)
-        except (ValueError, np.linalg.LinAlgError):
-            continue
-        if best is None or fit.chi2 + fit.penalty < best.chi2 + best.penalty:
-            best = fit
-        settled = "position" not in {free.name for free in hypothesis.free}
-        if settled and number + 1 < len(starts) and best.chi2 + best.penalty < 1.3 * best.n_data:
-            break
-    return best
-
-
 def pairs(
     problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
 ) -> list[Fit]:
     """Pairs of effects: every candidate beside each of the leaders, started from the leader's fit."""
-    leaders = _leaders(found.fits)
-    fits: list[Fit] = []
-    jobs = [(leader, h) for leader in leaders for h in hypotheses if h.ids != leader.hypothesis.ids]
-    rough = []
-    for number, (leader, second) in enumerate(jobs):
-        if progress:
-            progress(number, len(jobs), f"{leader.hypothesis} + {second}")
-        pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
-        starts = [np.concatenate([leader.u, start[1:]]) for start in _from_nominal(leader, second)]
-        starts += [np.concatenate([leader.u, start]) for start in second.starts()[:: max(len(second.starts()) // 2, 1)]]
-        tried = [problem.rough(pair, start, steps=5, every=5) for start in starts]
-        x, cost = min(tried, key=lambda each: each[1])
-        rough.append((cost, pair, x))
-    rough.sort(key=lambda entry: entry[0])
-    hopeless = np.inf
-    for _, pair, x in rough[: 2 * _AT_LEAST]:
-        best = fit_best(problem, pair, [x], found.nominal, hopeless)
-        if best is not None:
-            fits.append(best)
-            hopeless = min(hopeless, best.chi2 + best.penalty + _HOPELESS)
-    fits.sort(key=lambda fit: fit.log_weight, reverse=True)
-    return fits
+    by_gain: list[tuple[float, Start]] = []
+    by_rough: list[tuple[float, Start]] = []
+    leaders = _leaders(problem, found, hypotheses)
+    for number, leader in enumerate(leaders):
+        score = problem.score(leader)
+        for second in hypotheses:
+            if second.ids == leader.hypothesis.ids:
+                continue
+            if progress:
+                progress(number, len(leaders), f"{leader.hypothesis} + {second}")
+            pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
+            for gain, point in _promises(score, leader, second):
+                by_gain.append((gain, Start(pair, np.concatenate([leader.u, point[1:]]), leader.nu)))
+            for start in second.starts():
+                x, cost = problem.rough(pair, np.concatenate([leader.u, start]), steps=0, every=5)
+                by_rough.append((cost, _begin(pair, x, leader)))
+    by_gain.sort(key=lambda entry: -entry[0])
+    by_rough.sort(key=lambda entry: entry[0])
+    starts = [start for _, start in by_gain[:_BY_GAIN]]
+    for _, start in by_rough[: 2 * _BY_ROUGH]:
+        x, cost = problem.rough(start.hypothesis, start.u, steps=5, every=5)
+        starts.append(Start(start.hypothesis, x, start.nu))
+    return race(problem, starts, FAR, progress)
 
 
-def _leaders(fits: Sequence[Fit]) -> list[Fit]:
-    """The best fit of each of the best few effects."""
+def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
+    """The best fit of each of the best few effects: of all runs, and of the rigid runs with k_b fitted afterwards."""
+    leaders = _of_each_effect(found.fits)[:_LEADERS]
+    rigid = problem.only("rigid")
+    if rigid is None or not problem.with_k_b:
+        return leaders
+    there = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
+    for fit in _of_each_effect(search(rigid, there).fits)[:_RIGID_LEADERS]:
+        u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
+        leaders.append(problem.fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6))
+    return leaders
+
+
+def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:
+    """The best fit of every effect."""
     seen: dict[str, Fit] = {}
     for fit in fits:
         seen.setdefault(fit.hypothesis.ids[0], fit)
-    return list(seen.values())[:_PAIR_LEADERS]
-
-
-def polished(problem: Problem, fit: Fit) -> Fit:
-    """The same candidate, fitted on from where it is."""
-    return problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=30)
-
-
-# Lines of a nonlinear search: every so many, roughly and finely.
-_ROUGH_LINES, _FINE_LINES = 8, 4
-_NONLINEAR_FITS = 4
-
-
-def search_nonlinear(
-    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None = None
-) -> tuple[Problem, Search]:
-    """Fit the nonlinear candidates on a part of the lines.
-
-    Returns
-    -------
-    the problem on those lines, and the search on it
-    """
-    few, some = problem.thinned(_ROUGH_LINES, MODEL_ERROR), problem.thinned(_FINE_LINES, MODEL_ERROR)
-    rough = []
-    for number, hypothesis in enumerate(hypotheses):
-        if progress:
-            progress(number, len(hypotheses) + _NONLINEAR_FITS, str(hypothesis))
-        found = []
-        starts = hypothesis.starts()
-        for start in starts if hypothesis.ids != ("rub",) else starts[1:2]:
-            u = np.concatenate([nominal.u[:1], start])
-            found.append(few.rough(hypothesis, u, steps=4, every=1))
-        found.sort(key=lambda pair: pair[1])
-        rough.append((found[0][1], hypothesis, found[0][0]))
-    rough.sort(key=lambda entry: entry[0])
-    base = some.fit(NOMINAL, nominal.u[:1], nominal.nu)
-    fits = []
-    for number, (_, hypothesis, u) in enumerate(rough[:_NONLINEAR_FITS]):
-        if progress:
-            progress(len(hypotheses) + number, len(hypotheses) + _NONLINEAR_FITS, str(hypothesis))
-        try:
-            fits.append(some.fit(hypothesis, u, anneal=(0.1, 0.0), steps=6))
-        except (ValueError, np.linalg.LinAlgError):
-            continue
-    fits.sort(key=lambda fit: fit.log_weight, reverse=True)
-    return some, Search(base, tuple(fits))
+    return list(seen.values())

@@ -24,13 +24,16 @@ from rotor.measured import DERIVATIVE_ORDER
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Channel, Run
 
-# Laws a joint stiffness is compared with: name and shape over omega.
-_LAWS = {
-    "a stiffness (constant and real)": lambda w: np.ones(len(w), dtype=complex),
-    "a mass (real, falling with the square of the frequency)": lambda w: -(w**2) + 0j,
-    "a viscous damper (imaginary, rising with frequency)": lambda w: 1j * w,
-    "a hysteretic damper (imaginary and constant)": lambda w: 1j * np.ones(len(w)),
-}
+# Laws a joint stiffness is compared with: name, unit of its size, what it looks like, and shape over omega.
+_LAWS = (
+    ("a stiffness", "N/m", "constant and real", lambda w: np.ones(len(w), dtype=complex)),
+    ("a mass", "kg", "real, falling with the square of the frequency", lambda w: -(w**2) + 0j),
+    ("a viscous damper", "N s/m", "imaginary, rising with frequency", lambda w: 1j * w),
+    ("a hysteretic damper", "N/m", "imaginary and constant", lambda w: 1j * np.ones(len(w))),
+)
+
+# No law is named that leaves more than this share of the stiffness, in the median.
+_UNLIKE = 0.5
 
 
 def locate(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], regime: Regime) -> Where:
@@ -109,7 +112,7 @@ def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray]):
     several = False
     for number, (observed, model) in enumerate(zip(problem.observed, predicted, strict=True)):
         run = observed.run
-        if run.magnitude_only or run.quantity == "acceleration":
+        if run.magnitude_only:
             continue
         columns = [c for c, channel in enumerate(run.channels) if channel.plane == run.excitation_plane]
         several |= len(columns) > 1
@@ -118,7 +121,7 @@ def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray]):
         power = np.sum(np.abs(e / std) ** 2)
         total += float(power)
         for j in nodes:
-            toward = _column(problem.forward, run, nominal, j)[:, columns]
+            toward = _gain(problem, nominal, number) * _column(problem.forward, run, nominal, j)[:, columns]
             if not np.abs(toward).any():
                 continue
             weight = 1 / std**2
@@ -129,14 +132,21 @@ def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray]):
             if best is None or power - left > best[0]:
                 best = (float(power - left), number, j, g, float(1 - left / max(power, 1e-300)))
     if total <= 0 or best is None:
-        return (), None, "no run with phase and force: the place cannot be told from a joint stiffness"
+        return (), None, "No run has a phase: the place cannot be told from a joint stiffness."
     share = np.clip(explained / total, 0.0, 1 - 1e-9)
     odds = share / (1 - share)
     if not several:
         odds = np.ones(len(nodes))
     ranked = tuple(NodeShare(j, float(odds[j - 1] / odds.sum())) for j in nodes)
-    remark = "" if several else "one accelerometer: every node explains the gap, only the shape of the curve tells"
+    remark = "" if several else "One accelerometer: every node explains the gap, only the shape of the curve tells."
     return ranked, _joint(problem, nominal, best), remark
+
+
+def _gain(problem: Problem, nominal: Fit, number: int) -> float:
+    """Factor between the model and a run in an arbitrary unit, as it was fitted; 1 where there is a force."""
+    if problem.runs[number].quantity != "acceleration":
+        return 1.0
+    return float(np.exp(nominal.nu[problem.nuisances.gain][number]))
 
 
 def _column(forward: Forward, run: Run, nominal: Fit, node: int) -> ComplexArray:
@@ -150,7 +160,8 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
     _, number, node, g, explained = best
     run = problem.runs[number]
     omega = 2 * np.pi * run.frequency_hz
-    power = (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
+    force = (run.force_amplitude_N or 1.0) if run.quantity == "acceleration" else 1.0
+    power = force * (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
     at_node = replace(
         run,
         channels=(Channel(node, run.excitation_plane),),
@@ -174,13 +185,26 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
 
 
 def _order(Z: ComplexArray, omega: FloatArray) -> str:
-    """The simple law that is nearest in the median, in words."""
+    """The simple law that is nearest in the median, with its size, in words."""
     if len(Z) < 3:
         return "too few lines to say"
-    left = {}
-    for name, law in _LAWS.items():
+    found = []
+    for name, unit, looks, law in _LAWS:
         shape = law(omega)
         size = float(np.median((Z * shape.conj()).real / np.abs(shape) ** 2))
-        left[name] = float(np.median(np.abs(Z - size * shape)) / max(np.median(np.abs(Z)), 1e-300))
-    name = min(left, key=lambda key: left[key])
-    return name if left[name] < 0.5 else "none of stiffness, mass, viscous or hysteretic damper alone"
+        left = float(np.median(np.abs(Z - size * shape)) / max(np.median(np.abs(Z)), 1e-300))
+        found.append((left, f"{name} of {_plain(size)} {unit} ({looks})"))
+    left, words = min(found)
+    return words if left < _UNLIKE else "none of stiffness, mass, viscous or hysteretic damper alone"
+
+
+def _plain(size: float) -> str:
+    """'0.32', '1.2e+06' with two digits, as '1.2×10⁶'."""
+    text = f"{size:.2g}"
+    if "e" not in text:
+        return text.replace("-", "−")
+    digits, power = text.split("e")
+    return f"{digits}×10{str(int(power)).translate(_RAISED)}".replace("-", "−")
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Sequence
 
 from gap.diagnosis import Cause, Diagnosis, Location, NextTest, Verdict
 from rotor.effects.library import EFFECTS
-from sim.campaign import Campaign
+from rotor.rig import Rig, load_rig
+from sim.campaign import Campaign, Run
 
 
 def place(location: Location) -> str:
@@ -38,43 +40,102 @@ def named(cause: Cause) -> str:
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence."""
     if diagnosis.verdict == "no_gap":
-        return "Model and measurement agree within the noise: there is nothing to explain."
+        return "Model and measurement agree within the noise and the drifts of the test: there is nothing to explain."
     if diagnosis.verdict == "not_enough_data":
         return "The data are too few to tell one cause from another."
     if diagnosis.verdict == "unknown":
-        return "There is a gap, and none of the known effects explains it."
+        return "There is a gap, and none of the known effects explains it" + _acts_like(diagnosis)
     shrink = diagnosis.shrink
-    tail = f": it takes away {100 * shrink.explainable:.0f} % of the gap that can be explained." if shrink else "."
+    tail = f": it takes away {_percent(shrink.explainable)} of the gap that can be explained." if shrink else "."
     first = named(diagnosis.causes[0])
     if diagnosis.verdict == "cause":
-        return f"The gap comes from {first} (probability {100 * diagnosis.causes[0].probability:.0f} %){tail}"
+        return f"The gap comes from {first} (probability {_percent(diagnosis.causes[0].probability)}){tail}"
     others = ", or ".join(named(cause) for cause in diagnosis.equivalent) or first
     return f"These data cannot tell apart {others}; the first{tail}"
 
 
+def _acts_like(diagnosis: Diagnosis) -> str:
+    """What one joint stiffness would have to be, where one at a single node explains nearly everything."""
+    joint = diagnosis.where.joint
+    if joint is None or diagnosis.where.remark or joint.explained < _NEARLY or joint.order.startswith(("none", "too")):
+        return "."
+    law = joint.order.partition(" (")[0]
+    return f"; at node {joint.node} something acts like {law} ({100 * joint.explained:.0f} % of the gap there)."
+
+
+# Share of the gap from which one joint stiffness is worth a word.
+_NEARLY = 0.9
+
+
+def _percent(part: float) -> str:
+    """'93 %', 'over 99.9 %'."""
+    if part > 0.999:
+        return "over 99.9 %"
+    if not math.isfinite(part):
+        return "an unknown part"
+    return f"{100 * part:.1f} %" if part > 0.99 else f"{100 * part:.0f} %"
+
+
 def next_test(
-    verdict: Verdict, campaign: Campaign, causes: Sequence[Cause], equivalent: Sequence[Cause]
+    verdict: Verdict, campaign: Campaign, causes: Sequence[Cause] = (), equivalent: Sequence[Cause] = ()
 ) -> NextTest | None:
-    """The measurement that would tell more."""
-    supports = {run.support for run in campaign.runs} | {peaks.support for peaks in campaign.peaks}
+    """The measurement that would tell more, by what the campaign lacks.
+
+    Where several causes remain, ``gap.next_test`` computes which run separates them.
+    """
     if verdict == "no_gap":
         return None
-    if missing := {"rigid", "bearing"} - supports:
+    runs = [run for run in campaign.runs if run.support == "bearing"] or list(campaign.runs)
+    run = max(runs, key=lambda r: r.force_amplitude_N or 0.0)
+    settings = {
+        "support": run.support,
+        "excitation_node": run.excitation_node,
+        "force_amplitude_N": run.force_amplitude_N or 1.0,
+    }
+    if missing := {"rigid", "bearing"} - {run.support for run in campaign.runs}:
         support = missing.pop()
-        words = f"Measure the rotor on {support} supports too: an effect of the bearings cannot act on rigid ones."
-        return NextTest(words, {"support": support, "excitation_node": 2, "force_amplitude_N": 1.0})
+        where = "its bearings" if support == "bearing" else "rigid supports"
+        words = f"Measure the rotor on {where} too: what acts in the bearings shows on them alone."
+        return NextTest(words, settings | {"support": support})
+    structure = load_rig(campaign.rig)
     sensors = {channel.node for run in campaign.runs for channel in run.channels}
-    if len(sensors) < 3:
-        words = "Measure at more nodes: with few accelerometers several places explain the same gap."
-        return NextTest(words, {"support": "bearing", "excitation_node": 2, "force_amplitude_N": 1.0})
-    levels = {run.force_amplitude_N for run in campaign.runs if run.support == "bearing"}
-    if len(levels) < 2 and verdict in ("unknown", "ambiguous"):
-        words = (
-            "Repeat the run on bearings at a third and at three times the force: a nonlinear cause changes with level."
-        )
-        return NextTest(words, {"support": "bearing", "excitation_node": 2, "force_amplitude_N": 3.0})
-    if verdict in ("ambiguous", "unknown"):
-        words = "Drive the rotor at another node, and once more with a known mass clamped to it."
-        return NextTest(words, {"support": "bearing", "excitation_node": 4, "force_amplitude_N": 1.0})
-    words = "Repeat the run with the shaker at another node: the corrected model should predict it."
-    return NextTest(words, {"support": "bearing", "excitation_node": 4, "force_amplitude_N": 1.0})
+    if len(sensors) < _SENSORS:
+        more = _spread(structure, sensors, _SENSORS - len(sensors))
+        nodes = " and ".join(map(str, sorted(more)))
+        words = f"Measure at {'nodes' if len(more) > 1 else 'node'} {nodes} too"
+        return NextTest(f"{words}: with few accelerometers several places explain the same gap.", settings)
+    levels = {run.force_amplitude_N for run in runs}
+    if len(levels) < 2 and verdict == "unknown":
+        words = f"Repeat the run {_on(run)} at a third and at three times the force"
+        words += ": a nonlinear cause changes with level."
+        return NextTest(words, settings | {"force_amplitude_N": 3 * settings["force_amplitude_N"]})
+    (node,) = _spread(structure, {r.excitation_node for r in runs}, 1) or (run.excitation_node,)
+    words = f"Drive the rotor {_on(run)} at node {node} instead of {run.excitation_node}, accelerometers as they are"
+    if verdict == "cause" and causes:
+        words += f": a model with {named(causes[0])} should predict that run."
+    elif equivalent:
+        words += f": {', '.join(map(named, equivalent))} may part there."
+    else:
+        words += ": what lies elsewhere shows there in another way."
+    return NextTest(words, settings | {"excitation_node": node})
+
+
+# Accelerometers that tell most places apart.
+_SENSORS = 3
+
+
+def _on(run: Run) -> str:
+    return "on bearings" if run.support == "bearing" else "on rigid supports"
+
+
+def _spread(rig: Rig, taken: Collection[int], count: int) -> list[int]:
+    """Nodes far from those that are taken and from the supports, one after the other."""
+    held = {support.node for support in rig.support}
+    chosen: list[int] = []
+    for _ in range(count):
+        free = [n for n in range(1, len(rig.nodes_m) + 1) if n not in {*taken, *chosen, *held}]
+        if not free:
+            break
+        full = [rig.nodes_m[n - 1] for n in {*taken, *chosen, *held}]
+        chosen.append(max(free, key=lambda n: min(abs(rig.nodes_m[n - 1] - x) for x in full)))
+    return chosen

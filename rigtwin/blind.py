@@ -1,26 +1,47 @@
 """``rigtwin blind``: make sealed campaigns, diagnose them, score the answers.
 
-The generator and the scorer are ``gap.blind``; nothing that is diagnosed here has seen a label.
+The generator and the scorer are ``gap.blind``; nothing that is diagnosed here has seen a label. Every campaign is
+diagnosed in a process of its own, so that one that dies takes no other along.
 """
 
 from __future__ import annotations
 
 import json
 import multiprocessing
+import os
+import platform
+import shutil
 import time
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from rigtwin.console import note, say
-from rigtwin.diagnose import write_prediction
 from rigtwin.exits import UserError
 from sim.formats.atomic import replacing
 
 SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
-_INDEX = "index.json"
-_SECONDS = "seconds.json"
+RESULTS, PAGE = "results.json", "blind.md"
+SCHEMA = "rigtwin.blind-results/1"
+
+# The matrices are small: one thread a process is faster than many.
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+# Seconds after which a diagnosis is given up.
+_LONGEST = 1200.0
+
+# Of so many campaigns, one is fitted with a random effect, too.
+_CONTROL_EVERY = 4
+
+_SECONDS, _FAILURE = "seconds.json", "failure.txt"
 
 
 @dataclass(frozen=True)
@@ -33,59 +54,254 @@ class BlindRequest:
     out: Path
     seed: int
     workers: int
+    page: Path | None = None  # default: blind.md in ``out``
+    render_only: bool = False  # write the page from results.json
 
 
 def run_blind(request: BlindRequest) -> None:
     """Make the campaigns that are missing, diagnose those without an answer, write the scores."""
-    from gap.blind import generate, score
-
     if unknown := sorted(set(request.sets) - set(SETS)):
         raise UserError(f"{', '.join(unknown)}: no such set; the sets are {', '.join(SETS)}")
-    pages = []
-    for name in request.sets:
-        campaigns, answers = request.out / "campaigns" / name, request.out / "answers" / name
-        order = ["--set", name, "--split", request.split, "--count", str(request.count), "--out", str(campaigns)]
-        generate.main([*order, "--seed", str(request.seed), "--workers", str(request.workers)])
-        diagnose_all(campaigns, answers, request.workers)
-        outcomes, missing = score.read_outcomes(campaigns, answers)
-        if missing:
-            note(f"{name}: {len(missing)} campaigns without an answer are left out")
-        pages.append(f"## {name}\n\n{score.markdown(outcomes)}")
-    page = request.out / "blind.md"
-    with replacing(page) as beside:
-        beside.write_text("\n\n".join(pages) + "\n", encoding="utf-8")
-    say("\n\n".join(pages))
-    say(f"{page} written")
+    if not request.render_only:
+        facts = _facts(request)
+        seals = {}
+        for name in request.sets:
+            with single_threaded():
+                seals[name] = _make_and_diagnose(request, name)
+        _save(request, facts | seals)
+    _render(request)
+
+
+def _places(request: BlindRequest, name: str) -> tuple[Path, Path]:
+    """Folders of a set's campaigns and answers; other splits and seeds have folders of their own."""
+    draw = f"{request.split}-{request.seed}"
+    return request.out / "campaigns" / draw / name, request.out / "answers" / draw / name
+
+
+def _make_and_diagnose(request: BlindRequest, name: str) -> str:
+    """One set; returns how many campaigns it has and the SHA-256 of their labels."""
+    from gap.blind import generate
+
+    campaigns, answers = _places(request, name)
+    order = ["--set", name, "--split", request.split, "--count", str(request.count), "--out", str(campaigns)]
+    if generate.main([*order, "--seed", str(request.seed), "--workers", str(request.workers)]):
+        note(f"{name}: some campaigns could not be made; they are missing from the page")
+    diagnose_all(campaigns, answers, request.workers)
+    made = len(json.loads((campaigns / "index.json").read_text(encoding="utf-8")))
+    return f"{made} campaigns, labels sealed: {(campaigns / 'labels.sha256').read_text(encoding='utf-8').split()[0]}"
+
+
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """Processes that are started meanwhile use one thread each for linear algebra."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
+
+
+# -- diagnosing ----------------------------------------------------------------------------------------
 
 
 def diagnose_all(campaigns: Path, answers: Path, workers: int) -> None:
     """Diagnose every campaign of a set that has no answer yet, and predict what was held out."""
-    index = json.loads((campaigns / _INDEX).read_text(encoding="utf-8"))
-    entries = index["campaigns"] if isinstance(index, dict) else index
+    entries = json.loads((campaigns / "index.json").read_text(encoding="utf-8"))
     jobs = [
-        (campaigns / entry["campaign"], answers / entry["campaign"], tuple(entry.get("exclude", ())))
+        (campaigns / entry["campaign"], answers / entry["campaign"], tuple(entry["exclude"]))
         for entry in entries
         if not (answers / entry["campaign"] / _SECONDS).exists()
     ]
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for number, done in enumerate(as_completed([pool.submit(diagnose_one, *job) for job in jobs]), start=1):
-            name, seconds, failure = done.result()
-            note(f"{campaigns.name} {number}/{len(jobs)} {name}: {failure or f'{seconds:.0f} s'}")
+    pool = ThreadPoolExecutor(workers)
+    try:
+        waiting = [pool.submit(in_own_process, *job) for job in jobs]
+        for number, done in enumerate(as_completed(waiting), start=1):
+            name, words = done.result()
+            note(f"{campaigns.name} {number}/{len(jobs)} {name}: {words}")
+    finally:
+        pool.shutdown(cancel_futures=True)  # interrupted: what has not begun does not begin
 
 
-def diagnose_one(campaign: Path, answer: Path, exclude: Sequence[str]) -> tuple[str, float, str]:
-    """Diagnosis and predictions of one campaign; returns its name, seconds, and why it failed."""
+def in_own_process(campaign: Path, answer: Path, exclude: Sequence[str]) -> tuple[str, str]:
+    """Diagnose in a process of its own; a failure is written down. Returns the campaign's name and what happened."""
+    if answer.exists():
+        shutil.rmtree(answer)  # of a run that was stopped, or failed
+    answer.mkdir(parents=True)
+    process = multiprocessing.get_context("spawn").Process(target=diagnose_one, args=(campaign, answer, exclude))
+    process.start()
+    process.join(_LONGEST)
+    if process.is_alive():
+        process.kill()
+        process.join()
+        _write(answer / _FAILURE, f"took longer than {_LONGEST:.0f} s")
+    elif process.exitcode and not (answer / _FAILURE).exists():
+        _write(answer / _FAILURE, f"the process died with exit code {process.exitcode}")
+    if (answer / _FAILURE).exists():
+        return campaign.name, (answer / _FAILURE).read_text(encoding="utf-8")
+    return campaign.name, f"{json.loads((answer / _SECONDS).read_text(encoding='utf-8'))['seconds']:.0f} s"
+
+
+def diagnose_one(campaign: Path, answer: Path, exclude: Sequence[str]) -> None:
+    """Diagnosis and predictions of one campaign, in the folder of its answer; a failure is written there, too."""
+    try:
+        seconds = _answer(campaign, answer, exclude)
+    except Exception as error:  # it counts as a wrong answer
+        _write(answer / _FAILURE, f"{type(error).__name__}: {error}"[:300].replace("\n", " ").replace("|", "/"))
+        return
+    _write(answer / _SECONDS, json.dumps(seconds))
+
+
+def _answer(campaign: Path, answer: Path, exclude: Sequence[str]) -> dict[str, float]:
+    """Writes everything that is scored; returns the seconds of the diagnosis alone, by the clock and the processor."""
     from gap.diagnose import diagnose
+    from rigtwin.diagnose import write_prediction
     from sim.campaign_folder import load_campaign
 
-    start = time.perf_counter()
-    try:
-        found = diagnose(load_campaign(campaign / "measured"), exclude).diagnosis
-        seconds = time.perf_counter() - start
-        path = found.save(answer)
-        write_prediction(path, campaign / "held_out", answer)
-    except Exception as error:  # one campaign must not end the benchmark; it counts as without an answer
-        return campaign.name, time.perf_counter() - start, f"{type(error).__name__}: {error}"
-    with replacing(answer / _SECONDS) as beside:
-        beside.write_text(json.dumps({"seconds": seconds}), encoding="utf-8")
-    return campaign.name, seconds, ""
+    measured = load_campaign(campaign / "measured")
+    start, busy = time.perf_counter(), time.process_time()
+    outcome = diagnose(measured, exclude)
+    seconds = {"seconds": time.perf_counter() - start, "processor": time.process_time() - busy}
+    path = outcome.diagnosis.save(answer)
+    write_prediction(path, campaign / "held_out", answer)
+    _write_fitted(outcome.curves, answer / "fitted")
+    draw = zlib.crc32(campaign.name.encode())
+    if outcome.diagnosis.verdict in ("cause", "ambiguous") and draw % _CONTROL_EVERY == 0:
+        _write_control(measured, outcome.diagnosis, exclude, draw, campaign / "held_out", answer / "control")
+    return seconds
+
+
+def _write_fitted(curves: Sequence[Any], folder: Path) -> None:
+    """The fits as CSV, on the lines of the measured runs that they were made on."""
+    from dataclasses import replace
+
+    from sim.formats.run_file import write_beside
+
+    for curve in curves:
+        for kind, H in (("nominal", curve.nominal), ("corrected", curve.corrected)):
+            if H is None:
+                continue
+            path = folder / kind / f"{curve.run.name}.csv"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            run = replace(curve.run, H=np.asarray(H), std=None, harmonics={})
+            with replacing(path) as beside:
+                write_beside(run, path, beside)
+
+
+def _write_control(
+    measured: Any, diagnosis: Any, exclude: Sequence[str], draw: int, held_out: Path, folder: Path
+) -> None:
+    """Fit a random linear effect that was not answered, and predict what was held out."""
+    from gap.diagnose import forward_of
+    from gap.hypotheses import candidates
+    from rigtwin.diagnose import write_prediction
+
+    answered = {name for cause in (*diagnosis.equivalent, *diagnosis.causes[:1]) for name in cause.effects}
+    hypotheses = candidates(measured.runs, forward_of(measured).structure, exclude)
+    names = sorted({h.ids[0] for h in hypotheses} - answered)
+    chosen = str(np.random.default_rng(draw).choice(names))
+    document = control_document(measured, [h for h in hypotheses if h.ids == (chosen,)])
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(folder / "diagnosis.json", json.dumps(document))
+    write_prediction(folder / "diagnosis.json", held_out, folder)
+
+
+def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]:
+    """What a diagnosis.json has to say for a prediction: these candidates alone, the best of them as the cause."""
+    from gap.audit import estimate_noise
+    from gap.diagnose import forward_of
+    from gap.diagnosis import SCHEMA as OF_DIAGNOSIS
+    from gap.forward import TOLERANCES
+    from gap.likelihood import Problem, observe
+    from gap.search import recalibrate, search
+    from rotor.rig import load_rig
+
+    runs = measured.runs
+    stds = [run.std if run.std is not None else estimate_noise(run).std for run in runs]
+    problem = Problem(forward_of(measured), [observe(run, np.asarray(s)) for run, s in zip(runs, stds, strict=True)])
+    problem.allow_for_tolerances(load_rig(measured.rig), recalibrate(problem).k_b)
+    found = search(problem, hypotheses)
+    best, nuisances = found.fits[0], problem.nuisances
+    (term,) = best.hypothesis.terms
+    free = {f.name: f.value(u) for f, u in zip(term.free, best.u[1:], strict=True)}
+    return {
+        "schema": OF_DIAGNOSIS,
+        "verdict": "cause",
+        "rig": Path(measured.rig).name,
+        "where": {},
+        "nominal": {"k_b": {"value": found.nominal.k_b}},
+        "causes": [
+            {
+                "effects": [term.effect.id],
+                "parameters": {},
+                "places": {f"{term.effect.id}.{key}": value for key, value in (dict(term.fixed) | free).items()},
+                "k_b": {"value": best.k_b},
+            }
+        ],
+        "calibration": {
+            "sensor_gain": {
+                str(channel): float(np.exp(value))
+                for channel, value in zip(nuisances.sensors, best.nu[nuisances.sensor], strict=True)
+            },
+            "tolerance": dict(zip(TOLERANCES, map(float, best.nu[nuisances.tolerance]), strict=True)),
+        },
+    }
+
+
+# -- results -------------------------------------------------------------------------------------------
+
+
+def _save(request: BlindRequest, facts: Mapping[str, str]) -> None:
+    """``results.json``: one row for every campaign."""
+    from gap.blind.results import to_row
+    from gap.blind.score import read_outcomes
+
+    rows = [to_row(o) for name in request.sets for o in read_outcomes(*_places(request, name))]
+    _write(request.out / RESULTS, json.dumps({"schema": SCHEMA, "facts": facts, "campaigns": rows}, indent=1) + "\n")
+
+
+def _render(request: BlindRequest) -> None:
+    """The page of ``results.json``."""
+    from gap.blind.page import bar_table, page
+    from gap.blind.results import from_row
+
+    file = request.out / RESULTS
+    if not file.exists():
+        raise UserError(f"{file} does not exist; run without --render-only first")
+    document = json.loads(file.read_text(encoding="utf-8"))
+    if document.get("schema") != SCHEMA:
+        raise UserError(f"{file}: schema is {document.get('schema')!r}, not {SCHEMA!r}; run without --render-only")
+    outcomes = [from_row(row) for row in document["campaigns"]]
+    path = request.page or request.out / PAGE
+    _write(path, page(outcomes, document["facts"]))
+    say(bar_table(outcomes))
+    say(f"{path} written")
+
+
+def _facts(request: BlindRequest) -> dict[str, str]:
+    """What the figures come from."""
+    facts = {
+        "measured": f"{datetime.now(UTC):%Y-%m-%d}",
+        "split, seed": f"{request.split}, {request.seed}",
+        "campaigns of each set": str(request.count),
+        "processor": f"{_processor()}, {os.cpu_count()} cores, {request.workers} processes of one thread",
+        "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",
+    }
+    return facts | {package: version(package) for package in ("numpy", "scipy", "rigtwin")}
+
+
+def _processor() -> str:
+    """Its name, where the system tells."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return (names or [platform.processor() or platform.machine()])[0]
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")

@@ -256,13 +256,17 @@ def blind(
     count: Annotated[int, typer.Option(help="Campaigns of each set.", min=1)] = 20,
     seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 1,
     workers: Annotated[int, typer.Option(help="Processes.", min=1)] = 2,
+    page: Annotated[Path | None, typer.Option(help="The page; default blind.md in the folder.")] = None,
+    render_only: Annotated[
+        bool, typer.Option("--render-only", help="Write the page of results.json, and no more.")
+    ] = False,
 ) -> None:
     """Make sealed campaigns with a generator of its own, diagnose them, score the answers. What exists is kept."""
     from rigtwin.blind import BlindRequest, run_blind
 
     if split not in ("tuning", "report"):
         raise UserError(f"--split {split}: give tuning or report")
-    run_blind(BlindRequest(tuple(sets), split, count, out, seed, workers))
+    run_blind(BlindRequest(tuple(sets), split, count, out, seed, workers, page, render_only))
 
 
 @app.command(short_help="What reality may have and the nominal rotor lacks.")

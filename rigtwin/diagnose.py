@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
 
 from gap.diagnosis import FILE_NAME as DIAGNOSIS_FILE
 from gap.diagnosis import SCHEMA, Cause, Diagnosis, Shrink
@@ -75,12 +76,14 @@ def run_diagnose(request: DiagnosisRequest) -> None:
 
     exclude = _known(request.exclude)
     campaign = load_campaign(request.campaign)
-    request.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is refused before the work
-    confirm = partial(measured_on_the_virtual_rig, campaign) if request.fmu else None
-    with _progress() as progress:
-        outcome = diagnose(campaign, exclude=exclude, progress=progress, confirm=confirm)
-    outcome.diagnosis.save(request.out)
-    page = write_diagnosis_page(outcome.diagnosis, outcome.curves, campaign, request.out / PAGE_FILE)
+    page = request.out / PAGE_FILE
+    with _folder(request.out):  # what cannot be written is refused before the work
+        with _progress() as progress:
+            confirm = partial(measured_on_the_virtual_rig, campaign, progress=progress) if request.fmu else None
+            outcome = diagnose(campaign, exclude=exclude, progress=progress, confirm=confirm)
+        with replacing(request.out / DIAGNOSIS_FILE) as document:  # both files are new, or neither
+            document.write_text(outcome.diagnosis.to_json(), encoding="utf-8")
+            write_diagnosis_page(outcome.diagnosis, outcome.curves, campaign, page)
     if request.as_json:
         print(outcome.diagnosis.to_json(), end="")
     else:
@@ -96,11 +99,28 @@ def _known(effect_ids: Sequence[str]) -> tuple[str, ...]:
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[int, int, str], None]]:
+def _folder(path: Path) -> Iterator[None]:
+    """A folder to write into; one that was made for it is taken away again where nothing comes of it."""
+    new = not path.exists()
+    path.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        if new and not any(path.iterdir()):
+            path.rmdir()
+        raise
+
+
+# Called with (done, total, words).
+Progress = Callable[[int, int, str], None]
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
     """A progress bar that says what is going on; nothing is drawn where stderr is not a terminal."""
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("diagnosis", total=None)
         yield lambda done, total, words: bar.update(task, completed=done, total=total, description=words)
 
@@ -112,7 +132,11 @@ _INTEGRATED = {"receptance": 2, "mobility": 1, "accelerance": 0, "acceleration":
 
 
 def measured_on_the_virtual_rig(
-    campaign: Campaign, runs: Sequence[Run], effects: Sequence[Effect], k_b: float
+    campaign: Campaign,
+    runs: Sequence[Run],
+    effects: Sequence[Effect],
+    k_b: float,
+    progress: Progress | None = None,
 ) -> tuple[list[ComplexArray], str]:
     """Each run measured again without noise, with the effects, on the FMU of the campaign's rig.
 
@@ -122,6 +146,7 @@ def measured_on_the_virtual_rig(
     runs : their lines, channels and settings
     effects : those of the rotor are switched on in the FMU, those of the measurement chain act in the sweep
     k_b : stiffness of the bearings [N/m]
+    progress : told which run is being measured
 
     Returns
     -------
@@ -131,8 +156,13 @@ def measured_on_the_virtual_rig(
     parameters = {"k_b": k_b, "bearing_damping": belief.bearing_damping_Ns_per_m}
     if belief.shaft_damping_ratio is not None:
         parameters["shaft_damping_ratio"] = belief.shaft_damping_ratio
+    tell = progress or (lambda *_: None)
+    tell(0, len(runs), "virtual rig: building the FMU")
+    measured = []
     with rotor_fmu(campaign.rig) as fmu, FmuSession(fmu) as session:
-        measured = [_measure(session, run, parameters, tuple(effects)) for run in runs]
+        for number, run in enumerate(runs):
+            tell(number, len(runs), f"virtual rig: run {number + 1} of {len(runs)}")
+            measured.append(_measure(session, run, parameters, tuple(effects)))
     return measured, "fmu" if all(effect.in_fmu for effect in effects) else "rig"
 
 

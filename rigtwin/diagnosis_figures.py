@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -17,11 +17,15 @@ from plotly.subplots import make_subplots
 from gap.curves import SILENT, Curve, nrmse
 from gap.diagnosis import Band, Cause, JointStiffness, Shrink
 from rigtwin.diagnosis_words import cause_key, cause_title, finite, part, places, probability, share
-from rigtwin.figures import _UNIT, BLUE, GREY, INK, ORANGE, PURPLE, VERMILION, _styled
+from rigtwin.figures import BLUE, GREY, INK, ORANGE, PURPLE, RESPONSE_UNITS, VERMILION, styled
 from sim.campaign import Channel, ComplexArray, FloatArray, Run
 
-# Traces of the response figure that the page fills with the chosen run and node, in this order.
-RESPONSE_TRACES = ("noise", "nominal", "corrected", "measured", "nominal", "corrected", "measured")
+# Traces of the response figure that the page fills with the chosen run and node, in this order: row and name.
+RESPONSE_TRACES = (
+    ("size", "noise"), ("size", "nominal"), ("size", "corrected"), ("size", "measured"),
+    ("phase", "nominal"), ("phase", "corrected"), ("phase", "measured"),
+    ("gap", "std"), ("gap", "nominal"), ("gap", "corrected"),
+)  # fmt: skip
 
 # Colours of the gap's map, evenly over the logarithm from 0.1 % to 100 %.
 MAP_COLOURS = ("#ffffff", "#fdf8ec", "#fbe6bd", "#f3b772", "#d96f3a", "#8f2410")
@@ -59,7 +63,7 @@ def responses(curves: Sequence[Curve]) -> list[dict[str, Any]]:
     return [
         {
             "label": run_label(curve.run),
-            "title": _UNIT[curve.run.quantity],
+            "title": RESPONSE_UNITS[curve.run.quantity],
             "frequency": _packed(curve.run.frequency_hz, "<f8"),
             "phase": not curve.run.magnitude_only,
             "lowest": _lowest_phase(curve.run),
@@ -103,7 +107,7 @@ def _phase(H: ComplexArray, lowest: int) -> FloatArray:
 
 def first_choice(curves: Sequence[Curve]) -> tuple[int, int]:
     """Places of the run with the largest gap, and in it of the driving point, else of the largest response."""
-    gaps = [nrmse(curve.run.H, curve.nominal) for curve in curves]
+    gaps = [nrmse(curve.run.H, curve.run.H - _error(curve.run, curve.nominal)) for curve in curves]
     place = int(np.argmax([gap if finite(gap) else -1.0 for gap in gaps]))
     run = curves[place].run
     point = Channel(run.excitation_node, run.excitation_plane)
@@ -111,11 +115,13 @@ def first_choice(curves: Sequence[Curve]) -> tuple[int, int]:
     return place, run.channels.index(point) if point in run.channels else largest
 
 
-def response_figure(curves: Sequence[Curve], bands: Sequence[Band]) -> go.Figure:
-    """Axes for magnitude, phase and band map; the page fills in a run and a node."""
+def response_figure(
+    curves: Sequence[Curve], bands: Sequence[Band], corrected_name: str = "with the effect"
+) -> go.Figure:
+    """Axes for magnitude, phase, difference and band map; the page fills in a run and a node."""
     with_phase = any(not curve.run.magnitude_only for curve in curves)
-    rows = ["size"] + ["phase"] * with_phase + ["bands"] * bool(bands)
-    heights = {"size": 0.56, "phase": 0.26, "bands": 0.18}
+    rows = ["size"] + ["phase"] * with_phase + ["gap"] + ["bands"] * bool(bands)
+    heights = {"size": 0.4, "phase": 0.17, "gap": 0.28, "bands": 0.15}
     figure = make_subplots(
         rows=len(rows), shared_xaxes=True, vertical_spacing=0.04, row_heights=[heights[row] for row in rows]
     )
@@ -123,13 +129,14 @@ def response_figure(curves: Sequence[Curve], bands: Sequence[Band]) -> go.Figure
         "noise": {"fill": "toself", "fillcolor": "rgba(31,41,51,0.18)", "line": {"width": 0}, "hoverinfo": "skip"},
         "measured": {"mode": "markers", "marker": {"color": INK, "size": 5}, "name": "measured"},
         "nominal": {"line": {"color": VERMILION, "width": 2, "dash": "dash"}, "name": "nominal, recalibrated"},
-        "corrected": {"line": {"color": BLUE, "width": 2}, "name": "with the effect"},
+        "corrected": {"line": {"color": BLUE, "width": 2}, "name": corrected_name},
+        "std": {"line": {"color": GREY, "width": 1.5}, "name": "standard error"},
     }
     corrected = any(curve.corrected is not None for curve in curves)
-    for place, name in enumerate(RESPONSE_TRACES):
-        row = rows.index("phase") + 1 if place > 3 and with_phase else 1
-        listed = 0 < place <= 3 and (name != "corrected" or corrected)
-        hover = "%{x:.4f} Hz<br>%{y:.4g}" + ("°" if place > 3 else "")
+    for kind, name in RESPONSE_TRACES:
+        row = rows.index(kind) + 1 if kind in rows else 1
+        listed = (kind == "size" and name != "noise" and (name != "corrected" or corrected)) or name == "std"
+        hover = "%{x:.4f} Hz<br>%{y:.4g}" + ("°" if kind == "phase" else "")
         hover = {} if name == "noise" else {"hovertemplate": hover + f"<extra>{styles[name]['name']}</extra>"}
         figure.add_trace(
             go.Scatter(x=[], y=[], legendgroup=name, showlegend=listed, **styles[name], **hover), row=row, col=1
@@ -137,11 +144,13 @@ def response_figure(curves: Sequence[Curve], bands: Sequence[Band]) -> go.Figure
     figure.update_yaxes(type="log", exponentformat="power", dtick=1, row=1, col=1)
     if with_phase:
         figure.update_yaxes(title="phase, °", dtick=90, row=rows.index("phase") + 1, col=1)
+    gap_row = rows.index("gap") + 1
+    figure.update_yaxes(type="log", exponentformat="power", dtick=1, title="|measured − model|", row=gap_row, col=1)
     if bands:
         _add_bands(figure, bands, len(rows))
     figure.update_xaxes(title="frequency, Hz", row=len(rows), col=1)
     figure.update_yaxes(title={"standoff": 12, "font": {"size": 13}})
-    return _styled(figure, height=400 + 120 * with_phase + 130 * bool(bands)).update_layout(bargap=0)
+    return styled(figure, height=570 + 120 * with_phase + 130 * bool(bands)).update_layout(bargap=0)
 
 
 def _add_bands(figure: go.Figure, bands: Sequence[Band], row: int) -> None:
@@ -175,6 +184,38 @@ def band_label(band: Band) -> str:
     return f"mode {band.mode}" if band.mode else "no mode"
 
 
+# -- resonance lists -----------------------------------------------------------------------------
+
+
+def peaks_figure(rows: Sequence[Mapping[str, Any]], best: str) -> go.Figure:
+    """Listed peaks with their errors, and the resonances that two models have there; one line for each support."""
+    supports = list(dict.fromkeys(row["support"] for row in rows))
+    models = (
+        ("listed", "listed_Hz", INK, "line-ns-open", 0.0),
+        ("nominal model", "nominal_Hz", VERMILION, "circle", 0.2),
+        (best, "best_Hz", BLUE, "diamond", -0.2),
+    )
+    figure = go.Figure()
+    for name, key, colour, symbol, above in models:
+        shown = [row for row in rows if finite(row[key])]
+        error = {"type": "data", "array": [row["std_Hz"] for row in shown], "color": colour} if above == 0 else None
+        figure.add_trace(
+            go.Scatter(
+                x=[row[key] for row in shown],
+                y=[supports.index(row["support"]) + above for row in shown],
+                error_x=error,
+                mode="markers",
+                name=name,
+                marker={"symbol": symbol, "color": colour, "size": 11, "line": {"width": 2, "color": colour}},
+                hovertemplate="%{x:.1f} Hz<extra>" + escape(name) + "</extra>",
+            )
+        )
+    figure.update_yaxes(tickvals=list(range(len(supports))), ticktext=[f"{s} support " for s in supports],
+                        range=[-0.6, len(supports) - 0.4], showgrid=False, ticks="")  # fmt: skip
+    figure.update_xaxes(title="frequency, Hz", rangemode="tozero")
+    return styled(figure, height=140 + 70 * len(supports))
+
+
 # -- the gap by band, node and run ---------------------------------------------------------------
 
 
@@ -201,11 +242,16 @@ def gap_map(curves: Sequence[Curve], bands: Sequence[Band]) -> GapMap:
         columns = [channels.index(channel) for channel in curve.run.channels]
         for j, band in enumerate(known):
             inside = _inside(curve.run, band)
-            before[i, j, columns] = _cells(curve.run, curve.run.H - curve.nominal, inside)
+            before[i, j, columns] = _cells(curve.run, _error(curve.run, curve.nominal), inside)
             noise[i, j, columns] = _cells(curve.run, curve.std, inside)
             if curve.corrected is not None:
-                after[i, j, columns] = _cells(curve.run, curve.run.H - curve.corrected, inside)
+                after[i, j, columns] = _cells(curve.run, _error(curve.run, curve.corrected), inside)
     return GapMap(_short_labels([curve.run for curve in curves]), known, channels, before, after, noise)
+
+
+def _error(run: Run, H: ComplexArray) -> ComplexArray:
+    """(n_freq, n_channels) measured less model; of magnitudes where there is no phase."""
+    return run.H - (np.abs(H) if run.magnitude_only else H)
 
 
 def _inside(run: Run, band: Band) -> np.ndarray:
@@ -236,9 +282,9 @@ def _short_labels(runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(labels)
 
 
-def gap_map_figure(cells: GapMap) -> go.Figure:
+def gap_map_figure(cells: GapMap, corrected_name: str = "with the effect") -> go.Figure:
     """Rows are runs, columns are bands and in each the nodes; below it the same with the effect."""
-    maps = {"nominal model, recalibrated": cells.before, "with the effect": cells.after}
+    maps = {"nominal model, recalibrated": cells.before, corrected_name: cells.after}
     shown = {name: gap for name, gap in maps.items() if name.startswith("nominal") or np.isfinite(gap).any()}
     height, between, (top, bottom) = 27 * len(cells.runs), 40, (34, 74)  # [px]
     whole = height * len(shown) + between * (len(shown) - 1)
@@ -252,8 +298,9 @@ def gap_map_figure(cells: GapMap) -> go.Figure:
     figure.update_layout(
         coloraxis={"colorscale": list(MAP_COLOURS), "cmin": _MAP_RANGE[0], "cmax": _MAP_RANGE[1], "showscale": False}
     )
-    styled = _styled(figure, height=whole + top + bottom)
-    return styled.update_layout(margin={"t": top, "b": bottom}, plot_bgcolor=_EMPTY)
+    return styled(figure, height=whole + top + bottom).update_layout(
+        margin={"t": top, "b": bottom}, plot_bgcolor=_EMPTY
+    )
 
 
 def _label_columns(figure: go.Figure, cells: GapMap) -> None:
@@ -267,6 +314,7 @@ def _label_columns(figure: go.Figure, cells: GapMap) -> None:
         name = f"{band_label(band)}<br>" if n_bands > 1 or band.mode else ""
         text = f"{name}{band.f_lo:.4g} to {band.f_hi:.4g} Hz"
         _write(figure, text, x=(place + 0.5) * n_channels - 0.5, y=0, yanchor="top", yshift=-24)
+    _write(figure, "node ", x=0, xref="paper", xanchor="right", y=0, yanchor="top", yshift=-5)
 
 
 def _write(figure: go.Figure, text: str, **where: Any) -> None:
@@ -353,7 +401,7 @@ def candidate_figure(causes: Sequence[Cause], equivalent: Sequence[Cause], *, na
     )
     figure.update_xaxes(title="probability, %", range=[0, 118], tickvals=[0, 25, 50, 75, 100])
     rows = sum(max(1, len(cause.effects)) for cause in shown)
-    return _styled(figure, height=80 + 14 * len(shown) + 20 * rows).update_layout(bargap=0.35)
+    return styled(figure, height=80 + 14 * len(shown) + 20 * rows).update_layout(bargap=0.35)
 
 
 def joint_figure(joint: JointStiffness) -> go.Figure:
@@ -375,7 +423,7 @@ def joint_figure(joint: JointStiffness) -> go.Figure:
     figure.add_hline(y=0, line={"color": INK, "width": 1})
     figure.update_xaxes(title="frequency, Hz")
     figure.update_yaxes(title="ΔZ, N/m", exponentformat="power", range=_bulk([*joint.real, *joint.imag]))
-    return _styled(figure, height=340)
+    return styled(figure, height=340)
 
 
 def _bulk(values: Sequence[float]) -> list[float] | None:
@@ -441,7 +489,7 @@ def shrink_figure(shrink: Shrink) -> go.Figure:
         )
     figure.update_yaxes(autorange="reversed", showgrid=False, ticks="")
     figure.update_xaxes(title="gap (NRMSE), %", range=[0, 118 * max(*ends.values(), 1e-6)])
-    return _styled(figure, height=240).update_layout(bargap=0.35)
+    return styled(figure, height=240).update_layout(bargap=0.35)
 
 
 def _after_interval(shrink: Shrink) -> tuple[float, float] | None:

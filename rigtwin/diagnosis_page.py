@@ -7,9 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from markupsafe import Markup
 
-from gap.curves import Curve
+from gap.curves import Curve, nrmse
 from gap.diagnosis import Cause, Diagnosis, Finding, Shrink, Where
 from rigtwin.diagnosis_figures import (
     MAP_COLOURS,
@@ -20,6 +21,7 @@ from rigtwin.diagnosis_figures import (
     gap_map_figure,
     joint_figure,
     map_width,
+    peaks_figure,
     response_figure,
     responses,
     shrink_figure,
@@ -53,7 +55,7 @@ from rigtwin.page import write_page
 from rigtwin.provenance import provenance
 from rigtwin.wording import stiffness, with_error
 from rotor.rig import Rig, load_rig
-from sim.campaign import Campaign
+from sim.campaign import Campaign, ComplexArray, Run
 
 FILE_NAME = "report.html"
 
@@ -104,13 +106,14 @@ def write_diagnosis_page(diagnosis: Diagnosis, curves: Sequence[Curve], campaign
         title=campaign.title or diagnosis.title or rig.title or rig.name,
         d=diagnosis,
         verdict=VERDICTS[diagnosis.verdict],
-        key_figures=_key_figures(diagnosis),
+        key_figures=_key_figures(diagnosis, curves),
         meanings=_meanings(diagnosis),
         rig=rig,
         picture=rotor_picture(rig),
-        **_response_content(curves, diagnosis.where),
-        peak_rows=[(p.support, ", ".join(map(with_error, p.frequencies_hz, p.std_hz))) for p in campaign.peaks],
-        where=_where_rows(diagnosis.where),
+        **_response_content(curves, diagnosis),
+        **_peak_content(diagnosis, campaign),
+        where=_where_rows(diagnosis.where, diagnosis.audit),
+        with_runs=bool(curves),
         **_candidate_content(diagnosis),
         joint=joint_figure(diagnosis.where.joint) if diagnosis.where.joint else None,
         **_shrink_content(diagnosis.shrink),
@@ -124,13 +127,15 @@ def write_diagnosis_page(diagnosis: Diagnosis, curves: Sequence[Curve], campaign
 # -- verdict ---------------------------------------------------------------------------------------
 
 
-def _key_figures(diagnosis: Diagnosis) -> list[KeyFigure]:
+def _key_figures(diagnosis: Diagnosis, curves: Sequence[Curve]) -> list[KeyFigure]:
     """Gap before, after and floor, stiffness, probability: those there are."""
     figures, shrink = [], diagnosis.shrink
     before, decibel = gap_before(diagnosis), diagnosis.nominal.get("gap_dB")
-    if finite(before):
-        data = "held-out data" if shrink else "recalibrated nominal model"
-        in_decibel = f", {decibel:.2g} dB in the fit" if finite(decibel) else ""
+    if diagnosis.verdict == "no_gap" and curves:
+        figures += _nothing_left(curves, before)
+    elif finite(before):
+        data = "nominal model, held-out data" if shrink else "recalibrated nominal model"
+        in_decibel = f"; magnitudes differ by {decibel:.2g} dB" if finite(decibel) else ""
         figures.append(KeyFigure("Gap before" if shrink else "Gap", share(before), data + in_decibel))
     if shrink and finite(shrink.after):
         figures.append(KeyFigure("Gap after", share(shrink.after), "with the effect, held-out data"))
@@ -143,11 +148,30 @@ def _key_figures(diagnosis: Diagnosis) -> list[KeyFigure]:
     if named(diagnosis):
         best = diagnosis.causes[0]
         figures.append(KeyFigure("Probability", probability(best.probability), cause_title(best)))
+    elif diagnosis.nominal.get("peaks") and finite(diagnosis.nominal.get("probability")):
+        words = "of the nominal model, peaks that it lacks being foreign"
+        figures.append(KeyFigure("Probability", probability(diagnosis.nominal["probability"]), words))
     elif diagnosis.verdict == "no_gap" and finite(diagnosis.nominal.get("probability")):
         figures.append(KeyFigure("Probability", probability(diagnosis.nominal["probability"]), "that there is no gap"))
     elif diagnosis.verdict == "unknown" and diagnosis.unknown_score is not None and finite(diagnosis.unknown_score):
         figures.append(KeyFigure("Unknown score", f"{diagnosis.unknown_score:.2f}", "0: a known effect fits; 1: none"))
     return figures
+
+
+def _nothing_left(curves: Sequence[Curve], before: float | None) -> list[KeyFigure]:
+    """What the test's own gains and drifts leave of the gap, the noise, and what they take."""
+    left = [nrmse(c.run.H, _like(c.run, c.corrected)) for c in curves if c.corrected is not None]
+    noise = [nrmse(c.run.H, c.run.H + c.std) for c in curves]
+    found = (
+        ("Gap", float(np.mean(left)) if left else before, "gains and drifts of this test allowed for"),
+        ("Noise floor", float(np.mean(noise)), "what noise alone gives"),
+        ("Gains and drifts", before, "difference that they make"),
+    )
+    return [KeyFigure(label, share(value), below) for label, value, below in found if finite(value)]
+
+
+def _like(run: Run, H: ComplexArray) -> ComplexArray:
+    return np.abs(H) if run.magnitude_only else H
 
 
 def _meanings(diagnosis: Diagnosis) -> list[dict[str, str]]:
@@ -169,19 +193,28 @@ def _meanings(diagnosis: Diagnosis) -> list[dict[str, str]]:
 # -- responses and place ---------------------------------------------------------------------------
 
 
-def _response_content(curves: Sequence[Curve], where: Where) -> dict[str, Any]:
+# What the corrected model of a diagnosis is called.
+_WITH_EFFECT = ("with the effect", "the same with the effect")
+_WITH_NUISANCES = ("nominal, with gains and drifts", "the same with the gains and drifts of this test")
+
+
+def _response_content(curves: Sequence[Curve], diagnosis: Diagnosis) -> dict[str, Any]:
     """Figures and data of the measured runs; nothing of a campaign that has none."""
     if not curves:
         return {"response": None, "gap_map": None, "map_colours": "", "no_curves": _NO_CURVES}
+    where = diagnosis.where
+    name, words = _WITH_NUISANCES if diagnosis.verdict == "no_gap" else _WITH_EFFECT
     cells = gap_map(curves, where.bands)
-    data = {"runs": responses(curves), "first": first_choice(curves)}
+    with_phase = any(not curve.run.magnitude_only for curve in curves)
+    data = {"runs": responses(curves), "first": first_choice(curves), "gap_axis": "yaxis3" if with_phase else "yaxis2"}
     return {
         "no_curves": "",
-        "response": response_figure(curves, where.bands),
+        "response": response_figure(curves, where.bands, name),
         "response_data": json_in_html(data),
         "magnitudes_only": [curve.run.name for curve in curves if curve.run.magnitude_only],
         "corrected": any(curve.corrected is not None for curve in curves),
-        "gap_map": gap_map_figure(cells),
+        "corrected_words": words,
+        "gap_map": gap_map_figure(cells, name),
         "map_width": map_width(cells),
         "map_colours": ", ".join(MAP_COLOURS),
     }
@@ -192,15 +225,19 @@ def json_in_html(value: Any) -> Markup:
     return Markup(json.dumps(value, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 
-def _where_rows(where: Where) -> list[tuple[str, str]]:
+def _where_rows(where: Where, audit: Sequence[Finding]) -> list[tuple[str, str]]:
     """The gap's shares in words."""
     if not (where.bands or where.supports or where.nodes or where.levels):
         return []
-    rows = [("By force level", REGIMES[where.regime])]
+    differ = any(finding.check == "level" and finding.severity != "ok" for finding in audit)
+    words = REGIMES["amplitude_dependent" if where.regime == "linear" and differ else where.regime]
+    words = "one level was measured" if len(where.levels) < 2 and where.regime == "linear" else words
+    rows = [("By force level", words)] if where.levels or where.regime != "linear" else []
     rows += _shares("Supports", ((name, value) for name, value in where.supports.items()))
     rows += _shares("Nodes", ((f"node {n.node}", n.share) for n in where.nodes))
-    rows += _shares("Force levels", ((f"{level} N", value) for level, value in where.levels.items()))
-    return rows if where.regime in ("linear", "amplitude_dependent") else [("Kind", rows[0][1]), *rows[1:]]
+    if len(where.levels) > 1:
+        rows += _shares("Force levels", ((f"{level} N", value) for level, value in where.levels.items()))
+    return rows if where.regime in ("linear", "amplitude_dependent") else [("Kind", words), *rows[1:]]
 
 
 def _shares(name: str, parts: Iterable[tuple[str, float]]) -> list[tuple[str, str]]:
@@ -209,16 +246,51 @@ def _shares(name: str, parts: Iterable[tuple[str, float]]) -> list[tuple[str, st
     return [(name, ", ".join(f"{label}: {part(value)}" for label, value in known))] if known else []
 
 
+def _peak_content(diagnosis: Diagnosis, campaign: Campaign) -> dict[str, Any]:
+    """Listed resonances beside the models'; the lists alone where no model was compared with them."""
+    rows = diagnosis.nominal.get("peaks") or []
+    best = cause_title(diagnosis.causes[0]) if diagnosis.causes else ""
+    lists = [(p.support, ", ".join(map(with_error, p.frequencies_hz, p.std_hz))) for p in campaign.peaks]
+    table = [
+        (row["support"], with_error(row["listed_Hz"], row["std_Hz"]), _hertz(row["nominal_Hz"]), _hertz(row["best_Hz"]))
+        for row in rows
+    ]
+    return {
+        "peak_rows": table or lists,
+        "peak_header": ("support", "listed, Hz", "nominal model, Hz", f"{best}, Hz")
+        if table
+        else ("support", "peaks, Hz"),
+        "peaks": peaks_figure(rows, best) if rows else None,
+        "peak_fits": [
+            (name, *_fit_row(diagnosis.nominal[key]))
+            for name, key in (("nominal model", "fit"), (best, "best_fit"))
+            if diagnosis.nominal.get(key)
+        ],
+    }
+
+
+def _hertz(value: float | None) -> str:
+    return f"{value:.1f}" if value is not None and finite(value) else "none"
+
+
+def _fit_row(fit: Mapping[str, Any]) -> tuple[str, ...]:
+    p = fit["p_value"]
+    tested = "cannot be tested" if not finite(p) else "under 0.0001" if p < 1e-4 else f"{p:.2g}"
+    counts = (str(fit[key]) for key in ("matched", "unmatched", "not_listed", "parameters"))
+    return (*counts, f"{fit['chi2']:.1f}", str(fit["degrees_of_freedom"]), tested)
+
+
 # -- candidates --------------------------------------------------------------------------------------
 
 
 def _candidate_content(diagnosis: Diagnosis) -> dict[str, Any]:
     causes, rows = diagnosis.causes, _cause_rows(diagnosis)
     first = foremost(causes)
+    drawn = any(cause.probability >= 1e-3 for cause in causes)  # bars that can be seen
     why_none = NO_CAUSE.get(diagnosis.verdict, "") if causes else "No cause is named."
     return {
         "no_cause": "" if named(diagnosis) else why_none,
-        "candidates": candidate_figure(causes, diagnosis.equivalent, named=named(diagnosis)) if causes else None,
+        "candidates": candidate_figure(causes, diagnosis.equivalent, named=named(diagnosis)) if drawn else None,
         "edge": any(cause.at_prior_edge for cause in causes[:first]),
         "cause_rows": rows[:first] or rows,
         "other_rows": rows[first:] if first else [],
@@ -245,12 +317,18 @@ def _cause_row(cause: Cause, best: float, same: bool) -> CauseRow:
         probability=probability(cause.probability),
         parameters=parameters(cause),
         k_b=k_b_words(cause.k_b),
-        log_evidence=(f"{behind:.1f}" if behind > -100 else f"{behind:.0f}").replace("-", "−")
-        if finite(behind)
-        else "",
+        log_evidence=_behind(behind),
         ess=f"{cause.ess:.0f}" if cause.ess is not None and finite(cause.ess) else "",
         remarks=remarks,
     )
+
+
+def _behind(value: float) -> str:
+    """'−6.5', 'below −1000': logarithms beside the best one's."""
+    if not finite(value):
+        return ""
+    text = f"{value:.1f}" if value > -100 else f"{value:.0f}" if value > -1000 else "below -1000"
+    return text.replace("-", "−")
 
 
 # -- shrink, audit, foot -----------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from gap.diagnosis import Cause, Diagnosis, Estimate, Location, Shrink
@@ -90,7 +91,10 @@ def quantity(estimate: Estimate) -> str:
     value, std, of_unit = estimate.value, estimate.std, unit(estimate.unit)
     if not finite(value):
         return "unknown"
-    power = math.floor(math.log10(abs(value))) if value else 0
+    if finite(std) and abs(value) < 0.005 * std:
+        value = 0.0
+    size = max(abs(value), std if finite(std) else 0.0)
+    power = math.floor(math.log10(size)) if size else 0
     if -3 <= power < 5:
         text = with_error(value, std) if finite(std) else number(value)
     else:
@@ -148,9 +152,16 @@ def places(cause: Cause) -> str:
 
 
 def parameters(cause: Cause) -> list[str]:
-    """'stiffness (1.02 ± 0.03)×10⁷ N/m' for each parameter; of a pair with the effect's title."""
+    """'stiffness (1.02 ± 0.03)×10⁷ N/m' for each parameter; of a pair with the effect's title.
+
+    One at the end of its range has no standard error worth the name.
+    """
     pair = len(cause.effects) > 1
-    return [f"{_parameter_name(name, pair)} {quantity(estimate)}" for name, estimate in cause.parameters.items()]
+    edge = set(cause.at_prior_edge)
+    return [
+        f"{_parameter_name(name, pair)} {quantity(replace(estimate, std=math.nan) if name in edge else estimate)}"
+        for name, estimate in cause.parameters.items()
+    ]
 
 
 def _parameter_name(full_name: str, with_title: bool) -> str:

@@ -23,7 +23,8 @@ _BEARING_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE)
 # A band of standard errors thinner than this share of its curve cannot be seen.
 _VISIBLE_BAND = 0.03
 
-_UNIT: dict[str, str] = {
+# Axis titles of responses, by quantity.
+RESPONSE_UNITS: dict[str, str] = {
     "accelerance": "acceleration per force, (m/s²)/N",
     "acceleration": "acceleration, m/s²",
     "mobility": "velocity per force, (m/s)/N",
@@ -75,10 +76,10 @@ def frf_figure(curves: Sequence[Curve]) -> go.Figure:
         hover = "%{x:.4f} Hz<br>%{y:.4g}<extra>" + curve.label + "</extra>"
         figure.add_trace(go.Scatter(x=f, y=size, name=curve.label, line=line, hovertemplate=hover))
     quantities = {curve.run.quantity for curve in curves}
-    y_title = _UNIT[quantities.pop()] if len(quantities) == 1 else "response"
+    y_title = RESPONSE_UNITS[quantities.pop()] if len(quantities) == 1 else "response"
     figure.update_yaxes(type="log", title=y_title, exponentformat="power", dtick=1)
     figure.update_xaxes(title="frequency, Hz")
-    return _styled(figure)
+    return styled(figure)
 
 
 def _magnitude(curve: Curve) -> tuple[FloatArray, FloatArray, FloatArray | None]:
@@ -121,7 +122,7 @@ def frequency_figure(structure: Structure, marks: Mapping[str, Sequence[Mark]]) 
         figure.add_trace(_marks(name, group, symbol, colour))
     figure.update_xaxes(type="log", title="bearing stiffness k_b, N/m", exponentformat="power", dtick=2)
     figure.update_yaxes(title="natural frequency, Hz", rangemode="tozero")
-    return _styled(figure)
+    return styled(figure)
 
 
 def _marks(name: str, group: Sequence[Mark], symbol: str, colour: str) -> go.Scatter:
@@ -165,10 +166,11 @@ def readings_figure(readings: Sequence[tuple[str, float, float, float]], printed
     )
     figure.update_xaxes(title="bearing stiffness k_b, MN/m")
     figure.update_yaxes(autorange="reversed", showgrid=False)
-    return _styled(figure, height=240)
+    return styled(figure, height=240)
 
 
-def _styled(figure: go.Figure, height: int = 420) -> go.Figure:
+def styled(figure: go.Figure, height: int = 420) -> go.Figure:
+    """The same figure in the pages' fonts and colours, so high [px]."""
     return figure.update_layout(template=_TEMPLATE, height=height)
 
 

@@ -156,7 +156,12 @@ class Balance:
         return real_form(R).reshape(len(R), self.forces.n_unknowns * self.n_joints), jacobian(H, DN)
 
     def solve(
-        self, frequency_hz: FloatArray | float, force_amplitude: float, start: ComplexArray | None = None
+        self,
+        frequency_hz: FloatArray | float,
+        force_amplitude: float,
+        start: ComplexArray | None = None,
+        *,
+        iterations: int | None = None,
     ) -> Motions:
         """Periodic motions at given frequencies, each by itself.
 
@@ -167,6 +172,7 @@ class Balance:
         start : (n, K, n_joints) joint phasors to start from [m]; by default the force is raised
             from zero in a few steps. That can fail in strongly nonlinear motion, and where there are several motions
             it is left to the start which is found: ``continuation`` follows them.
+        iterations : of Newton's method, at most
 
         Returns
         -------
@@ -182,7 +188,7 @@ class Balance:
             while share < 1:
                 start = 2 * _Newton(self, receptance, share * force_amplitude, start).run().joints
                 share *= 2
-        newton = _Newton(self, receptance, force_amplitude, start).run()
+        newton = _Newton(self, receptance, force_amplitude, start).run(iterations)
         stable = newton.converged & (newton.determinant > 0)
         reasons = tuple("" if ok else "Newton's method found no motion" for ok in newton.converged)
         return Motions(self, force_amplitude, hz, newton.joints, stable, reasons)
@@ -214,10 +220,10 @@ class _Newton:
     def _joints(self, u: FloatArray) -> ComplexArray:
         return complex_form(u.reshape(len(u), self.balance.forces.n_unknowns, self.balance.n_joints))
 
-    def run(self) -> _Newton:
+    def run(self, iterations: int | None = None) -> _Newton:
         """Iterate until every motion has converged or stalled."""
         active = np.arange(len(self.u))
-        for _ in range(_ITERATIONS):
+        for _ in range(_ITERATIONS if iterations is None else iterations):
             if not len(active):
                 break
             active = self._iterate(active)
@@ -290,7 +296,7 @@ class Motions:
     @property
     def forces(self) -> ComplexArray:
         """(n, K, n_joints) peak phasors of the local forces [N]."""
-        return self.balance.forces(self.joints)[0]
+        return self.balance.forces.harmonics(self.joints)
 
     @property
     def dissipated(self) -> FloatArray:

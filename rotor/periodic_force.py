@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from scipy.linalg import solve_banded
 
+from rotor.force_laws import LAWS
 from rotor.local_force import LocalForce
 from rotor.printed_laws import SCALAR
 from rotor.structure import ComplexArray, FloatArray
@@ -28,6 +28,9 @@ TRAVEL = 0.5
 
 # Relative step into the complex plane that gives the derivative by the rounding: no difference is taken.
 _COMPLEX_STEP = 1e-20
+
+# Fewer motions than this go through a law with memory one by one: an array costs more than a few floats.
+_FEW = 24
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ class PeriodicForces:
         phase = 2 * np.pi * np.outer(k, np.arange(samples)) / samples
         self.n_unknowns = 2 * harmonics + 1  # per coordinate: real parts, then imaginary parts but of the mean
         self._synthesis = np.concatenate([np.cos(phase), -np.sin(phase[1:])])  # (n_unknowns, n_samples)
-        self._analysis = np.exp(-1j * phase).T * (2 / samples)  # (n_samples, K)
+        self._analysis = np.ascontiguousarray(np.exp(-1j * phase).T) * (2 / samples)  # (n_samples, K)
         self._analysis[:, 0] /= 2
         products = self._analysis[:, :, None] * self._synthesis.T[:, None, :]  # (n_samples, K, n_unknowns)
         self._slope_analysis = np.ascontiguousarray(products).reshape(samples, -1).view(float)
@@ -122,20 +125,21 @@ class PeriodicForces:
         self._rows.append(pattern)
         return len(self._rows) - 1
 
-    def sampled(self, joints: ComplexArray) -> list[SampledForce]:
+    def sampled(self, joints: ComplexArray, *, derivatives: bool = True) -> list[SampledForce]:
         """Forces and slopes over one period.
 
         Parameters
         ----------
         joints : (B, K, n_joints) peak phasors of the joint coordinates [m]
+        derivatives : of laws with memory; without them those are zero
         """
         u = real_form(joints)  # (B, n_unknowns, n_joints)
         x = np.moveaxis(u, 2, 0) @ self._synthesis  # (n_joints, B, n_samples)
-        return [self._sample(acting, x[list(acting.coordinates)], u) for acting in self._acting]
+        return [self._sample(acting, x[list(acting.coordinates)], u, derivatives) for acting in self._acting]
 
-    def _sample(self, acting: _Acting, x: FloatArray, u: FloatArray) -> SampledForce:
+    def _sample(self, acting: _Acting, x: FloatArray, u: FloatArray, derivatives: bool) -> SampledForce:
         if acting.force.law.memory:
-            return _with_memory(acting, x[0])
+            return _with_memory(acting, x[0], derivatives)
         if acting.corner is None:
             return SampledForce(acting.coordinates, *_evaluate(acting, x))
         travel = self._travel[:, None] * u[:, :, list(acting.coordinates)]
@@ -166,10 +170,21 @@ class PeriodicForces:
                     DN[:, :, row, :, column] += self._derivative(sample, a, b)
         return N, DN
 
+    def harmonics(self, joints: ComplexArray) -> ComplexArray:
+        """(B, K, n_joints) peak phasors of the forces [N] alone."""
+        N = np.zeros(joints.shape, dtype=complex)
+        for sample in self.sampled(joints, derivatives=False):
+            for a, row in enumerate(sample.coordinates):
+                N[:, :, row] += sample.force[a] @ self._analysis
+        return N
+
     def _derivative(self, sample: SampledForce, a: int, b: int) -> ComplexArray:
         """(B, K, n_unknowns) derivative of the harmonics of one force by those of one coordinate."""
         if sample.memory is not None:
-            return (self._analysis.T @ _chain(sample.memory, self._synthesis.T)).astype(complex)
+            chain = _chain(sample.memory, self._synthesis.T)
+            parts = self._analysis.view(float).T @ chain.reshape(len(chain), -1)  # (2 K, B n_unknowns)
+            D = np.moveaxis(parts.reshape(-1, *chain.shape[1:]), 0, 2)
+            return np.moveaxis(np.ascontiguousarray(D).view(complex), 2, 1)
         slope = sample.slope[a, b]
         D = (slope @ self._slope_analysis).view(complex).reshape(len(slope), -1, self.n_unknowns)
         if sample.rounding is not None:
@@ -220,8 +235,18 @@ def _evaluate(acting: _Acting, x: FloatArray, corner: ComplexArray | None = None
     return f, slope.reshape(p, p, B, n_samples)
 
 
-def _with_memory(acting: _Acting, x: FloatArray) -> SampledForce:
+def _with_memory(acting: _Acting, x: FloatArray, derivatives: bool) -> SampledForce:
     """Go through two periods sample by sample; x is (B, n_samples) [m]."""
+    history = _one_by_one(acting, x) if len(x) < _FEW else _side_by_side(acting, x, derivatives)
+    forces, *slopes = history
+    last = slice(x.shape[1], None)
+    return SampledForce(
+        acting.coordinates, forces[None, :, last], slopes[0][None, None, :, last], memory=Memory(*slopes)
+    )
+
+
+def _one_by_one(acting: _Acting, x: FloatArray) -> FloatArray:
+    """(4, B, 2 n_samples) force and derivatives of a law with memory, in floats."""
     law, coefficients = SCALAR[acting.force.law.name], acting.force.coefficients
     history: list[float] = []
     for path in x.tolist():
@@ -231,10 +256,42 @@ def _with_memory(acting: _Acting, x: FloatArray) -> SampledForce:
             history += step
             before, force = displacement, step[0]
     values = np.array(history, dtype=float).reshape(len(x), -1, 4)
-    forces, *derivatives = np.ascontiguousarray(np.moveaxis(values, 2, 0))  # each (B, 2 n_samples)
-    last = slice(x.shape[1], None)
-    slope = derivatives[0][None, None, :, last]
-    return SampledForce(acting.coordinates, forces[None, :, last], slope, memory=Memory(*derivatives))
+    return np.ascontiguousarray(np.moveaxis(values, 2, 0))
+
+
+def _side_by_side(acting: _Acting, x: FloatArray, derivatives: bool) -> FloatArray:
+    """The same in arrays over the motions: forces step by step, then all derivatives at once, if they are wanted."""
+    law, coefficients = _STEP[acting.force.law.name], acting.force.coefficients
+    path = np.ascontiguousarray(np.concatenate([x, x], axis=1).T)  # (2 n_samples, B)
+    values = np.zeros((4, *path.shape))
+    force = values[0]
+    before = last = np.zeros(len(x))
+    for displacement, now in zip(path, force, strict=True):
+        now[:] = law(displacement, before, last, *coefficients)
+        before, last = displacement, now
+    if not derivatives:
+        return np.moveaxis(values, 1, 2)
+    zero = np.zeros((1, len(x)))
+    variables = [path, np.concatenate([zero, path[:-1]]), np.concatenate([zero, force[:-1]])]
+    for place, variable in enumerate(variables):
+        moved = [variable + 1j * _COMPLEX_STEP if v is variable else v for v in variables]
+        values[1 + place] = law(*moved, *coefficients).imag / _COMPLEX_STEP
+    return np.ascontiguousarray(np.moveaxis(values, 1, 2))
+
+
+def _limited(u: Any, a: float) -> Any:
+    """``limited`` of ``force_laws`` for arrays, real or complex for a derivative."""
+    if np.iscomplexobj(u):
+        return np.where(np.abs(u.real) <= a, u, np.copysign(a, u.real))
+    return np.minimum(np.maximum(u, -a), a)
+
+
+# Laws with memory for arrays, from the same expressions that are printed for floats.
+_STEP = {
+    law.name: eval(f"lambda {', '.join(law.arguments)}: {law.force}", {"limited": _limited})
+    for law in LAWS
+    if law.memory
+}
 
 
 def _chain(memory: Memory, synthesis: FloatArray) -> FloatArray:
@@ -249,14 +306,15 @@ def _chain(memory: Memory, synthesis: FloatArray) -> FloatArray:
 
     Returns
     -------
-    (B, n_samples, n_unknowns) [N/m]
+    (n_samples, B, n_unknowns) [N/m]
     """
-    T = np.concatenate([synthesis, synthesis])
-    direct = memory.slope[:, :, None] * T
-    direct[:, 1:] += memory.slope_before[:, 1:, None] * T[:-1]
-    bands = np.ones((2, len(T)))
-    derivative = np.empty((len(direct), *synthesis.shape))
-    for place, (persistence, right) in enumerate(zip(memory.persistence, direct, strict=True)):
-        bands[1, :-1] = -persistence[1:]
-        derivative[place] = solve_banded((1, 0), bands, right, check_finite=False)[len(synthesis) :]
-    return derivative
+    n = len(synthesis)
+    slope, slope_before, persistence = (
+        np.ascontiguousarray(part.T)[:, :, None] for part in (memory.slope, memory.slope_before, memory.persistence)
+    )
+    T = np.concatenate([synthesis, synthesis])[:, None]
+    derivative = slope * T
+    derivative[1:] += slope_before[1:] * T[:-1]
+    for before, now, kept in zip(derivative[:-1], derivative[1:], persistence[1:], strict=True):
+        now += kept * before
+    return derivative[n:]

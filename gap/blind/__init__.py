@@ -13,7 +13,7 @@ A second implementation on purpose: it imports nothing of the diagnosis, its rot
 | `response`     | steady response through the measurement chain                                | `reported`          |
 | `transient`    | a sweep that does not settle                                                 | `swept`             |
 | `laws`         | nonlinear force laws, sampled over a period                                  | `law_of`            |
-| `nonlinear`    | harmonic balance at the joints, upward sweeps, force levels                  | `swept_up`          |
+| `nonlinear`    | harmonic balance, stability, time stepping, upward sweeps, force levels      | `swept_up`          |
 | `lines`        | frequency lines as a lab chooses them                                        | `choose_lines`      |
 | `case`         | one campaign before it is written: hidden rig and test plan                  | `Case`, `measure`   |
 | `detection`    | distance from the nearest campaign without the effect; detection limit       | `Distance`          |
@@ -22,7 +22,10 @@ A second implementation on purpose: it imports nothing of the diagnosis, its rot
 | `folder`       | campaign folders and truth on disk                                           | `write_campaign`    |
 | `generate`     | the command: worker processes, resuming, sealing                             | `main`              |
 | `statistics`   | Wilson intervals, AUROC, Brier score, calibration error                      | `Rate`              |
-| `score`        | diagnoses against labels; Markdown tables                                    | `markdown`          |
+| `score`        | diagnoses against labels; figures of groups                                  | `read_outcomes`     |
+| `bars`         | what has to be reached, and whether it is                                    | `bars`              |
+| `page`         | the page of the benchmark                                                    | `page`              |
+| `results`      | judged campaigns as rows of ``results.json``                                 | `to_row`            |
 
-`data/` is the place for cases made by other codes.
+`data/` holds cases made by other codes.
 """

@@ -46,6 +46,11 @@ class Case:
         return tuple(range(1, len(self.sensor_gains) + 1)) if self.sensors == "all" else (2,)
 
     @property
+    def rigid_level(self) -> float:
+        """Force [N] of the rigid run; a rub acts there, too."""
+        return self.levels[len(self.levels) // 2] if any(e.id == "rub" for e in self.effects) else 1.0
+
+    @property
     def is_nonlinear(self) -> bool:
         return any(e.is_nonlinear for e in self.effects)
 
@@ -104,7 +109,7 @@ def plan_lines(
 
 def measure(rig: Rig, case: Case, drive_node: int, levels: Sequence[float], rng: np.random.Generator) -> list[Run]:
     """A rigid run and a bearing run at every level, each with its own force gain and drift."""
-    plans = [("rigid", True, 1.0), *(("bearing", False, level) for level in levels)]
+    plans = [("rigid", True, case.rigid_level), *(("bearing", False, level) for level in levels)]
     runs = []
     for number, (support, rigid, level) in enumerate(plans, start=1):
         setting = case.setting(rigid, drive_node)
@@ -114,6 +119,8 @@ def measure(rig: Rig, case: Case, drive_node: int, levels: Sequence[float], rng:
         ideal = response(rig, case, setting, frequency, level, np.zeros_like(drift))
         actual = response(rig, case, setting, frequency, level, drift)
         actual = actual * (1 + gain) * (1 + np.array(case.sensor_gains))
+        there = np.isfinite(ideal[:, 0] + actual[:, 0])  # lines that repeat
+        frequency, ideal, actual = frequency[there], ideal[there], actual[there]
         name = f"run{number:02d}_{support}_{level:g}N"
         runs.append(Run(name, setting, level, frequency, float(gain), drift, ideal, actual))
     return runs

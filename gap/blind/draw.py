@@ -28,8 +28,9 @@ from gap.blind.sizes import DRIVE_NODE, LARGE, SMALL, can_fade, nominal_off, siz
 SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
 TOLERANCE = 1e-3
 ATTEMPTS = 10  # draws for the wanted size class; then any that can be seen
-ATTEMPTS_NONLINEAR = 4  # their sizes take long
-TYPICAL_SMALL = 10.0  # size ratio to which the levels of small nonlinear effects are steered
+ATTEMPTS_NONLINEAR = 6  # their sizes take long
+LEAST_STRENGTH = 1e-3  # to which a nonlinear effect is weakened before another one is drawn
+TYPICAL_SMALL = 10.0  # size ratio to which small nonlinear effects are steered
 # size class and accelerometers, cycled through so that a third has one accelerometer
 COMBINATIONS = (
     ("large", "all"),
@@ -173,21 +174,25 @@ def draw_sized(rig: Rig, case: Case, name: str, wanted: str, rng: np.random.Gene
     """An effect of this id, of the wanted size class if its range allows; draws below the limit are counted out.
 
     Where a small one is wanted and the effect can fade, it fades to a size that is log-uniform over the small ones.
+    A nonlinear effect is weakened until it is small, as far as its range allows.
     """
     rejected = not_periodic = 0
-    share = 0.1 if wanted == "small" else 1.0  # of the level at which a nonlinear effect is felt well
+    strength = 0.1 if wanted == "small" else 1.0  # of a nonlinear effect, see ``weakened``
+    drawn: Effect | None = None
     best: Draw | None = None
     for attempt in range(4 * ATTEMPTS):
-        effect = draw_effect(rng, name, rig.nodes[-1], case.sensors)
+        effect = drawn or draw_effect(rng, name, rig.nodes[-1], case.sensors)
         try:
-            draw = _sized(rig, case, in_form(effect, form, rng) if form else effect, share, rng)
+            draw = _sized(rig, case, in_form(effect, form, rng) if form else effect, strength, rng)
         except NotFoundError:
             not_periodic += 1
+            drawn = None
             continue
         if wanted == "small" and can_fade(effect):
             draw = _small(draw, rng)
-        if wanted == "small":
-            share *= float(np.clip(np.sqrt(TYPICAL_SMALL / draw.ratios[0]), 0.1, 2.0))
+        if wanted == "small" and effect.is_nonlinear:
+            strength *= float(np.clip((TYPICAL_SMALL / max(draw.ratios[0], 1e-3)) ** 0.6, 0.05, 3.0))
+            drawn = effect if strength > LEAST_STRENGTH else None
         if draw.ratios[0] < SMALL:
             rejected += 1
             continue
@@ -203,12 +208,39 @@ def draw_sized(rig: Rig, case: Case, name: str, wanted: str, rng: np.random.Gene
     return replace(best, rejected=rejected, not_periodic=not_periodic)
 
 
-def _sized(rig: Rig, case: Case, effect: Effect, share: float, rng: np.random.Generator) -> Draw:
-    candidate = replace(prepared(case, effect), effects=(effect,))
+def _sized(rig: Rig, case: Case, effect: Effect, strength: float, rng: np.random.Generator) -> Draw:
     if effect.is_nonlinear:
-        candidate = with_levels(rig, candidate, share, rng)
-        candidate = replace(candidate, effects=(with_scale(rig, candidate, effect),))
-    return Draw(candidate, (size_ratio(rig, candidate, candidate.effects[0], rng),))
+        effect, share = weakened(effect, strength)
+        case = replace(case, effects=(effect,))
+        case = with_levels(rig, case, share, rng)
+        case = replace(case, effects=(with_scale(rig, case, effect),))
+    else:
+        case = replace(prepared(case, effect), effects=(effect,))
+    return Draw(case, (size_ratio(rig, case, case.effects[0], rng),))
+
+
+def weakened(effect: Effect, strength: float) -> tuple[Effect, float]:
+    """A nonlinear effect that is felt less, and the share of the force level at which it is felt well.
+
+    Less is felt of friction at higher levels, of what is out of proportion at lower ones; a clearance closes besides, a
+    stator softens, and a bilinear support, whose share of the motion does not depend on the level, fades.
+    """
+    match effect.id:
+        case "bearing_friction":
+            return _with(effect, "force", effect["force"] * strength), 1 / strength
+        case "bearing_clearance":  # below a level its bearing never lifts off
+            return _with(effect, "gap", effect["gap"] * strength), float(np.clip(4 * strength, 0.13, 1.0))
+        case "rub":  # nor does the shaft touch
+            return _with(effect, "stiffness", effect["stiffness"] * strength), float(np.clip(4 * strength, 0.3, 1.0))
+        case "bilinear_support":
+            return faded(effect, strength, {}), 1.0
+    return effect, strength
+
+
+def _with(effect: Effect, name: str, value: float) -> Effect:
+    """Another value of a parameter, as far as its range goes."""
+    least = KINDS[effect.id].ranges[name].low
+    return replace(effect, parameters={**effect.parameters, name: max(value, least)})
 
 
 def _small(draw: Draw, rng: np.random.Generator) -> Draw:

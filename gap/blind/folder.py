@@ -14,7 +14,9 @@ from gap.blind.rig import ComplexArray, FloatArray
 MEASURED, HELD_OUT, TRUTH = "measured", "held_out", "truth"
 
 
-def write_campaign(folder: Path, rig_name: str, case: Case, runs: Sequence[Run], rng: np.random.Generator) -> None:
+def write_campaign(
+    folder: Path, rig_name: str, case: Case, runs: Sequence[Run], rng: np.random.Generator, digits: int = 10
+) -> None:
     """``campaign.toml`` and a CSV for each run, with noise."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = [f'title = "{folder.parent.name}"', f'rig = "{rig_name}"', "", "[nominal]"]
@@ -47,12 +49,18 @@ def write_campaign(folder: Path, rig_name: str, case: Case, runs: Sequence[Run],
             values,
             case.nodes,
             scale * std[:, columns] if case.with_std else None,
+            digits,
         )
     (folder / "campaign.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def write_csv(
-    path: Path, frequency_hz: FloatArray, values: ComplexArray, nodes: Sequence[int], std: FloatArray | None
+    path: Path,
+    frequency_hz: FloatArray,
+    values: ComplexArray,
+    nodes: Sequence[int],
+    std: FloatArray | None,
+    digits: int = 10,
 ) -> None:
     """The campaign format's CSV: re and im of every node, then their standard errors."""
     header = ["frequency_Hz", *(f"node{n}_{part}" for n in nodes for part in ("re", "im"))]
@@ -60,7 +68,9 @@ def write_csv(
     if std is not None:
         header += [f"node{n}_std" for n in nodes]
         table.append(std)
-    np.savetxt(path, np.hstack(table), fmt="%.10g", delimiter=",", header=",".join(header), comments="")
+    columns = np.hstack(table)
+    formats = ["%.10g", *[f"%.{digits}g"] * (columns.shape[1] - 1)]
+    np.savetxt(path, columns, fmt=formats, delimiter=",", header=",".join(header), comments="")
 
 
 def read_csv(path: Path) -> tuple[FloatArray, dict[int, ComplexArray]]:

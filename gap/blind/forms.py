@@ -8,7 +8,7 @@ import numpy as np
 
 from gap.blind.case import Case
 from gap.blind.effects import Effect, log_uniform
-from gap.blind.nonlinear import largest_travel
+from gap.blind.nonlinear import STEPPED, largest_travel
 from gap.blind.rig import Rig
 
 FORMS = (
@@ -26,6 +26,8 @@ FORMS = (
     ("rub", "hardening"),  # a stator whose contact hardens
     ("force_dropout", "coil"),  # back EMF through a coil with inductance
     ("bearing_friction", "tanh"),  # F_c tanh(v/v_0)
+    ("bearing_clearance", STEPPED),  # the same law, solved in time
+    ("rub", STEPPED),
 )
 
 

@@ -7,6 +7,7 @@ coefficients of the displacement: for a law without memory f'(x) Gamma, with one
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +20,29 @@ Law = Callable[[FloatArray, FloatArray, FloatArray, float], tuple[FloatArray, Fl
 ROUNDING = 0.003  # corners, over the gap or over the largest displacement
 
 
-def memoryless(force_and_slope: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> Law:
-    def law(u: FloatArray, gamma: FloatArray, rate: FloatArray, omega: float) -> tuple[FloatArray, FloatArray]:
-        force, slope = force_and_slope(gamma @ u)
-        return force, slope[:, None] * gamma
+@dataclass(frozen=True)
+class Memoryless:
+    """A law whose force follows from the displacement alone; ``at`` gives force and slope for any displacements."""
 
-    return law
+    at: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+    def __call__(
+        self, u: FloatArray, gamma: FloatArray, rate: FloatArray, omega: float
+    ) -> tuple[FloatArray, FloatArray]:
+        force, slope = self.at(gamma @ u)
+        return force, slope[:, None] * gamma
 
 
 def positive_part(x: FloatArray, rounding: float) -> tuple[FloatArray, FloatArray]:
     """(x)_+ with its corner rounded, and its slope."""
     root = np.sqrt(x**2 + rounding**2)
     return (x + root) / 2, (1 + x / root) / 2
+
+
+def depth(x: FloatArray, rounding: float) -> tuple[FloatArray, FloatArray]:
+    """(x)_+ with a parabola for a corner, and its slope: exactly nothing where there is no contact."""
+    inside = np.clip((x + rounding) / (2 * rounding), 0.0, 1.0)
+    return np.where(x > rounding, x, rounding * inside**2), inside
 
 
 def cubic(effect: Effect, stiffness: float) -> Law:
@@ -48,7 +60,7 @@ def cubic(effect: Effect, stiffness: float) -> Law:
         r = np.clip(x / s, -30, 30)
         return 6 * k3 * s**3 * (np.sinh(r) - r), 6 * k3 * s**2 * (np.cosh(r) - 1)
 
-    return memoryless({"": plain, "quintic": quintic, "sinh": sinh}[effect.form])
+    return Memoryless({"": plain, "quintic": quintic, "sinh": sinh}[effect.form])
 
 
 def hertz(effect: Effect, stiffness: float) -> Law:
@@ -61,7 +73,7 @@ def hertz(effect: Effect, stiffness: float) -> Law:
         left, right = np.maximum(d0 + x, 0), np.maximum(d0 - x, 0)
         return K * (left**p - right**p) - stiffness * x, K * p * (left ** (p - 1) + right ** (p - 1)) - stiffness
 
-    return memoryless(force)
+    return Memoryless(force)
 
 
 def dead_band(gap: float, stiffness: float, linear: float, power: float = 1.0) -> Law:
@@ -69,13 +81,13 @@ def dead_band(gap: float, stiffness: float, linear: float, power: float = 1.0) -
     rounding = ROUNDING * gap
 
     def force(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        (a, da), (b, db) = positive_part(x - gap, rounding), positive_part(-x - gap, rounding)
+        (a, da), (b, db) = depth(x - gap, rounding), depth(-x - gap, rounding)
         scale = gap ** (1 - power)
         f = stiffness * scale * (a**power - b**power) - linear * x
         slope = stiffness * scale * power * (a ** (power - 1) * da + b ** (power - 1) * db) - linear
         return f, slope
 
-    return memoryless(force)
+    return Memoryless(force)
 
 
 def bilinear(effect: Effect, stiffness: float) -> Law:
@@ -87,7 +99,7 @@ def bilinear(effect: Effect, stiffness: float) -> Law:
         f, slope = positive_part(x, rounding)
         return change * (f - rounding / 2), change * slope
 
-    return memoryless(force)
+    return Memoryless(force)
 
 
 def jenkins(limits: FloatArray, stiffnesses: FloatArray) -> Law:

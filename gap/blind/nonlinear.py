@@ -4,6 +4,9 @@ With X_k the harmonics of the joints' displacements, N_k those of their forces,
     X_k = G_jF(k w) F delta_k1 + G_jj(k w) (P delta_k0 - N_k),      x(t) = Re sum_k X_k e^{i k w t},
 G from the eigenvectors of the linear machine. Newton's method starts from the line before; a step that leads far away
 is halved, and where no solution continues the branch the motion falls onto whatever other branch is found.
+
+A motion that is not stable is none that a lab could measure: a disturbance of it is carried over one period, and must
+not have grown.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gap.blind.effects import Effect
-from gap.blind.laws import Law, law_of
+from gap.blind.laws import Law, Memoryless, law_of
 from gap.blind.lines import BAND_HZ, cluster, resonances
 from gap.blind.machine import Machine, Setting, Workshop, build_machine
 from gap.blind.response import N_DRIFTING, chain_factor
@@ -24,10 +27,17 @@ HARMONICS = 11
 SAMPLES = 512
 FAR = 0.25  # relative change of the motion from one line to the next that counts as another branch
 SMALLEST_STEP = 2e-3  # Hz
+STATIC_HZ = 2000.0  # modes above follow a disturbance at once
+PERIODS = 100  # that are stepped
+REPEATS, SPREAD = 5, 2e-3  # over so many last periods the forces' fundamentals change by no more, in relation
+GROWTH = 1.001  # of a disturbance over a period that is not taken for round-off
+ALWAYS_STABLE = ("bearing_friction",)  # elements that only ever take energy from a disturbance
+MOST_LEFT_OUT = 0.25  # of a run's lines
+STEPPED = "stepped"  # the form of an effect that is solved in time
 
 
 class NotFoundError(ArithmeticError):
-    """Harmonic balance found no motion at a line."""
+    """Harmonic balance found no motion at a line, or none that is stable."""
 
 
 @dataclass(frozen=True)
@@ -197,14 +207,54 @@ class Balance:
             motions.append(u)
         return np.array(motions)
 
-    def accelerance(self, omega: FloatArray, motions: FloatArray) -> ComplexArray:
-        """(n_freq, n_nodes) fundamental of the acceleration over the force."""
+    def reduced(self) -> tuple[ComplexArray, ComplexArray, ComplexArray, FloatArray]:
+        """Eigenvalues (m,) up to ``STATIC_HZ``, how the joints load them (m, nj) and feel them (nj, m), and how the
+        joints give way by all the others (nj, nj)."""
+        kept = np.abs(self.poles.values) < 2 * np.pi * STATIC_HZ
+        values, rows = self.poles.values[kept], self.joints.rows
+        B = np.asarray(self.poles.W[kept] @ rows.T, dtype=complex)
+        C = np.asarray(rows @ self.poles.V[: self.poles.n, kept], dtype=complex)
+        D = (self.poles.between(rows, rows, np.zeros(1))[0] + (C / values) @ B).real
+        return np.asarray(values, dtype=complex), B, C, np.asarray(D, dtype=float)
+
+    def growth(self, omega: FloatArray, motions: FloatArray) -> FloatArray:
+        """(n_freq,) factor by which a disturbance grows in a period at most: the largest Floquet multiplier.
+
+        Between samples the eigenvectors' coordinates move by e^{lambda h}; at each sample the slopes S of the laws act
+        as a kick -h B S dx on them, with dx = C z - D S dx and D what the modes above ``STATIC_HZ`` give way.
+        """
+        values, B, C, D = self.reduced()
+        h = 2 * np.pi / omega / SAMPLES
+        free = np.exp(values * h[:, None])[:, :, None]  # (n_freq, m, 1)
+        slopes = self._slopes(omega, motions)  # (n_freq, nj, N)
+        z = np.broadcast_to(np.eye(len(values), dtype=complex), (len(omega), len(values), len(values))).copy()
+        for k in range(SAMPLES):
+            S = slopes[:, :, k]
+            gives = np.eye(len(D)) + D * S[:, None, :]
+            dx = np.linalg.solve(gives.astype(complex), C @ z)
+            z = free * (z - h[:, None, None] * (B @ (S[:, :, None] * dx)))
+        return np.abs(np.linalg.eigvals(z)).max(axis=1)
+
+    def _slopes(self, omega: FloatArray, motions: FloatArray) -> FloatArray:
+        """(n_freq, nj, N) slope of each law without memory along its motion."""
+        nc = 2 * HARMONICS + 1
+        slopes = np.empty((len(omega), len(self.joints.laws), SAMPLES))
+        for i, (u, w) in enumerate(zip(motions, omega, strict=True)):
+            for j, law in enumerate(self.joints.laws):
+                slopes[i, j] = law(u[j * nc : (j + 1) * nc], self.gamma, self.rate, float(w))[1][:, 0]
+        return slopes
+
+    def fundamentals(self, omega: FloatArray, motions: FloatArray) -> ComplexArray:
+        """(n_freq, nj) first harmonic of the joints' forces."""
         nc = 2 * HARMONICS + 1
         N = np.array([self.forces(u, w)[0].reshape(-1, nc) for u, w in zip(motions, omega, strict=True)])
-        fundamental = N[:, :, 1] + 1j * N[:, :, 2]  # (n_freq, nj)
+        return N[:, :, 1] + 1j * N[:, :, 2]
+
+    def accelerance(self, omega: FloatArray, forces: ComplexArray) -> ComplexArray:
+        """(n_freq, n_nodes) fundamental of the acceleration over the force; forces: ``fundamentals`` of the joints."""
         read = self.machine.read
         q = self.level * self.poles.between(read, self.drive, omega)[:, :, 0]
-        q = q - np.einsum("foj,fj->fo", self.poles.between(read, self.joints.rows, omega), fundamental)
+        q = q - np.einsum("foj,fj->fo", self.poles.between(read, self.joints.rows, omega), forces)
         return -(omega[:, None] ** 2) * q / self.level
 
 
@@ -216,15 +266,31 @@ def swept_up(
     level: float,
     workshop: Workshop | None = None,
     drift: FloatArray | None = None,
+    *,
+    stable: bool = True,
 ) -> ComplexArray:
-    """(n_freq, n_nodes) accelerance (fundamental over force) of an upward stepped sine at one force level [N]."""
+    """(n_freq, n_nodes) accelerance (fundamental over force) of an upward stepped sine at one force level [N].
+
+    Lines whose motion is not stable are nan: a lab sees that they do not repeat, and leaves them out.
+
+    stable : whether to look
+    """
     machine = build_machine(rig, setting, effects, workshop)
     drift = np.zeros(N_DRIFTING) if drift is None else drift
     omega = 2 * np.pi * frequency_hz
     joints = joints_of(machine, rig, setting, effects)
     balance = Balance(machine, joints, level, drift)
     if len(joints.laws):
-        H = balance.accelerance(omega, balance.sweep(omega))
+        motions = balance.sweep(omega)
+        if any(e.form == STEPPED for e in effects):
+            forces = stepped_forces(balance, omega, motions)
+        else:
+            forces = balance.fundamentals(omega, motions)
+        H = balance.accelerance(omega, forces)
+        if stable and not any(e.id in ALWAYS_STABLE for e in effects):
+            H[balance.growth(omega, motions) > GROWTH] = np.nan
+        if np.isnan(H[:, 0]).mean() > MOST_LEFT_OUT:
+            raise NotFoundError(f"at {level:g} N hardly any motion is stable")
     else:
         H = -(omega[:, None] ** 2) * balance.poles.between(machine.read, balance.drive, omega)[:, :, 0]
     return H * chain_factor(effects, frequency_hz, len(rig.nodes))
@@ -242,7 +308,7 @@ def bent_peaks(
     low, high = BAND_HZ
     rough = np.concatenate([np.linspace(low, high, 96), *(cluster(f, 2 * width)[::2] for f, width in peaks)])
     rough = np.unique(rough[(rough >= low) & (rough <= high)])
-    size = np.abs(swept_up(rig, setting, effects, rough, level, workshop)).sum(axis=1)
+    size = np.abs(swept_up(rig, setting, effects, rough, level, workshop, stable=False)).sum(axis=1)
     tops = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] > size[2:])) + 1
     tops = sorted(tops, key=lambda i: -size[i])[: len(peaks) + 1]
     widths = {f: width for f, width in peaks}
@@ -282,8 +348,67 @@ def telling_levels(
             amplitude = rng.uniform(1.3, 3.0) * effect["gap"]
         case _:
             amplitude = reach
-    middle = float(np.clip(share * amplitude / reach, 1e-3, 100.0))
+    middle = float(np.clip(share * amplitude / reach, 1e-4, 300.0))
     return tuple(float(f"{middle * factor:.2g}") for factor in (0.3, 1.0, 3.0))  # type: ignore[return-value]
+
+
+def stepped_forces(balance: Balance, omega: FloatArray, motions: FloatArray) -> ComplexArray:
+    """(n_freq, nj) first harmonic of the joints' forces by time stepping from the balanced motions; nan: no repeat.
+
+    The joints' forces alone drive the eigenvectors' coordinates, y' = lambda y - B f; what the exciter and the preload
+    do without them is exact. Forces act as kicks, as in ``Balance.growth``.
+    """
+    nc, nj = 2 * HARMONICS + 1, len(balance.joints.rows)
+    values, B, C, D = balance.reduced()
+    alone = np.array([balance.gamma @ balance.linear_part(float(w))[0].reshape(nj, nc).T for w in omega])
+    alone = np.ascontiguousarray(alone.transpose(1, 2, 0))  # (N, nj, n_freq)
+    h = 2 * np.pi / omega / SAMPLES
+    free = np.exp(values[:, None] * h)
+    y = _coordinates(balance, omega, motions, values, B).T.copy()  # (m, n_freq)
+    x = alone[0]
+    turn = 2 / SAMPLES * np.exp(-2j * np.pi * np.arange(SAMPLES) / SAMPLES)
+    forces = np.zeros((REPEATS + 1, nj, len(omega)), dtype=complex)
+    for period in range(PERIODS):
+        place = period % len(forces)
+        forces[place] = 0.0
+        for k in range(SAMPLES):
+            x, f = _at_joints(balance, alone[k] + (C @ y).real, D.diagonal(), x)
+            forces[place] += turn[k] * f
+            y = free * (y - B @ (h * f))
+    last = forces[(PERIODS - 1) % len(forces)]
+    spread = np.abs(forces - last).max(axis=0) / np.maximum(np.abs(last), 1e-2 * np.abs(last).max())
+    return np.where((spread < SPREAD).all(axis=0), last, np.nan).T
+
+
+def _at_joints(balance: Balance, x0: FloatArray, D: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(nj, n_freq) displacements and forces with x = x0 - D f(x), by Newton's method from the sample before."""
+    at, f = x.copy(), np.empty_like(x0)
+    change, slope = np.zeros_like(x0[0]), np.zeros_like(x0[0])
+    for j, law in enumerate(balance.joints.laws):
+        assert isinstance(law, Memoryless)
+        for _ in range(2):
+            f[j], slope = law.at(at[j])
+            change = (x0[j] - D[j] * f[j] - at[j]) / (1 + D[j] * slope)
+            at[j] += change
+        f[j] += slope * change
+    return at, f
+
+
+def _coordinates(
+    balance: Balance, omega: FloatArray, motions: FloatArray, values: ComplexArray, B: ComplexArray
+) -> ComplexArray:
+    """(n_freq, m) what the balanced forces of the joints have made of the eigenvectors' coordinates at time zero."""
+    nc, nj = 2 * HARMONICS + 1, len(balance.joints.rows)
+    k = np.arange(1, HARMONICS + 1)
+    y = np.empty((len(omega), len(values)), dtype=complex)
+    for i, (u, w) in enumerate(zip(motions, omega, strict=True)):
+        n = balance.forces(u, float(w))[0].reshape(nj, nc)
+        N = B @ (n[:, 1::2] + 1j * n[:, 2::2])  # (m, H)
+        conjugate = B @ (n[:, 1::2] - 1j * n[:, 2::2])
+        turning = 1j * k * w
+        both = N / (turning - values[:, None]) + conjugate / (-turning - values[:, None])
+        y[i] = (B @ n[:, 0]) / values - both.sum(axis=1) / 2
+    return y
 
 
 def _interleaved(a: FloatArray, b: FloatArray) -> FloatArray:

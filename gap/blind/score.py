@@ -1,12 +1,18 @@
 """Score diagnoses against the sealed labels. Reads JSON and CSV only.
 
-    python -m gap.blind.score LABELS_DIR DIAGNOSES_DIR [--markdown FILE]
+    python -m gap.blind.score LABELS_DIR DIAGNOSES_DIR
 
-DIAGNOSES_DIR/<campaign>/diagnosis.json, and where there is a prediction nominal/<run>.csv and corrected/<run>.csv on
-the held-out runs' own lines (also searched in DIAGNOSES_DIR/<campaign>/predicted).
+DIAGNOSES_DIR/<campaign>/
+
+    diagnosis.json                            the answer
+    seconds.json                              what it took
+    failure.txt                               why there is none
+    nominal/<run>.csv, corrected/<run>.csv    predictions on the held-out runs' own lines
+    control/corrected/<run>.csv               the same with a random effect outside the answered set
+    fitted/<kind>/<run>.csv                   the fits on lines of the measured runs
 
 Right answers: a cause with the label's effects, ``no_gap`` where the label has none, ``unknown`` where the effect was
-excluded or is in nobody's library.
+excluded or is in nobody's library. A campaign without an answer counts as answered wrongly.
 """
 
 from __future__ import annotations
@@ -23,12 +29,14 @@ from typing import Any
 
 import numpy as np
 
-from gap.blind.folder import HELD_OUT, TRUTH, read_csv
+from gap.blind.folder import HELD_OUT, MEASURED, TRUTH, read_csv
 from gap.blind.statistics import Rate, auroc, brier, calibration_error, median, rate
 
 POSITION_TOLERANCE = 0.010  # m
 Z_90 = 1.645
 QUIET_CHANNEL = 1e-4  # of the largest: left out of a gap
+STRETCHES = 10  # of a measured run; the diagnosis holds every second one out of its own check
+FAILED = "failed"  # in place of a verdict
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,15 @@ class Label:
     @property
     def ids(self) -> frozenset[str]:
         return frozenset(e["id"] for e in self.effects)
+
+    @property
+    def name(self) -> str:
+        return " + ".join(sorted(self.ids)) or "nothing"
+
+    @property
+    def form(self) -> str:
+        """Of another functional form (W6)."""
+        return " + ".join(e["form"] for e in self.effects if e.get("form"))
 
     @property
     def outside_library(self) -> bool:
@@ -105,7 +122,11 @@ class Outcome:
     k_b_error_nominal: float
     k_b_miss: float  # of the recalibrated nominal, in its own standard errors
     seconds: float
-    shrink: Shrink | None = None
+    shrink: Shrink | None = None  # on the held-out transfer
+    own: Shrink | None = None  # on the stretches of measured lines that the diagnosis itself held out
+    control: Shrink | None = None  # as shrink, of a random effect outside the answered set
+    processor_seconds: float = math.nan
+    failure: str = ""
 
     @property
     def top_right(self) -> bool:
@@ -123,19 +144,15 @@ class Outcome:
 
     @property
     def false_alarm(self) -> bool:
-        """A cause where there is none."""
-        return self.verdict in ("cause", "ambiguous", "unknown")
+        """A cause where there is none, or no answer."""
+        return self.verdict in ("cause", "ambiguous", "unknown", FAILED)
 
     @property
     def not_blamed(self) -> bool:
         """Of an effect outside the library: unknown, or an equivalent that predicts to twice the repeat floor."""
         if self.verdict in ("unknown", "not_enough_data"):
             return True
-        return (
-            self.verdict in ("cause", "ambiguous")
-            and self.shrink is not None
-            and self.shrink.after <= 2 * self.shrink.floor
-        )
+        return self.verdict != FAILED and self.shrink is not None and self.shrink.after <= 2 * self.shrink.floor
 
 
 def read_labels(folder: Path) -> list[Label]:
@@ -162,6 +179,12 @@ def label_from(table: Mapping[str, Any]) -> Label:
     )
 
 
+def failed(label: Label, words: str) -> Outcome:
+    """No answer: wrong in every respect."""
+    nothing = outcome(label, {"verdict": FAILED, "unknown_score": 0.0 if label.outside_library else 1.0})
+    return replace(nothing, failure=words or "no answer")
+
+
 def outcome(label: Label, diagnosis: Mapping[str, Any], shrink: Shrink | None = None) -> Outcome:
     """Judge one ``diagnosis.json`` (schema rigtwin.diagnosis/1)."""
     causes: list[Mapping[str, Any]] = list(diagnosis.get("causes") or [])
@@ -186,7 +209,7 @@ def outcome(label: Label, diagnosis: Mapping[str, Any], shrink: Shrink | None = 
         _relative(k_b, label.k_b),
         _relative(nominal, label.k_b),
         _deviation(nominal, label.k_b),
-        float(diagnosis.get("seconds", (diagnosis.get("timing") or {}).get("total_s", math.nan))),
+        sum((diagnosis.get("timing_s") or {}).values()) or math.nan,
         shrink,
     )
 
@@ -248,12 +271,15 @@ def _deviation(answer: Mapping[str, Any], true: float) -> float:
     return math.nan if value is None or not std else abs(float(value) - true) / float(std)
 
 
-def read_shrink(campaign: Path, predicted: Path, diagnosis: Mapping[str, Any]) -> Shrink | None:
-    """Gaps of predicted held-out runs against the truth; nothing where a prediction is missing."""
+def read_shrink(campaign: Path, nominal: Path, corrected: Path, diagnosis: Mapping[str, Any]) -> Shrink | None:
+    """Gaps of predicted held-out runs against the truth; nothing where a prediction is missing.
+
+    nominal, corrected : folders of the two predictions
+    """
     before, after, floor = [], [], []
     with np.load(campaign / TRUTH / f"{HELD_OUT}.npz") as truth:
         for run in sorted({key.rsplit("/", 1)[0] for key in truth.files}):
-            files = [predicted / kind / f"{run}.csv" for kind in ("nominal", "corrected")]
+            files = [folder / f"{run}.csv" for folder in (nominal, corrected)]
             if not all(f.exists() for f in files):
                 return None
             ideal, actual, std = (truth[f"{run}/{name}"] for name in ("ideal", "actual", "std"))
@@ -263,8 +289,32 @@ def read_shrink(campaign: Path, predicted: Path, diagnosis: Mapping[str, Any]) -
                 target.append(gap(ideal[:, channels], np.column_stack([*nodes.values()])))
             repeat = np.sqrt(np.abs(actual - ideal) ** 2 + std**2)[:, channels]
             floor.append(gap(ideal[:, channels], ideal[:, channels] + repeat))
-    low, high = ((diagnosis.get("shrink") or {}).get("ci90") or (math.nan, math.nan))[:2]
-    return Shrink(float(np.mean(before)), float(np.mean(after)), float(np.mean(floor)), float(low), float(high))
+    return Shrink(float(np.mean(before)), float(np.mean(after)), float(np.mean(floor)), *_interval(diagnosis))
+
+
+def read_own_shrink(campaign: Path, fitted: Path, diagnosis: Mapping[str, Any]) -> Shrink | None:
+    """The diagnosis' own held-out stretches against the measured runs without their noise, each with its gains."""
+    gaps: list[tuple[float, float, float]] = []
+    with np.load(campaign / TRUTH / f"{MEASURED}.npz") as truth:
+        for run in sorted({key.rsplit("/", 1)[0] for key in truth.files}):
+            files = [fitted / kind / f"{run}.csv" for kind in ("nominal", "corrected")]
+            if not all(f.exists() for f in files):
+                return None
+            (frequency, nominal), (_, corrected) = map(read_csv, files)
+            lines = np.abs(truth[f"{run}/frequency_Hz"][:, None] - frequency).argmin(axis=0)
+            lines_held_out = (np.arange(len(frequency)) * STRETCHES // len(frequency)) % 2 == 1
+            at = np.ix_(lines[lines_held_out], [n - 1 for n in nominal])
+            actual, std = truth[f"{run}/actual"][at], truth[f"{run}/std"][at]
+            models = [np.column_stack([*nodes.values()])[lines_held_out] for nodes in (nominal, corrected)]
+            gaps.append((gap(actual, models[0]), gap(actual, models[1]), gap(actual, actual + std)))
+    before, after, floor = (float(value) for value in np.mean(gaps, axis=0))
+    return Shrink(before, after, floor, *_interval(diagnosis))
+
+
+def _interval(diagnosis: Mapping[str, Any]) -> tuple[float, float]:
+    """90 % interval of the explainable shrink that the diagnosis gives."""
+    low, high = ((diagnosis.get("shrink") or {}).get("ci90") or (None, None))[:2]
+    return (math.nan if low is None else float(low), math.nan if high is None else float(high))
 
 
 def gap(true: np.ndarray, predicted: np.ndarray) -> float:
@@ -355,9 +405,9 @@ def groups(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
 
 
 def unknown_auroc(outcomes: Sequence[Outcome]) -> float:
-    """How well the score separates effects outside the library (W2, W8) from those inside it (W1)."""
-    outside = [o.unknown_score for o in outcomes if o.label.outside_library]
-    return auroc(outside, [o.unknown_score for o in outcomes if o.label.set == "W1"])
+    """How well the score separates effects outside the library (W2, W8) from those inside it and none (W1, W3)."""
+    outside = [o.unknown_score for o in outcomes if o.label.set in ("W2", "W8")]
+    return auroc(outside, [o.unknown_score for o in outcomes if o.label.set in ("W1", "W3")])
 
 
 def shuffled(outcomes: Sequence[Outcome], rng: np.random.Generator) -> list[Outcome]:
@@ -366,24 +416,16 @@ def shuffled(outcomes: Sequence[Outcome], rng: np.random.Generator) -> list[Outc
     return [replace(o, label=outcomes[k].label, located=False) for o, k in zip(outcomes, order, strict=True)]
 
 
-def markdown(outcomes: Sequence[Outcome], seed: int = 0) -> str:
-    """Tables for all groups, the unknown AUROC, and the shuffled-label control."""
+def group_table(outcomes: Sequence[Outcome]) -> str:
+    """A row for every group."""
     head = (
         "campaigns", "top-1", "set", "set size (largest)", "place", "coverage", "parameter error", "k_b error",
         "k_b gain", "unknown", "not blamed", "false alarms", "Brier", "ECE", "shrink median (worst)",
         "shrink covered", "time, s",
     )  # fmt: skip
     rows = [f"| group | {' | '.join(head)} |", "|" + " --- |" * (len(head) + 1)]
-    for name, members in sorted(groups(outcomes).items()):
-        rows.append(_row(score(name, members)))
-    control = shuffled(outcomes, np.random.default_rng(seed))
-    named = [o for o in control if o.label.ids and not o.label.outside_library]
-    rows += [
-        "",
-        f"AUROC of `unknown` (W2 and W8 against W1): {_number(unknown_auroc(outcomes))}.",
-        f"Shuffled labels, top-1 of named effects: {rate([o.top_right for o in named])}.",
-    ]
-    return "\n".join(rows) + "\n"
+    rows += [_row(score(name, members)) for name, members in sorted(groups(outcomes).items())]
+    return "\n".join(rows)
 
 
 def _row(s: Score) -> str:
@@ -400,32 +442,36 @@ def _number(value: float) -> str:
     return "–" if math.isnan(value) else f"{value:.3g}"
 
 
-def read_outcomes(labels_dir: Path, diagnoses_dir: Path) -> tuple[list[Outcome], list[str]]:
-    """Every label with a diagnosis; and the names of campaigns without one."""
-    outcomes, missing = [], []
-    for label in read_labels(labels_dir):
-        file = diagnoses_dir / label.campaign / "diagnosis.json"
-        if not file.exists():
-            missing.append(label.campaign)
-            continue
-        diagnosis = json.loads(file.read_text(encoding="utf-8"))
-        places = [p for p in (file.parent / "predicted", file.parent) if (p / "corrected").is_dir()]
-        shrink = read_shrink(labels_dir / label.campaign, places[0], diagnosis) if places else None
-        outcomes.append(outcome(label, diagnosis, shrink))
-    return outcomes, missing
+def read_outcomes(labels_dir: Path, answers: Path) -> list[Outcome]:
+    """Every label beside its answer."""
+    return [
+        _read_outcome(label, labels_dir / label.campaign, answers / label.campaign) for label in read_labels(labels_dir)
+    ]
+
+
+def _read_outcome(label: Label, campaign: Path, answer: Path) -> Outcome:
+    file, seconds, failure = answer / "diagnosis.json", answer / "seconds.json", answer / "failure.txt"
+    if failure.exists() or not file.exists():
+        return failed(label, failure.read_text(encoding="utf-8").strip() if failure.exists() else "")
+    diagnosis = json.loads(file.read_text(encoding="utf-8"))
+    nominal = answer / "nominal"
+    found = replace(
+        outcome(label, diagnosis, read_shrink(campaign, nominal, answer / "corrected", diagnosis)),
+        own=read_own_shrink(campaign, answer / "fitted", diagnosis),
+        control=read_shrink(campaign, nominal, answer / "control" / "corrected", diagnosis),
+    )
+    if seconds.exists():
+        taken = json.loads(seconds.read_text(encoding="utf-8"))
+        found = replace(found, seconds=taken["seconds"], processor_seconds=taken.get("processor", math.nan))
+    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m gap.blind.score", description="Score blind diagnoses.")
     parser.add_argument("labels", type=Path)
     parser.add_argument("diagnoses", type=Path)
-    parser.add_argument("--markdown", type=Path)
     options = parser.parse_args(arguments)
-    outcomes, missing = read_outcomes(options.labels, options.diagnoses)
-    text = markdown(outcomes) + (f"\n{len(missing)} campaigns have no diagnosis.\n" if missing else "")
-    if options.markdown:
-        options.markdown.write_text(text, encoding="utf-8")
-    print(text)
+    print(group_table(read_outcomes(options.labels, options.diagnoses)))
     return 0
 
 

@@ -10,6 +10,7 @@ from gap.blind.case import Case, plan_lines, response
 from gap.blind.detection import THRESHOLD, Distance, severity_at_limit
 from gap.blind.effects import CHAIN, LINEAR, Effect, faded
 from gap.blind.lines import resonances
+from gap.blind.nonlinear import STEPPED
 from gap.blind.response import N_DRIFTING, machines
 from gap.blind.rig import Rig
 
@@ -64,11 +65,15 @@ def _severity_at_limit(rig: Rig, case: Case, effect: Effect, rng: np.random.Gene
 
 def _fixed_size(rig: Rig, case: Case, rng: np.random.Generator) -> float:
     """Distance in units of the threshold, all levels together."""
-    plans = [(True, 1.0), *((False, level) for level in case.levels)]
+    plans = [(True, case.rigid_level), *((False, level) for level in case.levels)]
     settings = [case.setting(rigid, DRIVE_NODE) for rigid, _ in plans]
     still = np.zeros((2, N_DRIFTING))
     lines = [plan_lines(rig, case, s, level, rng) for s, (_, level) in zip(settings, plans, strict=True)]
+    case = replace(case, effects=tuple(replace(e, form="") if e.form == STEPPED else e for e in case.effects))
     responses = [
         response(rig, case, s, f, level, still) for s, f, (_, level) in zip(settings, lines, plans, strict=True)
     ]
+    there = [np.isfinite(H[:, 0]) for H in responses]
+    lines = [f[ok] for f, ok in zip(lines, there, strict=True)]
+    responses = [H[ok] for H, ok in zip(responses, there, strict=True)]
     return Distance(rig, case, settings, lines).of(responses) / THRESHOLD

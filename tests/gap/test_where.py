@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gap.hypotheses import NOMINAL
-from gap.where import locate
+from gap.where import _plain, locate
 from rotor.effects import AttachedMass, BearingDamping, ExciterSuspension
 from sim.campaign import Channel
 from tests.gap.conftest import K_B, both_supports, measure, problem_of
@@ -99,6 +99,30 @@ def test_magnitudes_tell_no_node():
     assert where.nodes == ()
     assert where.remark
     assert_allclose(sum(band.share for band in where.bands), 1.0)
+
+
+def test_an_arbitrary_unit_tells_the_node_as_well():
+    """The force gain is fitted, and the joint stiffness is that of the rotor, whatever the unit."""
+    runs = [
+        replace(run, H=9.0 * run.H, std=9.0 * np.asarray(run.std), quantity="acceleration")
+        for run in both_supports(MASS, force_amplitude_N=2.0)
+    ]
+    problem = problem_of(*runs)
+    nominal = problem.fit(NOMINAL, np.array([np.log(K_B)]), anneal=(0.0,), steps=0)
+    nu = nominal.nu.copy()
+    nu[problem.nuisances.gain] = np.log(9.0 / 2.0)
+    nominal = replace(nominal, nu=nu)
+    where = locate(problem, nominal, problem.bare(nominal), "linear")
+    assert max(where.nodes, key=lambda node: node.share).node == 3
+    assert where.joint is not None
+    inertia = -((2 * np.pi * np.array(where.joint.frequency_hz)) ** 2) * MASS.mass
+    assert_allclose(np.median(np.array(where.joint.real) / inertia), 1.0, rtol=0.1)
+    assert where.joint.order.startswith("a mass of 0.1")
+
+
+@pytest.mark.parametrize(("size", "words"), [(0.32, "0.32"), (1.234e6, "1.2×10⁶"), (-3.4e-5, "−3.4×10⁻⁵")])
+def test_sizes_are_written_with_two_digits(size, words):
+    assert _plain(size) == words
 
 
 def test_missing_values_hide_nothing():

@@ -145,6 +145,26 @@ def test_an_interrupted_diagnosis_leaves_the_one_before(monkeypatch, campaign, t
     assert (tmp_path / "diagnosis.json").read_text() == "before"
 
 
+def test_an_interrupted_diagnosis_leaves_no_empty_folder(monkeypatch, campaign, tmp_path):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gap.diagnose.diagnose", interrupted)
+    assert run("diagnose", campaign, "--out", tmp_path / "new").exit_code == 130
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_page_that_is_interrupted_leaves_the_document_before(asked, monkeypatch, campaign, tmp_path):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    (tmp_path / "diagnosis.json").write_text("before")
+    monkeypatch.setattr("rigtwin.diagnose.write_diagnosis_page", interrupted)
+    assert run("diagnose", campaign, "--out", tmp_path).exit_code == 130
+    assert {path.name for path in tmp_path.iterdir()} == {"campaign", "diagnosis.json"}
+    assert (tmp_path / "diagnosis.json").read_text() == "before"
+
+
 @pytest.mark.parametrize("name", ["diagnosis.json", "report.html"])
 def test_a_file_that_fails_half_way_leaves_the_one_before(asked, monkeypatch, campaign, tmp_path, name):
     write = Path.write_text
@@ -214,10 +234,15 @@ def test_the_virtual_rig_measures_what_the_effects_do_to_each_run():
         assert_allclose(H, expected, rtol=0, atol=SETTLED * np.abs(expected).max())
 
 
-def test_an_effect_of_the_rotor_is_verified_by_the_fmu():
+def test_an_effect_of_the_rotor_is_verified_by_the_fmu_and_tells_how_far_it_is():
     run_ = replace(plain_run("one"), support="rigid")
     campaign = Campaign("", "nit-rourkela", (run_,))
-    assert measured_on_the_virtual_rig(campaign, (run_,), (EFFECTS["attached_mass"](),), 1e7)[1] == "fmu"
+    told: list[tuple[int, int, str]] = []
+    effects = (EFFECTS["attached_mass"](),)
+    _, verified = measured_on_the_virtual_rig(campaign, (run_, run_), effects, 1e7, lambda *step: told.append(step))
+    assert verified == "fmu"
+    assert [(done, total) for done, total, _ in told] == [(0, 2), (0, 2), (1, 2)]
+    assert told[-1][2] == "virtual rig: run 2 of 2"
 
 
 # --- predict ---------------------------------------------------------------------------------------

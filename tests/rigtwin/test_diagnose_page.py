@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.curves import Curve
+from gap.curves import Curve, nrmse
 from gap.diagnosis import (
     Band,
     Cause,
@@ -33,16 +33,18 @@ from gap.diagnosis import (
     Where,
 )
 from rigtwin.diagnosis_figures import (
+    RESPONSE_TRACES,
     candidate_figure,
     gap_map,
     gap_map_figure,
     joint_figure,
+    peaks_figure,
     response_figure,
     responses,
     shrink_figure,
 )
 from rigtwin.diagnosis_page import write_diagnosis_page
-from rigtwin.diagnosis_words import parameters, quantity, run_toml
+from rigtwin.diagnosis_words import parameters, quantity, run_toml, share
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects.supports import PedestalFlexibility
@@ -315,6 +317,46 @@ def test_a_campaign_of_resonance_lists_has_no_curves(tmp_path):
     assert "95.0 ± 1.5, 320.0 ± 3.0" in words(page)
 
 
+def test_listed_resonances_stand_beside_the_models(tmp_path):
+    peaks = (PeakList("rigid", np.array([95.0, 320.0]), np.array([1.5, 3.0])),)
+    rows = [
+        {"support": "rigid", "listed_Hz": 95.0, "std_Hz": 1.5, "nominal_Hz": 100.56, "best_Hz": 95.2},
+        {"support": "rigid", "listed_Hz": 320.0, "std_Hz": 3.0, "nominal_Hz": None, "best_Hz": 319.9},
+    ]
+    fit = {"matched": 1, "unmatched": 1, "not_listed": 0, "parameters": 1, "chi2": 13.7, "degrees_of_freedom": 0,
+           "p_value": math.nan, "determined": 1.0}  # fmt: skip
+    nominal = {"k_b": None, "gap": None, "peaks": rows, "fit": fit, "best_fit": None}
+    few = Diagnosis("", "nit-rourkela", "not_enough_data", "Two are not enough.", nominal, Where(), (PEDESTAL,))
+    page = page_of(few, (), tmp_path, title="", peaks=peaks)
+    assert page.figures == ["peaks", "candidates"]
+    assert "rigid 95.0 ± 1.5 100.6 95.2 rigid 320.0 ± 3.0 none 319.9" in words(page)
+    assert "nominal model 1 1 0 1 13.7 0 cannot be tested" in words(page)
+    listed, nominal_marks, best = peaks_figure(rows, "Pedestal flexibility").data
+    assert_allclose((listed.x, listed.error_x.array), ([95.0, 320.0], [1.5, 3.0]))
+    assert_allclose(nominal_marks.x, [100.56])
+    assert_allclose(best.x, [95.2, 319.9])
+
+
+def test_no_gap_says_what_the_tests_own_gains_leave(curves, tmp_path):
+    fine = replace(DIAGNOSIS, verdict="no_gap", shrink=None, next_test=None, causes=())
+    page = page_of(fine, curves, tmp_path)
+    text = words(page)
+    left = np.mean([nrmse(c.run.H, c.corrected) for c in curves])
+    assert f"Gap {share(float(left))} gains and drifts of this test allowed for" in text
+    assert "Gains and drifts 35.0 % difference that they make" in text
+    assert "nominal, with gains and drifts" in page.source
+
+
+def test_checks_without_a_finding_stand_behind_a_fold(page):
+    folded = page.source.split("<summary>1 check without a finding</summary>")[1].split("</details>")[0]
+    assert "Noise was given with the lines." in folded
+    assert "2 lines in the half-power band" not in folded
+
+
+def test_a_number_at_the_end_of_its_range_has_no_error():
+    assert parameters(replace(PEDESTAL, at_prior_edge=tuple(PEDESTAL.parameters)))[0] == "stiffness 1.02×10⁷ N/m"
+
+
 def test_numbers_that_are_not_there_do_not_break_the_page(curves, tmp_path):
     nan = math.nan
     lost = replace(
@@ -381,9 +423,25 @@ def test_magnitudes_have_no_phase(curves, tmp_path):
     assert record["phase"] is False
     assert "phase" not in record["channels"][0]["measured"]
     assert "corrected" not in record["channels"][0]
-    assert [axis for axis in response_figure([curve], ()).layout if axis.startswith("yaxis")] == ["yaxis"]
+    axes = sorted(axis for axis in response_figure([curve], ()).layout if axis.startswith("yaxis"))
+    assert axes == ["yaxis", "yaxis2"]  # magnitude, and the difference of magnitudes
     page = page_of(replace(DIAGNOSIS, where=Where()), (curve,), tmp_path)
     assert "Without phase: bearing-1." in words(page)
+
+
+def test_the_map_of_magnitudes_compares_magnitudes(curves):
+    run = replace(curves[1].run, H=np.abs(curves[1].run.H).astype(complex), magnitude_only=True)
+    turned = Curve(run, -1j * curves[1].run.H, None, curves[1].std)  # right but for its phase
+    assert np.nanmax(gap_map([turned], BANDS).before) < 1e-12
+
+
+def test_levels_that_differ_are_said_to_differ(curves, tmp_path):
+    same = "the same at every force level that was measured"
+    assert same in words(page_of(DIAGNOSIS, curves, tmp_path))
+    louder = Finding("level", "note", "Levels differ.", value=3.0)
+    text = words(page_of(replace(DIAGNOSIS, audit=(louder,)), curves, tmp_path))
+    assert same not in text
+    assert "changes with the force level" in text
 
 
 def test_a_silent_channel_and_a_missing_line_leave_no_infinity():
@@ -426,7 +484,9 @@ def test_runs_with_different_channels_share_one_map(curves):
 
 
 def test_bars_and_curves_are_those_of_the_diagnosis(curves):
-    bands = response_figure(curves, BANDS).data[-1]
+    figure = response_figure(curves, BANDS)
+    assert len(figure.data) == len(RESPONSE_TRACES) + 1
+    bands = figure.data[-1]
     assert_allclose(bands.y, [62, 35, 3])
     assert_allclose(np.array(bands.x) - np.array(bands.width) / 2, [20, 150, 310])
     candidates = candidate_figure(DIAGNOSIS.causes, ()).data[0]
@@ -460,6 +520,7 @@ def test_a_gap_that_grew_is_drawn_as_it_is():
         (Estimate(3e15, 0.0, "N/m3"), "3×10¹⁵ N/m³"),
         (Estimate(0.0, 0.1, "1"), "0.00 ± 0.10"),
         (Estimate(math.nan, 1.0), "unknown"),
+        (Estimate(5e-6, 0.31), "0.00 ± 0.31"),
     ],
 )
 def test_a_parameter_is_written_with_its_error_and_unit(estimate, text):

@@ -11,11 +11,13 @@ from numpy.testing import assert_allclose
 from gap.blind.score import (
     Outcome,
     Shrink,
+    failed,
     gap,
+    group_table,
     groups,
     label_from,
-    markdown,
     outcome,
+    read_own_shrink,
     read_shrink,
     score,
     shuffled,
@@ -120,7 +122,23 @@ def test_statistics_of_known_cases():
 def test_auroc_separates_strangers_from_known_effects():
     known = outcome(label(MASS), diagnosis("cause", ("attached_mass", 0.99)))
     strange = outcome(label(MASS, set="W8"), diagnosis("unknown", ("attached_mass", 0.2)))
+    empty = outcome(label(set="W3", size=None), diagnosis("no_gap", unknown_score=0.9))
     assert unknown_auroc([known, strange]) == 1.0
+    assert unknown_auroc([known, strange, empty]) == 0.5
+
+
+def test_no_answer_is_a_wrong_answer():
+    named, outside = failed(label(MASS), "died"), failed(label(MASS, set="W8"), "died")
+    empty = failed(label(set="W3", size=None), "died")
+    assert not any((named.top_right, named.set_right, named.located, outside.top_right, outside.not_blamed))
+    assert empty.false_alarm
+    assert (named.unknown_score, outside.unknown_score) == (1.0, 0.0)
+
+
+def test_no_gap_is_no_blame_only_where_the_nominal_model_predicts():
+    withheld = label(MASS, set="W2", exclude=["attached_mass"])
+    assert outcome(withheld, diagnosis("no_gap"), Shrink(0.03, 0.03, 0.02)).not_blamed
+    assert not outcome(withheld, diagnosis("no_gap"), Shrink(0.3, 0.3, 0.02)).not_blamed
 
 
 def test_shuffled_labels_score_at_chance():
@@ -136,9 +154,8 @@ def test_shuffled_labels_score_at_chance():
 
 def test_tables_have_a_row_for_every_group():
     outcomes: list[Outcome] = [outcome(label(MASS), diagnosis("cause", ("attached_mass", 0.99)))]
-    text = markdown(outcomes)
+    text = group_table(outcomes)
     assert all(f"| {name} |" in text for name in groups(outcomes))
-    assert "Shuffled labels" in text
 
 
 def test_gap_leaves_silent_channels_out():
@@ -156,12 +173,31 @@ def test_shrink_is_read_from_predicted_files(tmp_path):
     for kind, factor in (("nominal", 1.5), ("corrected", 1.05)):
         (tmp_path / kind).mkdir()
         write_csv(tmp_path / kind / "run01.csv", frequency, factor * H, range(1, 8), None)
-    shrink = read_shrink(tmp_path, tmp_path, {"shrink": {"ci90": [0.8, 0.95]}})
+    nominal, corrected = tmp_path / "nominal", tmp_path / "corrected"
+    shrink = read_shrink(tmp_path, nominal, corrected, {"shrink": {"ci90": [0.8, 0.95]}})
     assert shrink is not None
     assert_allclose([shrink.before, shrink.after, shrink.true], [0.5, 0.05, 0.9])
     assert_allclose(shrink.floor, np.hypot(0.01, 0.005))
     assert shrink.covered
-    assert read_shrink(tmp_path, tmp_path / "elsewhere", {}) is None
+    assert read_shrink(tmp_path, nominal, tmp_path / "elsewhere", {}) is None
+
+
+def test_the_own_shrink_is_that_of_every_second_stretch(tmp_path):
+    from gap.blind.folder import write_csv
+
+    frequency, H = np.linspace(20, 30, 40), np.ones((40, 7), dtype=complex)
+    (tmp_path / "truth").mkdir()
+    arrays = {"frequency_Hz": frequency, "ideal": 0 * H, "actual": H, "std": 0.01 * np.abs(H)}
+    np.savez(tmp_path / "truth" / "measured.npz", **{f"run01/{k}": v for k, v in arrays.items()})
+    even = (np.arange(20) * 10 // 20) % 2 == 0  # the fit is on every second line
+    for kind, factor in (("nominal", 1.5), ("corrected", 1.1)):
+        (tmp_path / kind).mkdir()
+        model = np.where(even[:, None], 7.0, factor * H[::2])
+        write_csv(tmp_path / kind / "run01.csv", frequency[::2], model, range(1, 8), None)
+    shrink = read_own_shrink(tmp_path, tmp_path, {})
+    assert shrink is not None
+    assert_allclose([shrink.before, shrink.after, shrink.floor], [0.5, 0.1, 0.01])
+    assert shrink.covered is None
 
 
 @pytest.mark.parametrize("verdict", ["no_gap", "cause", "ambiguous", "unknown", "not_enough_data"])

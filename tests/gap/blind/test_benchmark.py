@@ -1,0 +1,116 @@
+"""A fixed small part of the benchmark, as it is run: made, sealed, diagnosed in processes of their own, scored."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gap.blind.bars import bars
+from gap.blind.generate import Order, make, seal
+from gap.blind.results import from_row
+from rigtwin import blind
+from rigtwin.blind import BlindRequest, diagnose_all, in_own_process, run_blind, single_threaded
+from rigtwin.exits import UserError
+
+# Of the tuning split: twice no gap, an artefact, a mass, two rotors of ROSS.
+ORDERS = (
+    Order("W3", "tuning", 1, 0),
+    Order("W3", "tuning", 1, 1),
+    Order("W5", "tuning", 1, 1),
+    Order("W1", "tuning", 1, 0),
+    Order("W6", "tuning", 1, 7),
+    Order("W6", "tuning", 1, 23),
+)
+
+
+def test_right_names_on_a_fixed_part(tmp_path):
+    from gap.blind.score import read_outcomes
+
+    campaigns, answers = tmp_path / "campaigns", tmp_path / "answers"
+    for order in ORDERS:
+        make(order, campaigns)
+    seal(campaigns)
+    with single_threaded():
+        diagnose_all(campaigns, answers, 2)
+    outcomes = read_outcomes(campaigns, answers)
+    assert len(outcomes) == len(ORDERS)
+    for o in outcomes:
+        assert not o.failure
+        assert o.top_right, f"{o.label.name}: {o.verdict} {sorted(o.top)}"
+        assert o.located or not o.label.ids
+        assert o.own is not None
+        assert o.shrink is not None
+        assert o.shrink.explainable > 0.8 or not o.label.ids
+
+
+# -- the command, without a diagnosis --------------------------------------------------------------------
+
+
+def request(folder: Path, **changes) -> BlindRequest:
+    settings = {"sets": ("W3",), "split": "tuning", "count": 2, "out": folder, "seed": 7, "workers": 1}
+    return BlindRequest(**(settings | changes))
+
+
+@pytest.fixture
+def answered(monkeypatch):
+    """Stands in for the process of a diagnosis: the first campaign dies, the others have no gap. Counts the calls."""
+    calls: list[str] = []
+
+    def stand_in(campaign: Path, answer: Path, exclude) -> tuple[str, str]:
+        calls.append(campaign.name)
+        answer.mkdir(parents=True, exist_ok=True)
+        if len(calls) == 1:
+            (answer / "failure.txt").write_text("the process died", encoding="utf-8")
+            return campaign.name, "the process died"
+        (answer / "failure.txt").unlink(missing_ok=True)
+        (answer / "diagnosis.json").write_text(json.dumps({"verdict": "no_gap"}), encoding="utf-8")
+        (answer / "seconds.json").write_text(json.dumps({"seconds": 1.5, "processor": 1.0}), encoding="utf-8")
+        return campaign.name, "2 s"
+
+    monkeypatch.setattr(blind, "in_own_process", stand_in)
+    return calls
+
+
+def test_a_failure_is_a_wrong_answer_and_tried_again(tmp_path, answered):
+    page = tmp_path / "page.md"
+    run_blind(request(tmp_path / "out", page=page))
+    rows = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))["campaigns"]
+    outcomes = [from_row(row) for row in rows]
+    (alarms,) = [b for b in bars(outcomes) if b.what.startswith("W3")]
+    assert (alarms.count, alarms.held) == (2, False)
+    assert "| the process died | 1 |" in page.read_text(encoding="utf-8")
+    run_blind(request(tmp_path / "out", page=page))
+    assert len(answered) == 3
+    assert "All 2 campaigns have an answer" in page.read_text(encoding="utf-8")
+
+
+def test_the_page_comes_from_the_results_alone(tmp_path, answered):
+    with pytest.raises(UserError, match=r"results\.json does not exist"):
+        run_blind(request(tmp_path, render_only=True))
+    run_blind(request(tmp_path))
+    first = (tmp_path / "blind.md").read_text(encoding="utf-8")
+    calls = len(answered)
+    run_blind(request(tmp_path, render_only=True))
+    assert (tmp_path / "blind.md").read_text(encoding="utf-8") == first
+    assert len(answered) == calls
+
+
+def test_a_process_that_dies_leaves_a_failure(tmp_path, monkeypatch):
+    monkeypatch.setattr(blind, "diagnose_one", _die)
+    name, words = in_own_process(tmp_path / "c1", tmp_path / "answer", ())
+    assert name == "c1"
+    assert "exit code 7" in words
+    assert (tmp_path / "answer" / "failure.txt").exists()
+
+
+def _die(*_) -> None:
+    import os
+
+    os._exit(7)
+
+
+def test_a_campaign_that_cannot_be_read_leaves_a_failure(tmp_path):
+    _, words = in_own_process(tmp_path / "nowhere", tmp_path / "answer", ())
+    assert "nowhere" in words

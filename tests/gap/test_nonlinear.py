@@ -1,0 +1,143 @@
+"""Nonlinear effects: the motion of a run, its derivatives, the search for the law, and predictions of a sweep."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.diagnosis import SCHEMA
+from gap.forward import MODES, TOLERANCES, Forward
+from gap.hypotheses import candidates
+from gap.likelihood import Problem, observe
+from gap.nonlinear_search import robust_fit, search_nonlinear
+from gap.predict import predict
+from rotor.effects import BearingCubic, BearingFriction, BearingHertz
+from rotor.effects.effect import Effect
+from rotor.harmonic_balance import Balance
+from rotor.model import build_model
+from rotor.periodic_force import _one_by_one, _side_by_side
+from tests.gap.conftest import (
+    BELIEF,
+    CHANNELS,
+    K_B,
+    NOISE,
+    STRUCTURE,
+    all_but,
+    blank,
+    campaign_of,
+    condition,
+    lines,
+    truth,
+)
+
+CUBIC = BearingCubic(stiffness=1e15)
+LEVELS = (0.05, 0.2, 0.8)
+
+
+def swept(effect: Effect, level: float, seed: int = 0, **settings):
+    """A run swept upwards under a nonlinear effect, with noise and its standard errors."""
+    run = blank("bearing", lines("bearing"), force_amplitude_N=level, sweep="up", name=f"{level} N", **settings)
+    forward = Forward(STRUCTURE, BELIEF)
+    forward.with_data = False
+    return noisy(run, forward.modal(run, K_B, (effect,)).response(), seed)
+
+
+def noisy(run, H, seed: int):
+    rng = np.random.default_rng(seed)
+    error = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
+    return replace(run, H=H + NOISE * np.abs(H) * error, std=NOISE * np.abs(H))
+
+
+def runs_of(effect: Effect):
+    """A rigid run, and runs on bearings at three levels."""
+    rigid = blank("rigid", lines("rigid"), force_amplitude_N=1.0, name="rigid")
+    return noisy(rigid, truth(rigid), 9), *(swept(effect, level, seed) for seed, level in enumerate(LEVELS))
+
+
+def problem_of(runs):
+    return Problem(Forward(STRUCTURE, BELIEF), [observe(run, run.std) for run in runs])
+
+
+@pytest.fixture(scope="module")
+def hardening():
+    return runs_of(CUBIC)
+
+
+def test_motions_with_memory_are_the_same_side_by_side():
+    model = build_model(STRUCTURE, condition("bearing"), [BearingFriction(force=2.0, stiffness=3e6)])
+    balance = Balance(model, condition("bearing"), samples=64)
+    acting = balance.forces._acting[0]
+    t = 2 * np.pi * np.arange(64) / 64
+    x = 2e-6 * np.array([0.1, 1.0, 3.0])[:, None] * (np.cos(t) + 0.3 * np.sin(3 * t))
+    one, many = _one_by_one(acting, x), _side_by_side(acting, x, derivatives=True)
+    assert np.allclose(one, many, rtol=1e-12, atol=1e-12)
+    assert 0 < np.count_nonzero(one[3]) < one[3].size  # some stick, some slip
+    assert np.array_equal(_side_by_side(acting, x, derivatives=False)[0], many[0])
+
+
+def test_derivatives_by_drift_are_those_of_the_motion(hardening):
+    forward = Forward(STRUCTURE, BELIEF)
+    modal = forward.modal(hardening[2], K_B, (CUBIC,))
+    drift, tolerance, step = np.zeros(MODES), np.zeros(len(TOLERANCES)), 1e-7
+    H, D = modal.with_derivatives(drift, tolerance)
+    for m in range(2):
+        moved = modal.response(drift + step * (np.arange(MODES) == m))
+        off = np.linalg.norm((moved - H) / step - D[m], axis=1)
+        usual = off < 1e-3 * np.linalg.norm(D[m], axis=1) + 1e-9 * np.linalg.norm(D[m])
+        assert usual.mean() > 0.97  # beside a fold no step is small enough
+
+
+def test_the_law_is_named_and_its_number_found(hardening):
+    laws = candidates(hardening, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
+    _, found = search_nonlinear(problem_of(hardening), laws)
+    best = found.fits[0]
+    assert best.hypothesis.ids == ("bearing_cubic",)
+    assert best.chi2 < 1.2 * best.n_data
+    assert found.nominal.chi2 > 20 * best.chi2
+    assert best.effects[0].stiffness == pytest.approx(1e15, rel=0.03)
+    assert best.k_b == pytest.approx(K_B, rel=0.01)
+
+
+def test_lines_on_another_branch_do_not_decide(hardening):
+    wrong = hardening[3].H.copy()
+    wrong[20:24] *= 5j
+    runs = (hardening[1], replace(hardening[3], H=wrong))
+    problem = problem_of(runs)
+    (cubic,) = candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
+    fit = robust_fit(problem, cubic, np.log([1.01 * K_B, 1.1e15]))
+    assert fit is not None
+    assert fit.effects[0].stiffness == pytest.approx(1e15, rel=0.03)
+
+
+def document(effect: str, **parameters):
+    """A diagnosis with one cause."""
+    cause = {
+        "effects": [effect],
+        "parameters": {name: {"value": value, "std": 0.0} for name, value in parameters.items()},
+        "places": {},
+        "k_b": {"value": K_B, "std": 1e3},
+    }
+    return {"schema": SCHEMA, "verdict": "cause", "nominal": {"k_b": {"value": K_B}}, "causes": [cause]}
+
+
+def test_a_prediction_follows_the_sweep():
+    run = blank("bearing", lines("bearing"), force_amplitude_N=1.5, sweep="up", name="up", channels=CHANNELS)
+    made = [
+        predict(document("bearing_cubic", stiffness=1e15), campaign_of(each))[0].corrected.H
+        for each in (run, replace(run, sweep="down"))
+    ]
+    apart = np.linalg.norm(made[0] - made[1], axis=1) > 0.1 * np.linalg.norm(made[0], axis=1)
+    assert apart.any()  # where there are two motions
+    assert not apart[:5].any()
+    assert (np.linalg.norm(made[0], axis=1) > np.linalg.norm(made[1], axis=1))[apart].all()  # hardening: up is higher
+
+
+def test_values_of_a_run_do_not_choose_the_branch_of_a_prediction():
+    run = blank("bearing", lines("bearing")[::3], force_amplitude_N=0.2, sweep="up", name="any")
+    loud = replace(run, H=np.full_like(run.H, 1e3))
+    soft = document("bearing_hertz", preload=BearingHertz().preload)
+    (a,), (b,) = predict(soft, campaign_of(run)), predict(soft, campaign_of(loud))
+    assert np.array_equal(a.corrected.H, b.corrected.H)
+    assert np.linalg.norm(a.corrected.H - a.nominal.H) > 0.05 * np.linalg.norm(a.nominal.H)

@@ -12,6 +12,10 @@ from rotor.structure import ComplexArray
 # Median of chi-squared with one and with two degrees of freedom.
 _MEDIAN_1, _MEDIAN_2 = 0.45494, 1.38629
 
+# Standard errors are believed where the data's own scatter differs by less than this over the root of the number of
+# values: 2.5 standard errors of the median of overlapping differences.
+_DOUBTFUL = 5.0
+
 
 @dataclass(frozen=True)
 class Adequacy:
@@ -50,9 +54,11 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
     every = np.concatenate(bends) if bends else np.ones(1)
     scale2 = float(np.nanmedian(every))
+    given = all(run.std is not None for run in problem.runs)
+    surely = 1.0 if given and abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2
     dof = max(n - len(fit.u) - 6, 1)
     return Adequacy(
         scale=float(np.sqrt(scale2)),
-        misfit=squares / dof / max(scale2, 1e-30),
+        misfit=squares / dof / max(surely, 1e-30),
         correlation=products / max(squares, 1e-30) * np.sqrt(2 * n),
     )

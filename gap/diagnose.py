@@ -19,6 +19,7 @@ from gap.forward import TOLERANCES, Forward
 from gap.held_out import Confirm, measure_shrink
 from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Fit, Observed, Problem, observe
+from gap.next_test import best_next_test
 from gap.nonlinear_search import robust_fit, search_nonlinear
 from gap.search import POLISHED, Progress, Search, best_first, pairs, polished, recalibrate, search
 from gap.where import locate
@@ -300,7 +301,7 @@ def _report(
     clock: _Clock,
 ) -> Outcome:
     scale = _scale(quality)
-    raster = _coarse_raster(findings, exclude) if verdict == "no_gap" else None
+    raster = _coarse_raster(findings, exclude, ranked.no_gap) if verdict == "no_gap" else None
     doubt = _unknown_score(problem, ranked.fits[0], quality)
     causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
     if raster is not None:
@@ -315,6 +316,7 @@ def _report(
         shrink = measure_shrink(problem, nominal, ranked.fits[0], scale, confirm)
         clock.lap("held out")
     equivalent = _equivalent(ranked, causes) if verdict == "ambiguous" else ()
+    rivals = [next(f for f in ranked.fits if sorted(f.hypothesis.ids) == sorted(c.effects)) for c in equivalent]
     curves = tuple(
         Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.std)
         for o, H0, H1 in zip(problem.observed, believed, corrected, strict=True)
@@ -335,7 +337,9 @@ def _report(
         where=where,
         causes=causes,
         equivalent=equivalent,
-        next_test=wording.next_test(verdict, campaign, causes, equivalent),
+        next_test=best_next_test(problem, rivals, campaign)
+        if len(rivals) > 1
+        else wording.next_test(verdict, campaign, causes, equivalent),
         shrink=shrink,
         audit=(*findings, *_noise_finding(problem, quality)),
         excluded=tuple(exclude),
@@ -434,12 +438,12 @@ def _where(
     return locate(problem, nominal, believed, regime)
 
 
-def _coarse_raster(findings: Sequence[Finding], exclude: Sequence[str]) -> Cause | None:
-    """The raster as the cause, where the model is right and peaks lie between the lines."""
+def _coarse_raster(findings: Sequence[Finding], exclude: Sequence[str], no_gap: float) -> Cause | None:
+    """The raster as the cause, as surely as the model is right, where peaks lie between the lines."""
     coarse = [f for f in findings if f.check == "raster" and f.severity in ("warning", "error")]
     if not coarse or "coarse_grid" in exclude:
         return None
-    return Cause(("coarse_grid",), Location("raster"), 0.9, {}, None, 0.0, locations=(Location("raster"),))
+    return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, 0.0, locations=(Location("raster"),))
 
 
 def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:

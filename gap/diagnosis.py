@@ -117,7 +117,7 @@ class Shrink:
     floor: float  # noise alone
     shrink: float  # 1 - after / before
     explainable: float  # (before - after) / (before - floor)
-    ci90: tuple[float, float]  # of explainable
+    ci90: tuple[float, float]  # of what it explains of noise-free data with another node driven; nan: not known
     verified_by: Literal["fmu", "rig", "model"]
     after_model: float | None = None  # the same after-figure by the fitting model
 

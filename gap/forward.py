@@ -3,7 +3,7 @@
 A candidate is a tuple of effects. Its rotor is built and solved by ``rotor``; what is kept is, for every
 group of channels that sees one and the same rotor,
 
-    H(omega) = sum_k R_k / (i omega - lambda_k (1 + delta_m(k))) + what the modes far above leave,
+    H(omega) = sum_k R_k / (1 + delta_m(k)) / (i omega - lambda_k (1 + delta_m(k))) + what the modes far above leave,
 
 times the powers of i omega and the factors of the measurement chain. delta_m is the relative shift of the
 m-th resonance, which belongs to the run, not to the model.
@@ -23,7 +23,7 @@ from rotor.effects import Effect, FastSweep, HubStiffening, OpenCrack
 from rotor.harmonic_balance import Balance
 from rotor.measured import DERIVATIVE_ORDER, channel_factor, channel_groups, force_factor
 from rotor.model import build_model
-from rotor.rig import Rig
+from rotor.rig import Disk, Rig
 from rotor.state_space import StateSpace
 from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 from rotor.system import LinearSystem
@@ -109,20 +109,25 @@ class Modal:
             shares = 1 / (1j * self.omega[:, None] - poles)
             if self.dwell_s is not None:
                 shares = shares + self._unsettled(poles)
-            Y, residues = self._motion(group, shares, tolerance)
-            factor = group.chain * self._force(Y[:, -1])[:, None]
-            H[:, group.columns] = Y[:, :-1] * factor
-            if derivatives:
-                for m in range(MODES):
-                    mine = group.mode == m
-                    if mine.any():
-                        dY = (shares[:, mine] ** 2 * group.poles[mine]) @ residues[:-1, mine].T
-                        D[m][:, group.columns] = dY * factor
-                for t in range(len(TOLERANCES)):
-                    direct = (shares @ group.bent[t, :-1].T + group.aside[t, :, :-1]) * factor
-                    D[MODES + t][:, group.columns] = direct
-        if derivatives:
-            D[MODES:] += np.tensordot(self.sensitivity.T, D[:MODES], axes=1)
+            still = _unshifted(group, drift)
+            Y, residues = self._motion(group, shares * still, tolerance)
+            force = self._force(Y[:, -1])
+            H[:, group.columns] = Y[:, :-1] * group.chain * force[:, None]
+            if not derivatives:
+                continue
+            slope = self._force_slope(Y[:, -1], force)
+            for m in range(MODES):
+                mine = group.mode == m
+                if mine.any():
+                    part = shares[:, mine] * still[mine]
+                    by_pole = (part * shares[:, mine] * group.poles[mine]) @ residues[:, mine].T
+                    by_height = -(part * still[mine]) @ residues[:, mine].T
+                    D[m][:, group.columns] = _driven(Y, by_pole + by_height, force, slope) * group.chain
+                    moved = _driven(Y, by_pole, force, slope) * group.chain
+                    D[MODES:, :, group.columns] += self.sensitivity[m][:, None, None] * moved
+            for t in range(len(TOLERANCES)):
+                dY = (shares * still) @ group.bent[t].T + group.aside[t]
+                D[MODES + t][:, group.columns] += _driven(Y, dY, force, slope) * group.chain
         return H, D
 
     def _shift(self, drift: FloatArray | None, tolerance: FloatArray) -> FloatArray:
@@ -157,7 +162,7 @@ class Modal:
             poles = group.poles * (1 + np.where(group.mode >= 0, others[group.mode], 0.0))
             there = np.where(group.mode >= 0, here * (1 + own[group.mode]), poles)
             shares = 1 / (1j * self.omega[:, None] - there)
-            shares = shares + shares**2 * (poles - there)
+            shares = (shares + shares**2 * (poles - there)) * _unshifted(group, drift)
             H[:, group.columns] = other._read(group, shares, tolerance)
         return H - plain
 
@@ -192,6 +197,13 @@ class Modal:
             xi = phase * (steady + left * np.exp(own * T))
             phase /= abs(phase)
         return seen
+
+    def _force_slope(self, drive: ComplexArray, force: ComplexArray) -> ComplexArray:
+        """Derivative of the force by the exciter's own receptance, of which it is an analytic function."""
+        if self.run.quantity != "acceleration":
+            return np.zeros_like(force)
+        step = 1e-6 * drive
+        return np.divide(self._force(drive + step) - force, step, out=np.zeros_like(force), where=step != 0)
 
     def _force(self, drive: ComplexArray) -> ComplexArray:
         if self.run.quantity != "acceleration":
@@ -370,6 +382,18 @@ class Forward:
         return at
 
 
+def _unshifted(group: _Group, drift: FloatArray | None) -> FloatArray:
+    """(n_states,) factor of the residues: a resonance drifts at a fixed mass-normalised shape, R ~ 1 / omega."""
+    if drift is None:
+        return np.ones(len(group.mode))
+    return 1 / (1 + np.where(group.mode >= 0, drift[group.mode], 0.0))
+
+
+def _driven(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:
+    """(n_freq, n_channels) change of the sensors' motion where the force changes with the exciter's own motion."""
+    return dY[:, :-1] * force[:, None] + Y[:, :-1] * (slope * dY[:, -1])[:, None]
+
+
 def _matched(group: _Group, twin: _Group) -> ComplexArray | None:
     """The twin's pole in the place of each of the group's resonances; None where they are not one to one."""
     poles = group.poles.copy()
@@ -453,16 +477,16 @@ def _variants(rig: Rig) -> list[Rig]:
         rig.model_copy(update={"segment": longer, "nodes_m": [more * x for x in rig.nodes_m]}),
     ]
     for number in range(2):
-        disks = [
-            d.model_copy(update={"mass_kg": more * d.mass, **_BY_MASS} if k == number else {})
-            for k, d in enumerate(rig.disk)
-        ]
+        disks = [_heavier(disk, more) if k == number else disk for k, disk in enumerate(rig.disk)]
         variants.append(rig.model_copy(update={"disk": disks}))
     return variants
 
 
-# A disk that is given by its mass has no dimensions.
-_BY_MASS = {"diameter_m": None, "thickness_m": None, "density_kg_per_m3": None, "bore_m": 0.0}
+def _heavier(disk: Disk, factor: float) -> Disk:
+    """The disk with another mass: of another density, where it has dimensions."""
+    if disk.density_kg_per_m3 is not None:
+        return disk.model_copy(update={"density_kg_per_m3": factor * disk.density_kg_per_m3})
+    return disk.model_copy(update={"mass_kg": factor * disk.mass})
 
 
 def _disk_places(structure: Structure) -> list[tuple[IntArray, float]]:

@@ -9,6 +9,7 @@ import numpy as np
 from gap.curves import SILENT
 from gap.diagnosis import Shrink
 from gap.likelihood import Fit, Observed, Problem
+from gap.transfer import transfer_interval
 from rotor.effects import Effect
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
@@ -17,7 +18,6 @@ from sim.campaign import Run
 Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[ComplexArray], str]]
 
 _BLOCKS = 10  # stretches of lines of every run; every second one is held out
-_DRAWS = 400
 
 
 def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:
@@ -53,7 +53,6 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
             after = [H * _nuisance_ratio(problem, with_it, r) for r, H in enumerate(measured)]
     table = _table(problem, masks, before, after, scale)
     numbers = _figures(table, np.arange(len(table)))
-    interval = _interval(table)
     return Shrink(
         held_out=f"every second of {_BLOCKS} stretches of lines of every run (interpolation)",
         before=numbers[0],
@@ -61,7 +60,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
         floor=numbers[2],
         shrink=1 - numbers[1] / numbers[0],
         explainable=_explainable(numbers),
-        ci90=interval,
+        ci90=transfer_interval(problem, nominal, best, scale),
         verified_by=verified,  # type: ignore[arg-type]
         after_model=_figures(_table(problem, masks, before, model_after, scale), np.arange(len(table)))[1],
     )
@@ -112,11 +111,3 @@ def _figures(table: FloatArray, rows) -> tuple[float, float, float]:
 def _explainable(figures: tuple[float, float, float]) -> float:
     before, after, floor = figures
     return (before - after) / (before - floor) if before > floor else float("nan")
-
-
-def _interval(table: FloatArray) -> tuple[float, float]:
-    """90 % interval of the explainable share, by drawing stretches with replacement."""
-    rng = np.random.default_rng(0)
-    draws = [_explainable(_figures(table, rng.integers(0, len(table), len(table)))) for _ in range(_DRAWS)]
-    finite = np.array([d for d in draws if np.isfinite(d)])
-    return (float(np.quantile(finite, 0.05)), float(np.quantile(finite, 0.95))) if len(finite) else (np.nan, np.nan)

@@ -463,18 +463,18 @@ class Score:
         self._problem, self._fit, self._model, self._parts = problem, fit, model, parts
         self._covariance = fit.covariance()
 
-    def gain(self, effects: Sequence[Effect]) -> tuple[float, float]:
-        """To first order, the misfit that these small effects take away once they are scaled, and that scale.
+    def gain(self, effects: Sequence[Effect]) -> tuple[float, float, FloatArray]:
+        """To first order, the misfit that these small effects take away once they are scaled.
 
         Returns
         -------
-        gain and scale, both negative where the effects would have to be
+        gain and scale, both negative where the effects would have to be, and by how much the fit's (u, nu) move
         """
         problem, fit = self._problem, self._fit
         try:
             changes = problem.change(fit, effects)
         except (ValueError, np.linalg.LinAlgError):
-            return 0.0, 0.0
+            return 0.0, 0.0, np.zeros(len(self._covariance))
         slope, size, shared = 0.0, 0.0, np.zeros(len(self._covariance))
         for observed, H, change, (residual, J, where) in zip(
             problem.observed, self._model, changes, self._parts, strict=True
@@ -484,10 +484,11 @@ class Score:
             slope += float(d @ residual)
             size += float(d @ d)
             shared[where] += J @ d
-        told = size - float(shared @ self._covariance @ shared)
+        answer = self._covariance @ shared
+        told = size - float(shared @ answer)
         if told <= _UNTOLD * size:
-            return 0.0, 0.0
-        return slope * abs(slope) / told, slope / told
+            return 0.0, 0.0, np.zeros_like(answer)
+        return slope * abs(slope) / told, slope / told, -slope / told * answer
 
 
 # Share of an effect's change that nuisances must leave, for the change to tell anything.

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.hypotheses import K_B_RANGE, NOMINAL, Hypothesis, Term
-from gap.likelihood import Fit, Problem, Score
+from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis, Term
+from gap.likelihood import K_B, Fit, Problem, Score
 from rotor.structure import FloatArray
 
 Progress = Callable[[int, int, str], None]
@@ -86,6 +86,14 @@ class Start:
     hypothesis: Hypothesis
     u: FloatArray
     nu: FloatArray
+
+
+@dataclass(frozen=True)
+class _Promise:
+    """What a candidate could take away from the misfit to first order, and the start that this suggests."""
+
+    gain: float
+    start: Start
 
 
 def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
@@ -181,7 +189,7 @@ def _rough_starts(
     """Starts of the candidates whose rough cost is near the best one's, most promising first."""
     base = problem.rough(NOMINAL, nominal.u[:1])[0] if problem.with_k_b else nominal.u[:1]
     score = problem.score(nominal)
-    rough: list[tuple[float, Hypothesis, list[FloatArray]]] = []
+    rough: list[tuple[float, float, list[Start]]] = []
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
@@ -189,12 +197,14 @@ def _rough_starts(
         points.sort(key=lambda point: problem.rough(hypothesis, point, steps=0)[1])
         found = [problem.rough(hypothesis, point) for point in points[: 2 + int(_SHARE * len(points))]]
         found.sort(key=lambda pair: pair[1])
-        weak = [point for gain, point in _promises(score, nominal, hypothesis)[:1] if gain > 0]
-        rough.append((found[0][1], hypothesis, [*(x for x, _ in found[:_RIVALS]), *weak]))
+        weak = _promises(score, nominal, hypothesis)[0]
+        chosen = [_begin(hypothesis, x, nominal) for x, _ in found[:_RIVALS]]
+        rough.append((found[0][1], weak.gain, [*chosen, *([weak.start] if weak.gain > 0 else [])]))
     rough.sort(key=lambda entry: entry[0])
     limit = _WORTH_FACTOR * rough[0][0] + _WORTH if rough else 0.0
-    worth = [entry for place, entry in enumerate(rough) if place < _AT_LEAST or entry[0] <= limit]
-    return [_begin(hypothesis, point, nominal) for _, hypothesis, points in worth for point in points]
+    told = sorted((gain for _, gain, _ in rough), reverse=True)[:_AT_LEAST]
+    worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e[0] <= limit or e[1] >= told[-1]]
+    return [start for _, _, starts in worth for start in starts]
 
 
 def _weak_starts(
@@ -207,7 +217,7 @@ def _weak_starts(
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
         tried = _promises(score, nominal, hypothesis)[:_RIVALS]
-        found.append((tried[0][0], [Start(hypothesis, point, nominal.nu) for _, point in tried]))
+        found.append((tried[0].gain, [promise.start for promise in tried]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0
     return [
@@ -218,15 +228,23 @@ def _weak_starts(
     ]
 
 
-def _promises(score: Score, fit: Fit, hypothesis: Hypothesis) -> list[tuple[float, FloatArray]]:
+def _promises(score: Score, fit: Fit, hypothesis: Hypothesis, pair: Hypothesis | None = None) -> list[_Promise]:
     """What an effect could gain beside a fit, to first order, and where its own fit should begin; best first."""
     (term,) = hypothesis.terms
     found = []
     for point in _from_nominal(fit, hypothesis):
-        gain, scale = score.gain(hypothesis.effects(point[1:]))
+        gain, scale, moved = score.gain(hypothesis.effects(point[1:]))
         stronger = _scaled(term, point[1:], scale)
-        found.append((-np.inf, point) if stronger is None else (abs(gain), np.concatenate([point[:1], stronger])))
-    return sorted(found, key=lambda entry: entry[0], reverse=True)
+        u = fit.u if stronger is None else np.clip(fit.u + moved[: len(fit.u)], *_ends(fit))
+        nu = fit.nu if stronger is None else fit.nu + moved[len(fit.u) :]
+        start = Start(pair or hypothesis, np.concatenate([u, point[1:] if stronger is None else stronger]), nu)
+        found.append(_Promise(-np.inf if stronger is None else abs(gain), start))
+    return sorted(found, key=lambda promise: promise.gain, reverse=True)
+
+
+def _ends(fit: Fit) -> FloatArray:
+    """(2, 1 + n_free) ranges of a fit's coordinates."""
+    return np.array([free.ends for free in (K_B, *fit.hypothesis.free)]).T
 
 
 def _scaled(term: Term, point: FloatArray, scale: float) -> FloatArray | None:
@@ -243,10 +261,13 @@ def _scaled(term: Term, point: FloatArray, scale: float) -> FloatArray | None:
     if len(strengths) > 1 or not isinstance(null, (int, float)):
         return at
     k = strengths[0]
-    if free.log:
-        at[k] += np.log(scale) * (-1 if np.isinf(null) else 1)
+    if free.log and null == 0:
+        at[k] += np.log(scale)
+    elif np.isinf(null):
+        at[k] -= np.log(scale)
     else:
-        at[k] = null + scale * (at[k] - null)
+        nothing = np.log(null) if free.log else null
+        at[k] = nothing + scale * (at[k] - nothing)
     at[k] = np.clip(at[k], *free.ends)
     return at
 
@@ -264,19 +285,24 @@ def _from_nominal(nominal: Fit, hypothesis: Hypothesis) -> list[FloatArray]:
     parameters = term.effect.parameters()
     if any(free.name == "position" for free in term.free):
         return [np.concatenate([nominal.u[:1], point]) for point in _along_the_shaft(term)]
-    point = []
-    for free in term.free:
-        low, high = free.ends
-        null = parameters[free.name].null if free.name in parameters else None
-        if isinstance(null, (int, float)) and np.isfinite(null) and not free.log:
-            point.append(float(np.clip(null + 0.02 * (high - low), low, high)))
-        elif isinstance(null, (int, float)) and np.isinf(null):
-            point.append(high - 0.02 * (high - low))
-        elif isinstance(null, (int, float)):
-            point.append(low + 0.02 * (high - low))
-        else:
-            point.append((low + high) / 2)
+    point = [_weakly(free, parameters[free.name].null if free.name in parameters else None) for free in term.free]
     return [np.concatenate([nominal.u[:1], point])]
+
+
+def _weakly(free: Free, null: object) -> float:
+    """A coordinate a little away from where the effect does nothing; the middle of the range where none is known."""
+    low, high = free.ends
+    if not isinstance(null, (int, float)):
+        return (low + high) / 2
+    if np.isinf(null):
+        return high - _WEAK * (high - low)
+    if free.log:
+        null = float(np.log(null)) if null > 0 else low
+    return float(np.clip(null + _WEAK * (high - low), low, high))
+
+
+# A weak effect is so much of its range away from nothing.
+_WEAK = 0.02
 
 
 def _along_the_shaft(term: Term) -> list[FloatArray]:
@@ -294,7 +320,7 @@ def pairs(
     problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
 ) -> list[Fit]:
     """Pairs of effects: every candidate beside each of the leaders, started from the leader's fit."""
-    by_gain: list[tuple[float, Start]] = []
+    by_gain: list[_Promise] = []
     by_rough: list[tuple[float, Start]] = []
     leaders = _leaders(problem, found, hypotheses)
     for number, leader in enumerate(leaders):
@@ -305,14 +331,13 @@ def pairs(
             if progress:
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
             pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
-            for gain, point in _promises(score, leader, second):
-                by_gain.append((gain, Start(pair, np.concatenate([leader.u, point[1:]]), leader.nu)))
+            by_gain += _promises(score, leader, second, pair)
             for start in second.starts():
                 x, cost = problem.rough(pair, np.concatenate([leader.u, start]), steps=0, every=5)
                 by_rough.append((cost, _begin(pair, x, leader)))
-    by_gain.sort(key=lambda entry: -entry[0])
+    by_gain.sort(key=lambda promise: promise.gain, reverse=True)
     by_rough.sort(key=lambda entry: entry[0])
-    starts = [start for _, start in by_gain[:_BY_GAIN]]
+    starts = [promise.start for promise in by_gain[:_BY_GAIN]]
     for _, start in by_rough[: 2 * _BY_ROUGH]:
         x, cost = problem.rough(start.hypothesis, start.u, steps=5, every=5)
         starts.append(Start(start.hypothesis, x, start.nu))

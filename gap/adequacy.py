@@ -54,8 +54,7 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
     every = np.concatenate(bends) if bends else np.ones(1)
     scale2 = float(np.nanmedian(every))
-    given = all(run.std is not None for run in problem.runs)
-    surely = 1.0 if given and abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2
+    surely = 1.0 if abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2
     dof = max(n - len(fit.u) - 6, 1)
     return Adequacy(
         scale=float(np.sqrt(scale2)),

@@ -105,7 +105,10 @@ def _term_starts(term: Term) -> Iterator[FloatArray]:
             shares = tuple((np.arange(_POSITIONS) + 0.5) / _POSITIONS)
         elif first:
             shares = _STARTS if len(term.free) == 1 or free.name != "reduction" else (0.3,)
+            shares = _MANY if term.effect.id in _RESONANT else shares
             first = False
+        elif free.name == "mass":
+            shares = _STARTS if term.effect.id in _RESONANT else (0.5,)
         else:
             shares = (0.3, 0.7) if term.effect.id in _SECOND else (0.5,)
         grid.append(tuple(low + share * (high - low) for share in shares))
@@ -114,7 +117,11 @@ def _term_starts(term: Term) -> Iterator[FloatArray]:
 
 
 # Effects whose second number changes the character of what they do.
-_SECOND = ("pedestal_flexibility", "viscoelastic_support", "plane_anisotropy", "force_dropout")
+_SECOND = ("viscoelastic_support", "plane_anisotropy")
+
+# Effects that add a resonance, somewhere: between starts it must not be missed.
+_RESONANT = ("pedestal_flexibility", "force_dropout")
+_MANY = (0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9)
 
 NOMINAL = Hypothesis()
 

@@ -16,6 +16,7 @@ import numpy as np
 from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting
 from gap.hypotheses import K_B_RANGE, Free, Hypothesis
 from gap.nonlinear import BoolArray, NonlinearModal
+from rotor.condition import Condition
 from rotor.effects import Effect
 from rotor.rig import Rig
 from rotor.structure import ComplexArray, FloatArray, IntArray
@@ -462,6 +463,11 @@ class Score:
     def __init__(self, problem: Problem, fit: Fit, model: Sequence[ComplexArray], parts: Sequence[tuple]):
         self._problem, self._fit, self._model, self._parts = problem, fit, model, parts
         self._covariance = fit.covariance()
+
+    @property
+    def condition(self) -> Condition:
+        """What the nominal model believes."""
+        return self._problem.forward.condition(self._problem.runs[0], self._fit.k_b)
 
     def gain(self, effects: Sequence[Effect]) -> tuple[float, float, FloatArray]:
         """To first order, the misfit that these small effects take away once they are scaled.

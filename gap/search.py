@@ -16,15 +16,13 @@ import numpy as np
 
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis, Term
 from gap.likelihood import K_B, Fit, Problem, Score
+from rotor.condition import Condition
 from rotor.structure import FloatArray
 
 Progress = Callable[[int, int, str], None]
 
 # Starting values of the bearing stiffness along its range.
 _K_B_STARTS = 10
-
-# A start whose first cost is among the best of its candidate is worth a rough fit: this share of them, and two more.
-_SHARE = 1 / 3
 
 # A rough cost within this factor (and this much) of the best one is worth racing.
 _WORTH_FACTOR, _WORTH = 3.0, 0.02
@@ -194,8 +192,7 @@ def _rough_starts(
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
         points = [np.concatenate([base, start]) for start in hypothesis.starts()]
-        points.sort(key=lambda point: problem.rough(hypothesis, point, steps=0)[1])
-        found = [problem.rough(hypothesis, point) for point in points[: 2 + int(_SHARE * len(points))]]
+        found = [problem.rough(hypothesis, point) for point in points]
         found.sort(key=lambda pair: pair[1])
         weak = _promises(score, nominal, hypothesis)[0]
         chosen = [_begin(hypothesis, x, nominal) for x, _ in found[:_RIVALS]]
@@ -232,9 +229,9 @@ def _promises(score: Score, fit: Fit, hypothesis: Hypothesis, pair: Hypothesis |
     """What an effect could gain beside a fit, to first order, and where its own fit should begin; best first."""
     (term,) = hypothesis.terms
     found = []
-    for point in _from_nominal(fit, hypothesis):
+    for point in _from_nominal(fit, hypothesis, score.condition):
         gain, scale, moved = score.gain(hypothesis.effects(point[1:]))
-        stronger = _scaled(term, point[1:], scale)
+        stronger = _scaled(term, point[1:], scale, score.condition)
         u = fit.u if stronger is None else np.clip(fit.u + moved[: len(fit.u)], *_ends(fit))
         nu = fit.nu if stronger is None else fit.nu + moved[len(fit.u) :]
         start = Start(pair or hypothesis, np.concatenate([u, point[1:] if stronger is None else stronger]), nu)
@@ -247,27 +244,27 @@ def _ends(fit: Fit) -> FloatArray:
     return np.array([free.ends for free in (K_B, *fit.hypothesis.free)]).T
 
 
-def _scaled(term: Term, point: FloatArray, scale: float) -> FloatArray | None:
+def _scaled(term: Term, point: FloatArray, scale: float, condition: Condition) -> FloatArray | None:
     """A weak effect made so many times stronger; None where its range is on the other side of nothing.
 
     An effect of several numbers stays as it is: more than one of them says how strong it is.
     """
     strengths = [k for k, free in enumerate(term.free) if free.name != "position"]
     free, at = term.free[strengths[0]], point.copy()
-    null = term.effect.parameters()[free.name].null
-    two_sided = isinstance(null, (int, float)) and free.low < null < free.high
-    if scale <= 0 and not two_sided:
+    null = _null(term, free, condition)
+    if scale <= 0 and not (null is not None and free.low < null < free.high):
         return None
-    if len(strengths) > 1 or not isinstance(null, (int, float)):
+    if len(strengths) > 1 or null is None:
         return at
     k = strengths[0]
     if free.log and null == 0:
         at[k] += np.log(scale)
     elif np.isinf(null):
         at[k] -= np.log(scale)
+    elif free.log:
+        at[k] = np.log(max(null + scale * (np.exp(at[k]) - null), free.low))
     else:
-        nothing = np.log(null) if free.log else null
-        at[k] = nothing + scale * (at[k] - nothing)
+        at[k] = null + scale * (at[k] - null)
     at[k] = np.clip(at[k], *free.ends)
     return at
 
@@ -277,22 +274,27 @@ def _several(hypothesis: Hypothesis) -> bool:
     return sum(free.name != "position" for free in hypothesis.free) > 1
 
 
-def _from_nominal(nominal: Fit, hypothesis: Hypothesis) -> list[FloatArray]:
+def _from_nominal(nominal: Fit, hypothesis: Hypothesis, condition: Condition) -> list[FloatArray]:
     """A start next to the nominal model: each number at the end of its range that changes less, where there is one."""
     if len(hypothesis.terms) != 1:
         return []
     term = hypothesis.terms[0]
-    parameters = term.effect.parameters()
     if any(free.name == "position" for free in term.free):
         return [np.concatenate([nominal.u[:1], point]) for point in _along_the_shaft(term)]
-    point = [_weakly(free, parameters[free.name].null if free.name in parameters else None) for free in term.free]
+    point = [_weakly(free, _null(term, free, condition)) for free in term.free]
     return [np.concatenate([nominal.u[:1], point])]
 
 
-def _weakly(free: Free, null: object) -> float:
+def _null(term: Term, free: Free, condition: Condition) -> float | None:
+    """The value at which an effect does nothing, as far as this number alone decides; inf: a limit."""
+    null = term.effect.parameters()[free.name].null if free.name != "position" else None
+    return float(getattr(condition, null)) if isinstance(null, str) else null
+
+
+def _weakly(free: Free, null: float | None) -> float:
     """A coordinate a little away from where the effect does nothing; the middle of the range where none is known."""
     low, high = free.ends
-    if not isinstance(null, (int, float)):
+    if null is None:
         return (low + high) / 2
     if np.isinf(null):
         return high - _WEAK * (high - low)

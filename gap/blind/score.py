@@ -258,7 +258,8 @@ def _same_place(answer: Mapping[str, Any], true: Mapping[str, Any]) -> bool:
         return answer.get("x_m") is not None and abs(answer["x_m"] - true["x_m"]) <= POSITION_TOLERANCE
     if answer.get("kind") != true["kind"]:
         return False
-    return answer.get("node") == true["node"] if "node" in true else True
+    # Node 0 stands for all sensors.
+    return answer.get("node") == true["node"] if true.get("node") else True
 
 
 def _relative(answer: Mapping[str, Any], true: float) -> float:

@@ -21,7 +21,7 @@ from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Fit, Observed, Problem, observe
 from gap.next_test import best_next_test
 from gap.nonlinear_search import robust_fit, search_nonlinear
-from gap.search import POLISHED, Progress, Search, best_first, pairs, polished, recalibrate, search
+from gap.search import POLISHED, Progress, Search, best_first, most_left, pairs, polished, recalibrate, search
 from gap.where import locate
 from rotor.assembly import assemble
 from rotor.effects.library import EFFECTS
@@ -176,7 +176,9 @@ def _linear(
     found = search(problem, hypotheses, nominal, progress)
     clock.lap("single effects")
     fits = list(found.fits)
-    if with_pairs and not _adequate(problem, fits[0], judge(problem, fits[0])):
+    if with_pairs and not (
+        _adequate(problem, fits[0], judge(problem, fits[0])) and most_left(problem, fits[0], hypotheses) < 2 * PAIR_GAIN
+    ):
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
     problem.refine()

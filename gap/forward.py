@@ -106,22 +106,19 @@ class Modal:
         D = np.zeros((MODES + len(TOLERANCES) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
             poles = group.poles * (1 + np.where(group.mode >= 0, shift[group.mode], 0.0))
-            shares = 1 / (1j * self.omega[:, None] - poles)
-            if self.dwell_s is not None:
-                shares = shares + self._unsettled(poles)
+            shares = self._shares(poles)
             still = _unshifted(group, drift)
             Y, residues = self._motion(group, shares * still, tolerance)
             force = self._force(Y[:, -1])
             H[:, group.columns] = Y[:, :-1] * group.chain * force[:, None]
             if not derivatives:
                 continue
-            slope = self._force_slope(Y[:, -1], force)
+            slope, by_shift = self._force_slope(Y[:, -1], force), self._shares_slope(group.poles, poles, shares)
             for m in range(MODES):
                 mine = group.mode == m
                 if mine.any():
-                    part = shares[:, mine] * still[mine]
-                    by_pole = (part * shares[:, mine] * group.poles[mine]) @ residues[:, mine].T
-                    by_height = -(part * still[mine]) @ residues[:, mine].T
+                    by_pole = (by_shift[:, mine] * still[mine]) @ residues[:, mine].T
+                    by_height = -(shares[:, mine] * still[mine] ** 2) @ residues[:, mine].T
                     D[m][:, group.columns] = _driven(Y, by_pole + by_height, force, slope) * group.chain
                     moved = _driven(Y, by_pole, force, slope) * group.chain
                     D[MODES:, :, group.columns] += self.sensitivity[m][:, None, None] * moved
@@ -129,6 +126,18 @@ class Modal:
                 dY = (shares * still) @ group.bent[t].T + group.aside[t]
                 D[MODES + t][:, group.columns] += _driven(Y, dY, force, slope) * group.chain
         return H, D
+
+    def _shares(self, poles: ComplexArray) -> ComplexArray:
+        """(n_freq, n_states) 1 / (i omega - lambda), and what transients add."""
+        shares = 1 / (1j * self.omega[:, None] - poles)
+        return shares if self.dwell_s is None else shares + self._unsettled(poles)
+
+    def _shares_slope(self, own: ComplexArray, poles: ComplexArray, shares: ComplexArray) -> ComplexArray:
+        """(n_freq, n_states) derivative of the shares by a shift of the poles relative to their own places."""
+        if self.dwell_s is None:
+            return shares**2 * own
+        step = 1e-7
+        return (self._shares(poles + step * own) - shares) / step
 
     def _shift(self, drift: FloatArray | None, tolerance: FloatArray) -> FloatArray:
         """(MODES,) relative shift of each resonance."""
@@ -139,32 +148,38 @@ class Modal:
         residues = group.residues + np.tensordot(tolerance, group.bent, axes=1)
         return shares @ residues.T + group.rest + np.tensordot(tolerance, group.aside, axes=1), residues
 
-    def _read(self, group: _Group, shares: ComplexArray, tolerance: FloatArray) -> ComplexArray:
-        """(n_freq, n_channels of the group) what its sensors read."""
-        Y, _ = self._motion(group, shares, tolerance)
-        return Y[:, :-1] * group.chain * self._force(Y[:, -1])[:, None]
-
     def change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
         """(n_freq, n_channels) another response less this one, to first order in the shifts of the resonances.
 
         A plain difference is no derivative where a resonance shifts by more than a small part of its width.
         """
-        plain = self.response(drift, tolerance)
-        H = other.response(drift, tolerance)
+        change = other.response(drift, tolerance) - self.response(drift, tolerance)
         if self.dwell_s is not None or other.dwell_s is not None:
-            return H - plain
+            return change
         for group in other.groups:
             twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)
             here = None if twin is None else _matched(group, twin)
-            if here is None:
-                continue
-            own, others = self._shift(drift, tolerance), other._shift(drift, tolerance)
-            poles = group.poles * (1 + np.where(group.mode >= 0, others[group.mode], 0.0))
-            there = np.where(group.mode >= 0, here * (1 + own[group.mode]), poles)
-            shares = 1 / (1j * self.omega[:, None] - there)
-            shares = (shares + shares**2 * (poles - there)) * _unshifted(group, drift)
-            H[:, group.columns] = other._read(group, shares, tolerance)
-        return H - plain
+            if twin is not None and here is not None:
+                change[:, group.columns] = self._change(twin, other, group, here, drift, tolerance)
+        return change
+
+    def _change(
+        self, own: _Group, other: Modal, group: _Group, here: ComplexArray, drift: FloatArray, tolerance: FloatArray
+    ) -> ComplexArray:
+        """``change_to`` of one group, whose resonances stand at ``here`` in this model."""
+        own_shift, shift = self._shift(drift, tolerance), other._shift(drift, tolerance)
+        poles = group.poles * (1 + np.where(group.mode >= 0, shift[group.mode], 0.0))
+        there = np.where(group.mode >= 0, here * (1 + own_shift[group.mode]), poles)
+        shares = 1 / (1j * self.omega[:, None] - there)
+        moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _unshifted(group, drift), tolerance)
+        poles = own.poles * (1 + np.where(own.mode >= 0, own_shift[own.mode], 0.0))
+        plain, _ = self._motion(own, self._shares(poles) * _unshifted(own, drift), tolerance)
+        places = np.searchsorted(own.columns, group.columns)
+        Y, chain = plain[:, [*places, -1]], own.chain[:, places]
+        force = self._force(Y[:, -1])
+        driven = _driven(Y, moved - Y, force, self._force_slope(Y[:, -1], force))
+        turned = (other._force(Y[:, -1]) - force)[:, None] * chain + force[:, None] * (group.chain - chain)
+        return driven * chain + Y[:, :-1] * turned
 
     @property
     def dwell_s(self) -> float | None:

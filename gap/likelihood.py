@@ -357,6 +357,10 @@ class Problem:
             held[0] = True
         return held
 
+    def cost(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float = 0.0) -> float:
+        """Misfit and penalty at a point, with a relative error added to the data's own; inf without a model."""
+        return self._cost(hypothesis, u, nu, added, 1 / self.nuisances.std**2)
+
     def _cost(self, hypothesis: Hypothesis, u, nu, added: float, prior) -> float:
         try:
             modals = self.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))

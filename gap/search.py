@@ -194,7 +194,7 @@ def _rough_starts(
         points = [np.concatenate([base, start]) for start in hypothesis.starts()]
         found = [problem.rough(hypothesis, point) for point in points]
         found.sort(key=lambda pair: pair[1])
-        weak = _promises(score, nominal, hypothesis)[0]
+        weak = (_scanned(problem, hypothesis, nominal) or _promises(score, nominal, hypothesis))[0]
         chosen = [_begin(hypothesis, x, nominal) for x, _ in found[:_RIVALS]]
         rough.append((found[0][1], weak.gain, [*chosen, *([weak.start] if weak.gain > 0 else [])]))
     rough.sort(key=lambda entry: entry[0])
@@ -213,7 +213,7 @@ def _weak_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        tried = _promises(score, nominal, hypothesis)[:_RIVALS]
+        tried = (_scanned(problem, hypothesis, nominal) or _promises(score, nominal, hypothesis))[:_RIVALS]
         found.append((tried[0].gain, [promise.start for promise in tried]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0
@@ -237,6 +237,28 @@ def _promises(score: Score, fit: Fit, hypothesis: Hypothesis, pair: Hypothesis |
         start = Start(pair or hypothesis, np.concatenate([u, point[1:] if stronger is None else stronger]), nu)
         found.append(_Promise(-np.inf if stronger is None else abs(gain), start))
     return sorted(found, key=lambda promise: promise.gain, reverse=True)
+
+
+def _scanned(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[_Promise]:
+    """The same for an effect whose misfit has many minima along its number: by a fine grid; empty for others.
+
+    What is left of the transients after a dwell turns with the beat between a line and a resonance.
+    """
+    if hypothesis.ids != ("fast_sweep",):
+        return []
+    (free,) = hypothesis.free
+    best = [float(np.mean(free.ends))]
+    for width, points, added in _SCANS:
+        places = np.concatenate([np.clip(u + width * np.linspace(-1, 1, points), *free.ends) for u in best])
+        costs = [problem.cost(hypothesis, np.array([fit.u[0], u]), fit.nu, added) for u in places]
+        best = [float(places[k]) for k in np.argsort(costs)[:_RIVALS]]
+    before = problem.cost(NOMINAL, fit.u[:1], fit.nu)
+    starts = [Start(hypothesis, np.array([fit.u[0], u]), fit.nu) for u in best]
+    return [_Promise(before - problem.cost(hypothesis, start.u, start.nu), start) for start in starts]
+
+
+# Such grids, finer and finer: half width of the number's logarithm, points, and the relative error that is added.
+_SCANS = ((4.5, 400, 0.3), (0.03, 100, 0.1), (1.5e-3, 60, 0.03), (8e-5, 40, 0.0))
 
 
 def _ends(fit: Fit) -> FloatArray:
@@ -316,6 +338,13 @@ def _along_the_shaft(term: Term) -> list[FloatArray]:
         np.array([low + (share if here else 0.05) * (high - low) for (low, high), here in zip(ends, at, strict=True)])
         for share in shares
     ]
+
+
+def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> float:
+    """Misfit that one more effect could take away beside a fit, to first order: the most of all candidates."""
+    score = problem.score(fit)
+    others = [h for h in hypotheses if h.ids[0] not in fit.hypothesis.ids]
+    return max((_promises(score, fit, h)[0].gain for h in others), default=0.0)
 
 
 def pairs(

@@ -444,7 +444,6 @@ def shrink_figure(shrink: Shrink) -> go.Figure:
         ("noise alone", shrink.floor, GREY),
     ]
     names, values, colours = zip(*((n, v, c) for n, v, c in bars if finite(v)), strict=True)
-    interval = _after_interval(shrink)
     figure = go.Figure(
         go.Bar(
             x=[100 * value for value in values],
@@ -456,21 +455,6 @@ def shrink_figure(shrink: Shrink) -> go.Figure:
         )
     )
     ends = dict(zip(names, values, strict=True))
-    if interval:
-        low, high = interval
-        ends["with the effect"] = max(shrink.after, high)
-        figure.add_trace(
-            go.Scatter(
-                x=[100 * shrink.after],
-                y=["with the effect "],
-                error_x={"type": "data", "array": [100 * (high - shrink.after)],
-                         "arrayminus": [100 * (shrink.after - low)], "color": INK, "thickness": 2},
-                mode="markers",
-                marker={"symbol": "line-ns-open", "color": INK, "size": 9},
-                hoverinfo="skip",
-                name="90 % interval",
-            )
-        )  # fmt: skip
     if shrink.after_model is not None and finite(shrink.after_model):
         figure.add_trace(
             go.Scatter(
@@ -490,12 +474,3 @@ def shrink_figure(shrink: Shrink) -> go.Figure:
     figure.update_yaxes(autorange="reversed", showgrid=False, ticks="")
     figure.update_xaxes(title="gap (NRMSE), %", range=[0, 118 * max(*ends.values(), 1e-6)])
     return styled(figure, height=240).update_layout(bargap=0.35)
-
-
-def _after_interval(shrink: Shrink) -> tuple[float, float] | None:
-    """The 90 % interval of the gap after, from that of the explainable share."""
-    low, high = shrink.ci90
-    if not all(map(finite, (low, high, shrink.before, shrink.after, shrink.floor))):
-        return None
-    ends = sorted(shrink.before - part * (shrink.before - shrink.floor) for part in (low, high))
-    return max(0.0, min(ends[0], shrink.after)), max(ends[1], shrink.after)

@@ -195,11 +195,12 @@ def best_k_b(diagnosis: Diagnosis) -> Estimate | None:
 
 
 def explained(shrink: Shrink) -> str:
-    """'99 % of what can be explained (90 % interval 97 % to 100 %)'."""
+    """'99 % of what can be explained is explained (with another node driven: 97 % to 99 % of the noise-free gap)'."""
     if not finite(shrink.explainable):
         return "the gap is the noise floor: there is nothing to explain"
     low, high = shrink.ci90
-    between = f" (90 % interval {share(low)} to {share(high)})" if finite(low) and finite(high) else ""
+    known = finite(low) and finite(high)
+    between = f" (with another node driven: {share(low)} to {share(high)} of the noise-free gap)" if known else ""
     return f"{share(shrink.explainable)} of what can be explained is explained{between}"
 
 

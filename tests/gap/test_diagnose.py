@@ -9,9 +9,23 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gap.curves import nrmse
 from gap.diagnose import diagnose
 from gap.diagnosis import FILE_NAME, SCHEMA
-from tests.gap.conftest import K_B, MASS, NOISE, RIVALS, all_but, both_supports, campaign_of, measure
+from gap.predict import predict
+from tests.gap.conftest import (
+    K_B,
+    MASS,
+    NOISE,
+    RIVALS,
+    all_but,
+    blank,
+    both_supports,
+    campaign_of,
+    lines,
+    measure,
+    truth,
+)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +75,18 @@ def test_the_gap_shrinks_to_the_noise(weighed):
     assert shrink.before > 10 * NOISE
     assert_allclose([shrink.after, shrink.floor], NOISE, rtol=0.3)
     assert shrink.explainable > 0.95
-    assert shrink.ci90[0] <= shrink.explainable <= shrink.ci90[1]
+
+
+def test_the_interval_is_one_for_another_excitation_free_of_noise(weighed):
+    document = json.loads(weighed.diagnosis.to_json())
+    runs = [blank(support, lines(support, [MASS]), excitation_node=4) for support in ("rigid", "bearing")]
+    true = [truth(run, [MASS]) for run in runs]
+    predicted = predict(document, campaign_of(*runs))
+    before = np.mean([nrmse(H, each.nominal.H) for H, each in zip(true, predicted, strict=True)])
+    after = np.mean([nrmse(H, each.corrected.H) for H, each in zip(true, predicted, strict=True)])
+    low, high = weighed.diagnosis.shrink.ci90
+    assert 0.9 < low < high < 1.0
+    assert low - 0.02 < 1 - after / before < high + 0.02
 
 
 def test_the_curves_are_the_runs_and_their_models(weighed):

@@ -5,19 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import expm
 
 from gap.forward import MODES, TOLERANCES, Forward
 from rotor.assembly import assemble
 from rotor.effects import (
     EFFECTS,
     AttachedMass,
+    CompliantRigidSupport,
+    DiskInertia,
     FastSweep,
     ForceDropout,
+    HubStiffening,
     PlaneAnisotropy,
     SensorGain,
     ViscoelasticSupport,
 )
 from rotor.measured import measured_response
+from rotor.model import build_system
 from rotor.rig import load_rig
 from sim.campaign import Channel
 from tests.gap.conftest import BELIEF, K_B, LINEAR, RIG, STRUCTURE, blank, condition, lines, truth
@@ -126,9 +131,17 @@ def test_a_drift_of_all_resonances_is_another_frequency_axis(forward, support):
 
 
 @pytest.mark.parametrize("support", ["rigid", "bearing"])
-def test_derivatives_are_finite_differences(tolerant, support):
+@pytest.mark.parametrize(
+    ("effect", "quantity"),
+    [
+        (AttachedMass(mass=0.05, node=5), "accelerance"),
+        (ForceDropout(mass=0.1, stiffness=1e4, damping=10.0), "acceleration"),
+        (FastSweep(dwell=0.3), "accelerance"),
+    ],
+)
+def test_derivatives_are_finite_differences(tolerant, support, effect, quantity):
     rng = np.random.default_rng(1)
-    modal = tolerant.modal(blank(support, lines(support)), K_B, [AttachedMass(mass=0.05, node=5)])
+    modal = tolerant.modal(blank(support, lines(support), quantity=quantity), K_B, [effect])
     drift, tolerance = 1e-4 * rng.standard_normal(MODES), 5e-4 * rng.standard_normal(len(TOLERANCES))
     H, D = modal.with_derivatives(drift, tolerance)
     assert_allclose(H, modal.response(drift, tolerance))
@@ -137,7 +150,33 @@ def test_derivatives_are_finite_differences(tolerant, support):
         up, down = at.copy(), at.copy()
         up[k], down[k] = at[k] + step, at[k] - step
         difference = (modal.response(*np.split(up, [MODES])) - modal.response(*np.split(down, [MODES]))) / (2 * step)
-        assert np.abs(derivative - difference).max() <= 1e-5 * np.abs(difference).max() + 1e-6
+        assert np.abs(derivative - difference).max() <= 1e-4 * np.abs(difference).max() + 1e-6
+
+
+@pytest.mark.parametrize("effects", [(), (DiskInertia(factor=0.5),), (ForceDropout(mass=0.1, stiffness=1e4),)])
+def test_a_change_through_the_poles_is_a_derivative(tolerant, effects):
+    """Also for a step that shifts a resonance by a tenth of its width, where a plain difference is none."""
+    quantity = "acceleration" if any(e.id == "force_dropout" for e in effects) else "accelerance"
+    run = blank("bearing", lines("bearing"), quantity=quantity)
+    drift, tolerance = np.full(MODES, 1e-4), np.full(len(TOLERANCES), 3e-4)
+
+    def at(ln_k_b):
+        return tolerant.modal(run, np.exp(ln_k_b), effects)
+
+    here, step, small = np.log(K_B), 1e-3, 1e-6
+    up, down = (at(here + s).response(drift, tolerance) for s in (small, -small))
+    derivative = (up - down) / (2 * small)
+    through_poles = at(here).change_to(at(here + step), drift, tolerance) / step
+    plain = (at(here + step).response(drift, tolerance) - at(here).response(drift, tolerance)) / step
+    size = np.abs(derivative).max()
+    assert np.abs(through_poles - derivative).max() < 0.01 * size
+    assert np.abs(plain - derivative).max() > 0.03 * size
+
+
+def test_modes_that_are_not_one_to_one_fall_back_to_a_plain_difference(tolerant):
+    run, nothing = blank("bearing", lines("bearing")), (np.zeros(MODES), np.zeros(len(TOLERANCES)))
+    one, other = tolerant.modal(run, K_B), tolerant.modal(run, K_B, [PlaneAnisotropy(anisotropy=0.3, angle=0.5)])
+    assert_allclose(one.change_to(other, *nothing), other.response() - one.response())
 
 
 # -- tolerances ------------------------------------------------------------------------------------
@@ -189,6 +228,20 @@ def test_a_tolerance_acts_beside_an_effect(tolerance, support, drive):
     assert np.abs(given - expected).max() < 0.1 * np.abs(expected - truth(run, [effect])).max()
 
 
+@pytest.mark.parametrize("effect", [DiskInertia(factor=1.0), HubStiffening(factor=2.0), CompliantRigidSupport()])
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_a_tolerance_acts_as_it_does_under_the_effect(tolerance, effect):
+    size, support = 1e-3, "rigid" if effect.location == "rigid_support" else "bearing"
+    run = blank(support, lines(support, [effect]))
+    model = Forward(STRUCTURE, BELIEF)
+    model.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    model.bend(run, K_B, [effect])
+    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
+    expected = measured_response(structure, condition(support), [effect], run.frequency_hz)
+    given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
+    assert np.abs(given - expected).max() < 0.05 * np.abs(expected - truth(run, [effect])).max()
+
+
 # -- fast sweeps -----------------------------------------------------------------------------------
 
 
@@ -199,6 +252,35 @@ def test_a_long_dwell_is_a_steady_response(forward):
     assert errors[0] > 0.1
     assert errors[0] > errors[1] > errors[2]
     assert errors[2] < CLOSE
+
+
+def test_a_fast_sweep_is_what_integration_in_time_gives(forward):
+    """The rotor from rest under a sine of continuous phase, read over one period after each dwell."""
+    dwell, f = 0.1, np.array([85.0, 90.0, 94.0, 97.0, 100.0, 250.0, 300.0])
+    run = blank("rigid", f, channels=(Channel(2), Channel(4)))
+    system = build_system(STRUCTURE, condition("rigid"), ()).in_plane(1)
+    n, force = system.n, system.unit_vector(2, 1)
+    A = np.zeros((2 * n + 2, 2 * n + 2))
+    A[:n, n : 2 * n] = np.eye(n)
+    A[n : 2 * n, : 2 * n] = -np.linalg.solve(system.M, np.hstack([system.K, system.C]))
+    A[n : 2 * n, 2 * n] = np.linalg.solve(system.M, force)  # the sine is a state of its own
+    read, x = system.read_out(1)[[1, 3]], np.zeros(2 * n + 2)
+    x[2 * n + 1], expected = 1.0, []
+    for w in 2 * np.pi * f:
+        A[2 * n, 2 * n + 1], A[2 * n + 1, 2 * n] = w, -w
+        x = expm(A * dwell) @ x
+        samples, step, motions = 2000, 2 * np.pi / w / 2000, [x]
+        P = expm(A * step)
+        for _ in range(samples):
+            motions.append(P @ motions[-1])
+        motions, x = np.array(motions), motions[-1]
+        acceleration = (motions @ A.T)[:, n : 2 * n] @ read.T
+        carrier = motions[:, 2 * n + 1] - 1j * motions[:, 2 * n]  # e^{-i theta}
+        weights = np.full(samples + 1, 1.0)
+        weights[[0, -1]] = 0.5
+        expected.append(2j * (weights * carrier) @ acceleration / samples)
+    modal = forward.modal(run, K_B, [FastSweep(dwell=dwell)])
+    assert off(modal.response(), np.array(expected)) < 1e-3
 
 
 def test_a_fast_sweep_pulls_peaks_along(forward):

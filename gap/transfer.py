@@ -1,0 +1,109 @@
+"""How far the gap will shrink under another excitation, as far as the fit's own uncertainty lets one say.
+
+Numbers are drawn from the posterior; each draw is a rig that the data allow. Driven at a node that was not driven,
+free of noise, gains and drift, it is compared with the nominal and with the corrected model. The interval of what
+the correction explains is thus one for transfer data, not for the lines next to those that were fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gap.curves import nrmse
+from gap.forward import Forward, Modal, acting
+from gap.likelihood import K_B, Fit, Problem
+from rotor.structure import ComplexArray, FloatArray
+from sim.campaign import Run
+
+_DRAWS = 200
+
+
+def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -> tuple[float, float]:
+    """90 % interval of 1 - after / before, free of noise, where another node is driven; nan for nonlinear causes.
+
+    Parameters
+    ----------
+    problem : the runs, of which supports, channels and lines are taken
+    nominal, best : the recalibrated nominal model and the corrected one
+    scale : true over believed standard error
+    """
+    if any(effect.family == "nonlinear" for effect in best.effects):
+        return (np.nan, np.nan)
+    rng = np.random.default_rng(0)
+    tests = [_Test(problem, nominal, best, node) for node in _other_nodes(problem)]
+    if not tests:
+        return (np.nan, np.nan)
+    draws = _draws(best, scale, rng)
+    shrinks = [tests[rng.integers(len(tests))].shrink(u, nu) for u, nu in draws]
+    finite = np.array([s for s in shrinks if np.isfinite(s)])
+    return (float(np.quantile(finite, 0.05)), float(np.quantile(finite, 0.95))) if len(finite) else (np.nan, np.nan)
+
+
+def _other_nodes(problem: Problem) -> list[int]:
+    """Nodes that can be driven on every support and that no run drove."""
+    structure = problem.forward.structure
+    stations = list(structure.stations)
+    held = {stations.index(node) + 1 for node in structure.support_node if node in stations}
+    driven = {run.excitation_node for run in problem.runs}
+    return [node for node in range(1, structure.n_nodes + 1) if node not in held | driven]
+
+
+def _draws(best: Fit, scale: float, rng: np.random.Generator) -> list[tuple[FloatArray, FloatArray]]:
+    """Coordinates and nuisances from the posterior, the former within their ranges."""
+    covariance = best.covariance(scale)
+    if not best.with_k_b:
+        covariance[0, :] = covariance[:, 0] = 0.0
+    mean = np.concatenate([best.u, best.nu])
+    drawn = rng.multivariate_normal(mean, (covariance + covariance.T) / 2, size=_DRAWS, method="eigh")
+    ends = np.array([free.ends for free in (K_B, *best.hypothesis.free)]).T
+    n = len(best.u)
+    return [(np.clip(each[:n], *ends), each[n:]) for each in drawn]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One run of the test with what both models say of it."""
+
+    run: Run
+    nominal: ComplexArray
+    corrected: ComplexArray
+
+
+class _Test:
+    """The campaign's supports, driven at another node."""
+
+    def __init__(self, problem: Problem, nominal: Fit, best: Fit, node: int):
+        self._forward: Forward = problem.forward
+        self._nuisances, self._best = problem.nuisances, best
+        self._parts = []
+        first = {run.support: (r, run) for r, run in reversed(list(enumerate(problem.runs)))}
+        for r, run in first.values():
+            there = replace(run, excitation_node=node, quantity="accelerance", harmonics={})
+            effects = acting(best.effects, run.support)
+            self._forward.bend(there, best.k_b, effects)
+            gains = problem.nuisances.gains(best.nu, r, self._modal(there, best.u)) / np.exp(
+                best.nu[problem.nuisances.gain][r]
+            )
+            corrected = self._response(there, best.u, best.nu) * gains
+            plain = self._forward.modal(there, nominal.k_b).response()
+            self._parts.append(_Part(there, plain, corrected))
+
+    def shrink(self, u: FloatArray, nu: FloatArray) -> float:
+        """1 - after / before where these numbers are the truth; nan where they have no model."""
+        try:
+            truths = [self._response(part.run, u, nu) for part in self._parts]
+        except (ValueError, np.linalg.LinAlgError):
+            return float("nan")
+        before = [nrmse(truth, part.nominal) for truth, part in zip(truths, self._parts, strict=True)]
+        after = [nrmse(truth, part.corrected) for truth, part in zip(truths, self._parts, strict=True)]
+        return 1 - float(np.mean(after)) / float(np.mean(before))
+
+    def _modal(self, run: Run, u: FloatArray) -> Modal:
+        modal = self._forward.modal(run, K_B.value(u[0]), acting(self._best.hypothesis.effects(u[1:]), run.support))
+        assert isinstance(modal, Modal)
+        return modal
+
+    def _response(self, run: Run, u: FloatArray, nu: FloatArray) -> ComplexArray:
+        return self._modal(run, u).response(None, nu[self._nuisances.tolerance])

@@ -1,0 +1,113 @@
+"""Rao's score, the starts that it suggests, and the race of candidates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gap.forward import TOLERANCES, Forward
+from gap.search import most_left, pairs, recalibrate, search
+from rotor.effects import AttachedMass, CompliantRigidSupport, FastSweep, PedestalFlexibility, SensorDelay, ShaftModulus
+from rotor.rig import load_rig
+from tests.gap.conftest import BELIEF, K_B, NOISE, RIG, STRUCTURE, both_supports, lines, measure, of, problem_of, truth
+
+
+def problem_with(*effects, seed=0, **settings):
+    problem = problem_of(*both_supports(*effects, seed=seed, **settings))
+    problem.allow_for_tolerances(load_rig(RIG), K_B)
+    return problem
+
+
+def names(fits):
+    return [fit.hypothesis.ids for fit in fits]
+
+
+def test_the_first_order_gain_is_what_a_fit_gains():
+    """A small mass: the score beside the nominal model foresees the misfit that its own fit takes away."""
+    problem = problem_with(AttachedMass(mass=0.018, node=3))
+    nominal = recalibrate(problem)
+    gain, scale, moved = problem.score(nominal).gain([AttachedMass(mass=0.001, node=3)])
+    fit = next(f for f in search(problem, of(problem.runs, "attached_mass"), nominal).fits if f.effects[0].node == 3)
+    assert 0.3 < gain / (nominal.cost - fit.cost) < 1.1
+    assert 0.3 < 0.001 * scale / fit.effects[0].mass < 1.1
+    assert abs(nominal.u[0] + moved[0] - fit.u[0]) < 0.7 * abs(nominal.u[0] - fit.u[0])
+
+
+def test_an_effect_on_the_wrong_side_gains_nothing():
+    problem = problem_with(AttachedMass(mass=0.01, node=3))
+    gain, scale, _ = problem.score(recalibrate(problem)).gain([ShaftModulus(factor=1.001)])
+    assert gain < 0
+    assert scale < 0
+
+
+@pytest.mark.parametrize(
+    ("effect", "rivals"),
+    [
+        # Shifts by several widths, which tolerances alone first take.
+        (ShaftModulus(factor=0.985), ("disk_mass", "axial_load")),
+        # Only the rigid run's own end nodes tell of it: a rough comparison of logarithms prefers none.
+        (CompliantRigidSupport(stiffness=9e8), ("axial_load", "sensor_position")),
+        # Two resonances of its own, narrow ones.
+        (PedestalFlexibility(stiffness=1.02e7, mass=4.2, damping=140.0), ("bearing_damping", "attached_mass")),
+    ],
+)
+def test_the_right_one_wins_the_race(effect, rivals):
+    problem = problem_with(effect)
+    best = search(problem, of(problem.runs, effect.id, *rivals)).fits[0]
+    assert best.hypothesis.ids == (effect.id,)
+    assert best.cost < 1.1 * best.n_data
+    for name in effect.parameters():
+        assert_allclose(getattr(best.effects[0], name), getattr(effect, name), rtol=0.02)
+
+
+def test_a_dwell_is_found_among_its_many_minima():
+    """The transients are in the model only, so the model makes these data."""
+    effect, forward = FastSweep(dwell=1.2), Forward(STRUCTURE, BELIEF)
+    runs = []
+    for run in both_supports():
+        H = forward.modal(run, K_B, [effect]).response()
+        error = (run.H - truth(run)) / np.where(truth(run) == 0, 1.0, truth(run))
+        runs.append(replace(run, H=H * (1 + error), std=NOISE * np.abs(H)))
+    problem = problem_of(*runs)
+    problem.allow_for_tolerances(load_rig(RIG), K_B)
+    best = search(problem, of(problem.runs, "fast_sweep", "bearing_damping", "shaft_damping")).fits[0]
+    assert best.hypothesis.ids == ("fast_sweep",)
+    assert_allclose(best.effects[0].dwell, 1.2, rtol=1e-4)
+
+
+def test_a_second_effect_that_tolerances_hide_is_seen_by_what_is_left():
+    """A softer shaft beside a delay: modulus, span and disks take it up, but at a price."""
+    problem = problem_with(ShaftModulus(factor=0.98), SensorDelay(delay=5e-5, node=3))
+    hypotheses = of(problem.runs, "sensor_delay", "shaft_modulus", "attached_mass")
+    found = search(problem, hypotheses)
+    single = found.fits[0]
+    assert single.hypothesis.ids == ("sensor_delay",)
+    assert most_left(problem, single, hypotheses) > 50
+    both = pairs(problem, found, hypotheses)[0]
+    assert set(both.hypothesis.ids) == {"sensor_delay", "shaft_modulus"}
+    assert both.log_evidence() > single.log_evidence() + 25
+
+
+def test_where_nothing_is_nothing_is_left():
+    problem = problem_with()
+    assert most_left(problem, recalibrate(problem), of(problem.runs, "attached_mass", "shaft_modulus")) < 12
+
+
+def test_tolerances_bend_a_candidate_at_its_own_numbers():
+    """A polished fit no longer takes the nominal rotor's shapes for its own."""
+    problem = problem_with(AttachedMass(mass=0.4, node=3), noise=1e-3)
+    fit = search(problem, of(problem.runs, "attached_mass")).fits[0]
+    assert fit.effects[0].node == 3
+    sigma = np.sqrt(fit.covariance().diagonal())[1]
+    assert abs(fit.u[1] - np.log(0.4)) < 4 * sigma
+    assert np.abs(fit.nu[problem.nuisances.tolerance]).max() < 1e-3
+    assert len(TOLERANCES) == len(fit.nu[problem.nuisances.tolerance])
+
+
+def test_rigid_runs_alone_are_a_problem_of_their_own():
+    problem = problem_with()
+    assert [run.support for run in problem.only("rigid").runs] == ["rigid"]
+    assert problem_of(measure("rigid", frequency_hz=lines("rigid"))).only("rigid") is None

@@ -15,7 +15,7 @@ from gap.adequacy import Adequacy, judge
 from gap.audit import audit, estimate_noise
 from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Shrink, Verdict, Where
-from gap.forward import TOLERANCES, Forward
+from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
 from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Fit, Observed, Problem, observe
@@ -108,12 +108,8 @@ def diagnose(
         from gap.peaks import diagnose_peaks
 
         return Outcome(diagnose_peaks(campaign, exclude, findings), ())
-    forward = forward_of(campaign)
-    structure = forward.structure
-    problem = Problem(forward, [_observed(run) for run in campaign.runs])
-    first = recalibrate(problem)
-    problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)
-    nominal = recalibrate(problem, first)
+    problem, nominal = prepared(campaign)
+    structure = problem.forward.structure
     clock.lap("recalibration")
     laws = candidates(campaign.runs, structure, exclude, nonlinear=True)
     linear = candidates(campaign.runs, structure, exclude)
@@ -130,6 +126,14 @@ def diagnose(
     ranked = _rank(problem, nominal, fits, quality)
     verdict = _verdict(problem, nominal, ranked, quality)
     return _report(campaign, problem, nominal, ranked, quality, verdict, findings, exclude, confirm, clock)
+
+
+def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
+    """A campaign's runs with their errors and model, and the recalibrated nominal model."""
+    problem = Problem(forward_of(campaign), [_observed(run) for run in campaign.runs])
+    first = recalibrate(problem)
+    problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)
+    return problem, recalibrate(problem, first)
 
 
 def _with_laws(
@@ -234,7 +238,7 @@ def nuisance_size(problem: Problem, fit: Fit) -> float:
 
 
 def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
-    if any(effect.family == "nonlinear" for effect in fit.effects):
+    if nonlinear(fit.effects):
         return fit.chi2 < ADEQUATE_NONLINEAR * fit.n_data
     return (
         quality.misfit < ADEQUATE_MISFIT
@@ -245,7 +249,7 @@ def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
 
 def _unknown_score(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     """0 where the best candidate leaves nothing but noise, 1/2 at the threshold, 1 where it leaves a lot."""
-    if any(effect.family == "nonlinear" for effect in fit.effects):
+    if nonlinear(fit.effects):
         left = fit.chi2 / fit.n_data / ADEQUATE_NONLINEAR
         return float(left**2 / (1 + left**2))
     excess = max(
@@ -346,7 +350,7 @@ def _report(
         audit=(*findings, *_noise_finding(problem, quality)),
         excluded=tuple(exclude),
         unknown_score=doubt,
-        calibration=_calibration(problem, best),
+        calibration=calibration(problem, best),
         timing_s=clock.laps,
     )
     return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
@@ -459,7 +463,7 @@ def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:
     return (Finding("noise", "warning", words, "", quality.scale, high),)
 
 
-def _calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
+def calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
     """What the fit says of sensors and of the workshop's tolerances: common to all runs of the rig."""
     nuisances = problem.nuisances
     return {

@@ -153,14 +153,13 @@ class Modal:
 
         A plain difference is no derivative where a resonance shifts by more than a small part of its width.
         """
-        change = other.response(drift, tolerance) - self.response(drift, tolerance)
-        if self.dwell_s is not None or other.dwell_s is not None:
-            return change
+        change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)
         for group in other.groups:
             twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)
             here = None if twin is None else _matched(group, twin)
-            if twin is not None and here is not None:
-                change[:, group.columns] = self._change(twin, other, group, here, drift, tolerance)
+            if twin is None or here is None or self.dwell_s is not None or other.dwell_s is not None:
+                return other.response(drift, tolerance) - self.response(drift, tolerance)
+            change[:, group.columns] = self._change(twin, other, group, here, drift, tolerance)
         return change
 
     def _change(
@@ -259,22 +258,12 @@ class Forward:
 
     def bend(self, run: Run, k_b: float, effects: Sequence[Effect]) -> None:
         """Find how the tolerances bend the modes of a run under these effects, near these numbers."""
-        structure, kind = self.structure, _kind(run, effects)
-        self._bends.pop(kind, None)
-        refined, self.refined = self.refined, False
-        nominal = self._bends.pop(_kind(run, ()), None)
-        try:
-            plain = self._linear(run, k_b, effects).groups
-            others = []
-            for variant in self._variants:
-                self.structure = variant
-                others.append(self._linear(run, k_b, effects).groups)
-        finally:
-            self.structure, self.refined = structure, refined
-            if nominal is not None:
-                self._bends[_kind(run, ())] = nominal
+        plain, *others = (
+            self._on(structure, run, k_b, effects, bends=()).groups for structure in (self.structure, *self._variants)
+        )
         omega = 2 * np.pi * run.frequency_hz
-        self._bends[kind] = [_bend(each, [o[g] for o in others], omega) for g, each in enumerate(plain)]
+        bends = [_bend(each, [o[g] for o in others], omega) for g, each in enumerate(plain)]
+        self._bends[_kind(run, effects)] = bends
 
     def condition(self, run: Run, k_b: float) -> Condition:
         """The test condition of a run."""
@@ -291,19 +280,26 @@ class Forward:
 
     def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> Modal | NonlinearModal:
         """The run's response with these effects. Raises ValueError where an effect is impossible."""
-        if any(effect.family == "nonlinear" for effect in effects):
+        if nonlinear(effects):
             return self._nonlinear(run, k_b, effects)
         return self._linear(run, k_b, effects)
 
     def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
+        local = self.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
+        bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), ())
+        return self._on(self._fine if local else self.structure, run, k_b, effects, bends)
+
+    def _on(
+        self, structure: Structure, run: Run, k_b: float, effects: Sequence[Effect], bends: Sequence[_Bend]
+    ) -> Modal:
+        """The run's response on a structure, with these bends by the tolerances."""
         omega = 2 * np.pi * run.frequency_hz
         condition = self.condition(run, k_b)
         nodes = sorted({channel.node for channel in run.channels})
         groups, sensitivity = [], np.zeros((MODES, len(TOLERANCES)))
-        bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), [])
         for group in channel_groups(effects, nodes):
             columns = np.array([c for c, channel in enumerate(run.channels) if channel.node in group.nodes])
-            made, sensitivity = self._group(run, omega, condition, group.effects, columns, bends)
+            made, sensitivity = self._group(structure, run, omega, condition, group.effects, columns, bends)
             groups.append(made)
         amplitude = run.force_amplitude_N or 1.0
         unit = amplitude if run.quantity == "acceleration" else 1.0
@@ -346,6 +342,7 @@ class Forward:
 
     def _group(
         self,
+        structure: Structure,
         run: Run,
         omega: FloatArray,
         condition: Condition,
@@ -353,8 +350,7 @@ class Forward:
         columns: IntArray,
         bends: Sequence[_Bend],
     ) -> tuple[_Group, FloatArray]:
-        local = self.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
-        model = build_model(self._fine if local else self.structure, condition, effects)
+        model = build_model(structure, condition, effects)
         if model.forces:
             raise ValueError("a nonlinear rotor has no modal form")
         system = model.system
@@ -428,6 +424,11 @@ def acting(effects: Iterable[Effect], support: str) -> tuple[Effect, ...]:
     """The effects that a support lets act."""
     absent = "bearings" if support == "rigid" else "rigid_support"
     return tuple(effect for effect in effects if effect.location != absent)
+
+
+def nonlinear(effects: Iterable[Effect]) -> bool:
+    """Whether one of the effects is nonlinear: such a rotor has no modal form."""
+    return any(effect.family == "nonlinear" for effect in effects)
 
 
 def _key(run: Run) -> tuple:

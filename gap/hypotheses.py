@@ -41,6 +41,9 @@ class Free:
         return float(np.clip(np.exp(u), self.low, self.high)) if self.log else float(u)
 
 
+K_B = Free("k_b", *K_B_RANGE, True)
+
+
 @dataclass(frozen=True)
 class Term:
     """One effect of a candidate, its place fixed or free."""
@@ -71,6 +74,20 @@ class Hypothesis:
     def free(self) -> tuple[Free, ...]:
         """Everything that is fitted, in order."""
         return tuple(free for term in self.terms for free in term.free)
+
+    @property
+    def coordinates(self) -> tuple[Free, ...]:
+        """k_b and everything that is fitted, in the order of a fit's coordinates."""
+        return (K_B, *self.free)
+
+    @property
+    def ends(self) -> FloatArray:
+        """(1 + n_free, 2) ranges of the coordinates."""
+        return np.array([free.ends for free in self.coordinates])
+
+    def clipped(self, u: FloatArray) -> FloatArray:
+        """(1 + n_free,) coordinates within their ranges."""
+        return np.clip(u, *self.ends.T)
 
     def effects(self, u: Sequence[float] | FloatArray) -> tuple[Effect, ...]:
         """The effects for fitted coordinates (n_free,)."""
@@ -180,10 +197,8 @@ def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> I
             for node in [*everyone, *sensors]:
                 yield Term(effect, ((name, node),), tuple(free))
         else:
-            held = _held(runs, structure)
-            for node in range(1, structure.n_nodes + 1):
-                if node not in held:
-                    yield Term(effect, ((name, node),), tuple(free))
+            for node in _moving(runs, structure):
+                yield Term(effect, ((name, node),), tuple(free))
 
 
 def _free(name: str, role: Parameter) -> Free:
@@ -204,9 +219,8 @@ def _free(name: str, role: Parameter) -> Free:
 _TOWARDS_NOTHING, _TOWARDS_NOMINAL = 30.0, 5.0
 
 
-def _held(runs: Sequence[Run], structure: Structure) -> set[int]:
-    """Nodes that no run lets move."""
+def _moving(runs: Sequence[Run], structure: Structure) -> Sequence[int]:
+    """Nodes that some run lets move."""
     if any(run.support == "bearing" for run in runs):
-        return set()
-    stations = list(structure.stations)
-    return {stations.index(node) + 1 for node in structure.support_node if node in stations}
+        return range(1, structure.n_nodes + 1)
+    return structure.free_nodes

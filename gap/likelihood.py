@@ -13,16 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting
-from gap.hypotheses import K_B_RANGE, Free, Hypothesis
+from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting, nonlinear
+from gap.hypotheses import K_B, Hypothesis
 from gap.nonlinear import BoolArray, NonlinearModal
 from rotor.condition import Condition
 from rotor.effects import Effect
 from rotor.rig import Rig
 from rotor.structure import ComplexArray, FloatArray, IntArray
 from sim.campaign import NominalBelief, Run
-
-K_B = Free("k_b", *K_B_RANGE, True)
 
 # Errors below this share of a run's median response are not believed.
 _LEAST_STD = 1e-4
@@ -149,7 +147,7 @@ class Fit:
     @property
     def _prior_precision(self) -> FloatArray:
         """Of (u, nu); an even prior counts by its variance."""
-        width = np.array([f.ends[1] - f.ends[0] for f in (K_B, *self.hypothesis.free)])
+        width = np.ptp(self.hypothesis.ends, axis=1)
         return np.concatenate([12 / width**2, 1 / self.prior_std**2])
 
     @property
@@ -182,7 +180,7 @@ class Problem:
 
     def bend(self, fit: Fit) -> None:
         """Let the tolerances bend the modes of a candidate as they do at its own numbers."""
-        if any(effect.family == "nonlinear" for effect in fit.effects):
+        if nonlinear(fit.effects):
             return
         for run in self.runs:
             self.forward.bend(run, fit.k_b, acting(fit.effects, run.support))
@@ -277,14 +275,7 @@ class Problem:
             r = np.concatenate(parts)
             return r / np.sqrt(1 + np.abs(r))  # grows like the root of large errors
 
-        return _minimise(residual, u, self._scales(hypothesis), self._ends(hypothesis), self.with_k_b, steps)
-
-    def _ends(self, hypothesis: Hypothesis) -> FloatArray:
-        return np.array([f.ends for f in (K_B, *hypothesis.free)])
-
-    def _scales(self, hypothesis: Hypothesis) -> FloatArray:
-        ends = self._ends(hypothesis)
-        return ends[:, 1] - ends[:, 0]
+        return _minimise(residual, u, hypothesis.ends, self.with_k_b, steps)
 
     # -- fine: the data's own errors, nuisances included ---------------------------------------
 
@@ -314,8 +305,8 @@ class Problem:
         return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b)
 
     def _descend(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float, steps: int):
-        ends = self._ends(hypothesis)
-        log = np.array([f.log for f in (K_B, *hypothesis.free)])
+        ends = hypothesis.ends
+        log = np.array([free.log for free in hypothesis.coordinates])
         prior = 1 / self.nuisances.std**2
         n_u = len(u)
         here = self._linearise(hypothesis, u, nu, added)
@@ -334,7 +325,7 @@ class Problem:
                 step = _damped_step(A, g, mu, active)
                 trial_u = np.clip(u + np.where(log, _tamed(step[:n_u]), step[:n_u]), ends[:, 0], ends[:, 1])
                 trial_nu = nu + step[n_u:]
-                value = self._cost(hypothesis, trial_u, trial_nu, added, prior)
+                value = self.cost(hypothesis, trial_u, trial_nu, added)
                 if value < cost:
                     break
             else:
@@ -359,14 +350,11 @@ class Problem:
 
     def cost(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float = 0.0) -> float:
         """Misfit and penalty at a point, with a relative error added to the data's own; inf without a model."""
-        return self._cost(hypothesis, u, nu, added, 1 / self.nuisances.std**2)
-
-    def _cost(self, hypothesis: Hypothesis, u, nu, added: float, prior) -> float:
         try:
             modals = self.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))
         except (ValueError, np.linalg.LinAlgError):
             return np.inf
-        total = float(nu**2 @ prior)
+        total = float(np.sum((nu / self.nuisances.std) ** 2))
         for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
             H = modal.response(*self.nuisances.of_run(nu, r)) * self.nuisances.gains(nu, r, modal)
             total += float(np.sum(np.abs(_residual(observed, H, np.hypot(added, self.model_error))) ** 2))
@@ -405,7 +393,7 @@ class Problem:
         for j, (step, others) in enumerate(moved):
             if step == 0.0 or others[r] is modal:
                 continue
-            columns.append(_change(modal, others[r], own) * gains / step)
+            columns.append(change_of(modal, others[r], own) * gains / step)
             places.append(j)
         columns.append(H)
         places.append(n_u + self.nuisances.gain.start + r)
@@ -427,7 +415,7 @@ class Problem:
         """What more effects change of a fit's prediction, to first order in the shifts of the resonances."""
         before, after = self.modals(fit.k_b, fit.effects), self.modals(fit.k_b, (*fit.effects, *more))
         return [
-            _change(a, b, self.nuisances.of_run(fit.nu, r)) * self.nuisances.gains(fit.nu, r, b)
+            change_of(a, b, self.nuisances.of_run(fit.nu, r)) * self.nuisances.gains(fit.nu, r, b)
             for r, (a, b) in enumerate(zip(before, after, strict=True))
         ]
 
@@ -436,13 +424,13 @@ class Problem:
         modals = self.modals(fit.k_b, fit.effects)
         moved = [self._moved(fit.hypothesis, fit.u, j) for j in range(len(fit.u))]
         parts = [self._slopes(r, modals[r], moved, fit.nu, self.model_error) for r in range(len(self.runs))]
-        return Score(self, fit, self.predict(fit), parts)
+        return Score(self, fit, parts)
 
     def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal | NonlinearModal]]:
         """A small step of one coordinate, into the range, and the models there."""
         if j == 0 and not self.with_k_b:
             return 0.0, []
-        low, high = self._ends(hypothesis)[j]
+        low, high = hypothesis.ends[j]
         step = 1e-5 * (high - low)
         if u[j] + step > high:
             step = -step
@@ -460,12 +448,16 @@ class Score:
     Parameters
     ----------
     problem, fit : where the effect is added
-    model : the fit's response of every run
     parts : of every run its residuals, their derivatives, and which of (u, nu) each belongs to
     """
 
-    def __init__(self, problem: Problem, fit: Fit, model: Sequence[ComplexArray], parts: Sequence[tuple]):
-        self._problem, self._fit, self._model, self._parts = problem, fit, model, parts
+    def __init__(self, problem: Problem, fit: Fit, parts: Sequence[tuple]):
+        self._problem, self._fit, self._parts = problem, fit, parts
+        self._model = problem.predict(fit)
+        self._weights = [
+            _weighted(observed, H, problem.model_error)[0]
+            for observed, H in zip(problem.observed, self._model, strict=True)
+        ]
         self._covariance = fit.covariance()
 
     @property
@@ -486,10 +478,9 @@ class Score:
         except (ValueError, np.linalg.LinAlgError):
             return 0.0, 0.0, np.zeros(len(self._covariance))
         slope, size, shared = 0.0, 0.0, np.zeros(len(self._covariance))
-        for observed, H, change, (residual, J, where) in zip(
-            problem.observed, self._model, changes, self._parts, strict=True
+        for observed, H, weight, change, (residual, J, where) in zip(
+            problem.observed, self._model, self._weights, changes, self._parts, strict=True
         ):
-            weight, _ = _weighted(observed, H, problem.model_error)
             d = _columns(observed, H, change[None], weight)[0]
             slope += float(d @ residual)
             size += float(d @ d)
@@ -511,7 +502,7 @@ _ROUGH = 0.3
 _DAMPING = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)
 
 
-def _change(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
+def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
     """(n_freq, n_channels) change of the response with a run's drifts and tolerances."""
     if isinstance(before, Modal) and isinstance(after, Modal):
         return before.change_to(after, *own)
@@ -581,13 +572,12 @@ def _damped_step(A: FloatArray, g: FloatArray, mu: float, active: BoolArray) -> 
 def _minimise(
     residual: Callable[[FloatArray], FloatArray | None],
     u: FloatArray,
-    scales: FloatArray,
     ends: FloatArray,
     with_k_b: bool,
     steps: int,
 ) -> tuple[FloatArray, float]:
     """A few damped Gauss-Newton steps with forward differences; points without a model are walked round."""
-    x = np.clip(u, ends[:, 0], ends[:, 1])
+    x, scales = np.clip(u, ends[:, 0], ends[:, 1]), np.ptp(ends, axis=1)
     r = residual(x)
     if r is None:
         return x, np.inf

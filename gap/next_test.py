@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 
 from gap.diagnosis import NextTest
-from gap.forward import MODES, Forward, acting
-from gap.likelihood import K_B, Fit, Problem
+from gap.forward import MODES, Forward, acting, nonlinear
+from gap.hypotheses import K_B
+from gap.likelihood import Fit, Problem, change_of
 from rotor.effects import AttachedMass, Effect
 from rotor.effects.library import EFFECTS
 from rotor.structure import ComplexArray, FloatArray, Structure
@@ -142,7 +143,7 @@ def proposals(problem: Problem, fits: Sequence[Fit], campaign: Campaign) -> list
         made += _driven(problem.runs, run, structure, run.support in {r.support for r in problem.runs})
     run = _template(problem.runs, "bearing", lines)
     here = f"on {_support(run.support)} at node {run.excitation_node}"
-    if any(effect.family == "nonlinear" for fit in fits for effect in fit.effects):
+    if any(nonlinear(fit.effects) for fit in fits):
         force = run.force_amplitude_N or 1.0
         levels = tuple(replace(run, force_amplitude_N=factor * force) for factor in _LEVELS)
         made.append(Proposal(f"Drive the rotor {here} at a third and at three times the force", levels, 0.0))
@@ -160,7 +161,7 @@ def proposals(problem: Problem, fits: Sequence[Fit], campaign: Campaign) -> list
 def _driven(runs: Sequence[Run], run: Run, structure: Structure, measured: bool) -> Iterator[Proposal]:
     """Every free drive node that was not used on this support; the node in use, where the support is new."""
     used = {r.excitation_node for r in runs if r.support == run.support}
-    nodes = [node for node in _free(run, structure) if node not in used] if measured else [run.excitation_node]
+    nodes = [node for node in structure.free_nodes if node not in used] if measured else [run.excitation_node]
     for node in nodes:
         words = f"Drive the rotor on {_support(run.support)} at node {node}, accelerometers as they are"
         yield Proposal(words, (replace(run, excitation_node=node),), 0.0)
@@ -168,16 +169,9 @@ def _driven(runs: Sequence[Run], run: Run, structure: Structure, measured: bool)
 
 def _weighted_down(run: Run, structure: Structure, here: str) -> Iterator[Proposal]:
     mass = float(f"{_ADDED * _total_mass(structure):.1g}")
-    for node in _free(run, structure):
+    for node in structure.free_nodes:
         words = f"Clamp a known mass of {mass:g} kg to node {node}, add it to the rig file, and repeat the run {here}"
         yield Proposal(words, (run,), 0.0, (AttachedMass(mass=mass, node=node),))
-
-
-def _free(run: Run, structure: Structure) -> list[int]:
-    """Nodes between the supports: there a shaker or a clamp has room."""
-    stations = list(structure.stations)
-    held = {stations.index(node) + 1 for node in structure.support_node if node in stations}
-    return [node for node in range(1, structure.n_nodes + 1) if node not in held]
 
 
 def _total_mass(structure: Structure) -> float:
@@ -271,13 +265,14 @@ class _View:
 
     def _by_number(self, run: Run, H: ComplexArray, j: int) -> ComplexArray:
         """Derivative by a coordinate; none of a nonlinear member, which would take too long."""
-        if any(effect.family == "nonlinear" for effect in self.fit.effects):
+        if nonlinear(self.fit.effects):
             return np.zeros_like(H)
-        ends = (K_B, *self.fit.hypothesis.free)[j].ends
+        ends = self.fit.hypothesis.ends[j]
         step = 1e-5 * (ends[1] - ends[0]) * (1 if self.fit.u[j] < np.mean(ends) else -1)
         u = self.fit.u.copy()
         u[j] += step
-        return (self._respond(run, u) - H) / step
+        own = (np.zeros(MODES), self._tolerance)
+        return change_of(self._modal(run, self.fit.u), self._modal(run, u), own) * self._gains(run) / step
 
     def _new_sensors(self) -> list[Channel]:
         return [channel for channel in self.sensors if channel not in self.problem.nuisances.sensors]

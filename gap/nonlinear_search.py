@@ -16,7 +16,7 @@ import numpy as np
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import Fit, Observed, Problem
 from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH
-from gap.search import Progress, Search, recalibrate
+from gap.search import Progress, Search, best_first, recalibrate
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
@@ -99,20 +99,14 @@ def search_nonlinear(
     every = problem.thinned(_FIT_LINES, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
     first = [_fitted(every, start, rounds=1, steps=3) for start in left if start.cost < _WITHIN * left[0].cost]
-    fits = sorted((fit for fit in first if fit is not None), key=_loss_of)[:_FINALISTS]
-    again = [
-        robust_fit(every, fit.hypothesis, fit.u, fit.nu) for fit in fits if _loss_of(fit) < _loss_of(fits[0]) + _CLEAR
-    ]
+    fits = sorted((fit for fit in first if fit is not None), key=lambda fit: fit.cost)[:_FINALISTS]
+    again = [robust_fit(every, fit.hypothesis, fit.u, fit.nu) for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [fit for fit in again if fit is not None] + fits[len(again) :]
-    return every, Search(nominal, tuple(sorted(fits, key=lambda fit: fit.log_weight, reverse=True)))
+    return every, Search(nominal, tuple(best_first(fits)))
 
 
 def _fitted(problem: Problem, start: _Start, **settings: int) -> Fit | None:
     return robust_fit(problem, start.hypothesis, start.u, start.nu, **settings)
-
-
-def _loss_of(fit: Fit) -> float:
-    return fit.chi2 + fit.penalty
 
 
 def _cost(start: _Start) -> float:

@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2 as chi2_distribution
 
 from gap.diagnosis import Band, Cause, Diagnosis, Estimate, Finding, Location, NextTest, Where
-from gap.hypotheses import K_B_RANGE, Free, Hypothesis, candidates
+from gap.hypotheses import K_B, Hypothesis, candidates
 from gap.resonances import Resonances, Rotor
 from rotor.rig import load_rig
 from rotor.structure import FloatArray
@@ -55,8 +55,6 @@ _DAMPING_ONLY = ("shaft_damping", "bearing_damping")
 
 # Candidates at least so probable, beside the first, are not told apart from it.
 _RIVAL = 0.05
-
-_K_B = Free("k_b", *K_B_RANGE, True)
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ class Scored:
     @property
     def k_b(self) -> Estimate | None:
         """Bearing stiffness with its standard error."""
-        value = _K_B.value(self.u[0])
+        value = K_B.value(self.u[0])
         return Estimate(value, float(value * self.std[0]), "N/m") if self.with_k_b else None
 
     @property
@@ -266,7 +264,7 @@ class Lists:
 
     def score(self, hypothesis: Hypothesis) -> Scored:
         """Evidence on a grid that is narrowed to where lists of small errors have their likelihood."""
-        ends = np.array([free.ends for free in (_K_B, *hypothesis.free)])
+        ends = hypothesis.ends
         box = ends.copy()
         log_p, axes = np.zeros(1), []
         for inflate in self._inflations():
@@ -325,7 +323,7 @@ class Lists:
 
     def polished(self, scored: Scored) -> Scored:
         """The best point off the grid, and the peaks matched there."""
-        ends = np.array([free.ends for free in (_K_B, *scored.hypothesis.free)])
+        ends = scored.hypothesis.ends
         low, width = ends[:, 0], ends[:, 1] - ends[:, 0]
 
         def cost(x: FloatArray) -> float:

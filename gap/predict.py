@@ -10,7 +10,7 @@ import numpy as np
 
 from gap.diagnose import forward_of
 from gap.diagnosis import SCHEMA
-from gap.forward import TOLERANCES, acting
+from gap.forward import TOLERANCES, acting, nonlinear
 from gap.nonlinear import FINAL
 from rotor.effects import Effect
 from rotor.effects.library import EFFECTS
@@ -61,7 +61,7 @@ def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predic
     for run in campaign.runs:
         before = forward.modal(run, nominal_k_b).response()
         there = acting(effects, run.support)
-        if not any(effect.family == "nonlinear" for effect in there):
+        if not nonlinear(there):
             forward.bend(run, k_b, there)
         after = forward.modal(run, k_b, there)
         gains = [float(calibration.get("sensor_gain", {}).get(str(channel), 1.0)) for channel in run.channels]

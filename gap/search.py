@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis, Term
-from gap.likelihood import K_B, Fit, Problem, Score
+from gap.likelihood import Fit, Problem, Score
 from rotor.condition import Condition
 from rotor.structure import FloatArray
 
@@ -131,7 +131,7 @@ def search(
 
 def _close(nominal: Fit) -> bool:
     outside = np.abs(nominal.nu / nominal.prior_std).max()
-    return nominal.chi2 + nominal.penalty < _NEAR * nominal.n_data and bool(outside < _CALM)
+    return nominal.cost < _NEAR * nominal.n_data and bool(outside < _CALM)
 
 
 def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], progress: Progress | None) -> list[Fit]:
@@ -232,7 +232,7 @@ def _promises(score: Score, fit: Fit, hypothesis: Hypothesis, pair: Hypothesis |
     for point in _from_nominal(fit, hypothesis, score.condition):
         gain, scale, moved = score.gain(hypothesis.effects(point[1:]))
         stronger = _scaled(term, point[1:], scale, score.condition)
-        u = fit.u if stronger is None else np.clip(fit.u + moved[: len(fit.u)], *_ends(fit))
+        u = fit.u if stronger is None else fit.hypothesis.clipped(fit.u + moved[: len(fit.u)])
         nu = fit.nu if stronger is None else fit.nu + moved[len(fit.u) :]
         start = Start(pair or hypothesis, np.concatenate([u, point[1:] if stronger is None else stronger]), nu)
         found.append(_Promise(-np.inf if stronger is None else abs(gain), start))
@@ -259,11 +259,6 @@ def _scanned(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[_Promis
 
 # Such grids, finer and finer: half width of the number's logarithm, points, and the relative error that is added.
 _SCANS = ((4.5, 400, 0.3), (0.03, 100, 0.1), (1.5e-3, 60, 0.03), (8e-5, 40, 0.0))
-
-
-def _ends(fit: Fit) -> FloatArray:
-    """(2, 1 + n_free) ranges of a fit's coordinates."""
-    return np.array([free.ends for free in (K_B, *fit.hypothesis.free)]).T
 
 
 def _scaled(term: Term, point: FloatArray, scale: float, condition: Condition) -> FloatArray | None:

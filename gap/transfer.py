@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.curves import nrmse
-from gap.forward import Forward, Modal, acting
-from gap.likelihood import K_B, Fit, Problem
+from gap.forward import Forward, Modal, acting, nonlinear
+from gap.hypotheses import K_B
+from gap.likelihood import Fit, Problem
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
 
@@ -29,7 +30,7 @@ def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -
     nominal, best : the recalibrated nominal model and the corrected one
     scale : true over believed standard error
     """
-    if any(effect.family == "nonlinear" for effect in best.effects):
+    if nonlinear(best.effects):
         return (np.nan, np.nan)
     rng = np.random.default_rng(0)
     tests = [_Test(problem, nominal, best, node) for node in _other_nodes(problem)]
@@ -43,11 +44,8 @@ def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -
 
 def _other_nodes(problem: Problem) -> list[int]:
     """Nodes that can be driven on every support and that no run drove."""
-    structure = problem.forward.structure
-    stations = list(structure.stations)
-    held = {stations.index(node) + 1 for node in structure.support_node if node in stations}
     driven = {run.excitation_node for run in problem.runs}
-    return [node for node in range(1, structure.n_nodes + 1) if node not in held | driven]
+    return [node for node in problem.forward.structure.free_nodes if node not in driven]
 
 
 def _draws(best: Fit, scale: float, rng: np.random.Generator) -> list[tuple[FloatArray, FloatArray]]:
@@ -57,9 +55,8 @@ def _draws(best: Fit, scale: float, rng: np.random.Generator) -> list[tuple[Floa
         covariance[0, :] = covariance[:, 0] = 0.0
     mean = np.concatenate([best.u, best.nu])
     drawn = rng.multivariate_normal(mean, (covariance + covariance.T) / 2, size=_DRAWS, method="eigh")
-    ends = np.array([free.ends for free in (K_B, *best.hypothesis.free)]).T
     n = len(best.u)
-    return [(np.clip(each[:n], *ends), each[n:]) for each in drawn]
+    return [(best.hypothesis.clipped(each[:n]), each[n:]) for each in drawn]
 
 
 @dataclass(frozen=True)
@@ -83,9 +80,8 @@ class _Test:
             there = replace(run, excitation_node=node, quantity="accelerance", harmonics={})
             effects = acting(best.effects, run.support)
             self._forward.bend(there, best.k_b, effects)
-            gains = problem.nuisances.gains(best.nu, r, self._modal(there, best.u)) / np.exp(
-                best.nu[problem.nuisances.gain][r]
-            )
+            run_gain = np.exp(best.nu[problem.nuisances.gain][r])
+            gains = problem.nuisances.gains(best.nu, r, self._modal(there, best.u)) / run_gain
             corrected = self._response(there, best.u, best.nu) * gains
             plain = self._forward.modal(there, nominal.k_b).response()
             self._parts.append(_Part(there, plain, corrected))

@@ -211,20 +211,12 @@ def _write_control(
 
 def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]:
     """What a diagnosis.json has to say for a prediction: these candidates alone, the best of them as the cause."""
-    from gap.audit import estimate_noise
-    from gap.diagnose import forward_of
+    from gap.diagnose import calibration, prepared
     from gap.diagnosis import SCHEMA as OF_DIAGNOSIS
-    from gap.forward import TOLERANCES
-    from gap.likelihood import Problem, observe
-    from gap.search import recalibrate, search
-    from rotor.rig import load_rig
+    from gap.search import search
 
-    runs = measured.runs
-    stds = [run.std if run.std is not None else estimate_noise(run).std for run in runs]
-    problem = Problem(forward_of(measured), [observe(run, np.asarray(s)) for run, s in zip(runs, stds, strict=True)])
-    problem.allow_for_tolerances(load_rig(measured.rig), recalibrate(problem).k_b)
-    found = search(problem, hypotheses)
-    best, nuisances = found.fits[0], problem.nuisances
+    problem, nominal = prepared(measured)
+    best = search(problem, hypotheses, nominal).fits[0]
     (term,) = best.hypothesis.terms
     free = {f.name: f.value(u) for f, u in zip(term.free, best.u[1:], strict=True)}
     return {
@@ -232,7 +224,7 @@ def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]
         "verdict": "cause",
         "rig": Path(measured.rig).name,
         "where": {},
-        "nominal": {"k_b": {"value": found.nominal.k_b}},
+        "nominal": {"k_b": {"value": nominal.k_b}},
         "causes": [
             {
                 "effects": [term.effect.id],
@@ -241,13 +233,7 @@ def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]
                 "k_b": {"value": best.k_b},
             }
         ],
-        "calibration": {
-            "sensor_gain": {
-                str(channel): float(np.exp(value))
-                for channel, value in zip(nuisances.sensors, best.nu[nuisances.sensor], strict=True)
-            },
-            "tolerance": dict(zip(TOLERANCES, map(float, best.nu[nuisances.tolerance]), strict=True)),
-        },
+        "calibration": calibration(problem, best),
     }
 
 

@@ -63,6 +63,12 @@ class Structure:
         """Number of rig nodes (those with a number, not the mesh's own)."""
         return len(self.stations)
 
+    @property
+    def free_nodes(self) -> tuple[int, ...]:
+        """Rig nodes without a support, from 1: those that a rigid support lets move."""
+        held = set(self.support_node.tolist())
+        return tuple(node for node, station in enumerate(self.stations.tolist(), start=1) if station not in held)
+
     def dof(self, node: int, plane: int) -> int:
         """Full index of a rig node's deflection; node from 1, plane 1 = y or 2 = z.
 

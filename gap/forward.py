@@ -180,6 +180,11 @@ class Modal:
         turned = (other._force(Y[:, -1]) - force)[:, None] * chain + force[:, None] * (group.chain - chain)
         return driven * chain + Y[:, :-1] * turned
 
+    def driven_and_read_by(self, effects: Sequence[Effect]) -> Modal:
+        """The same rotor with these effects, of which those on the rotor are the same."""
+        groups = (replace(g, chain=_chain(effects, self.run, g.columns)) for g in self.groups)
+        return replace(self, groups=tuple(groups), effects=tuple(effects))
+
     @property
     def dwell_s(self) -> float | None:
         """Time after which every line is read, settled or not; None: when it has settled."""
@@ -194,22 +199,19 @@ class Modal:
         detection takes the mean of e^{(lambda - i omega) t}. Accelerometers read lambda^2 of a transient.
         """
         assert self.dwell_s is not None
-        order = np.arange(len(self.omega))
-        if self.run.sweep == "down":
-            order = order[::-1]
+        order = np.arange(len(self.omega))[:: -1 if self.run.sweep == "down" else 1]
+        w = self.omega[order, None]
+        T, own, steady = 2 * np.pi / w, poles - 1j * w, 1 / (1j * w - poles)
+        phase = np.exp(1j * self.dwell_s * np.cumsum(w, axis=0))  # at the end of every dwell
+        turn = np.exp(1j * w * self.dwell_s)
+        decay = np.exp(own * (self.dwell_s + T))
+        after = _affine(turn * decay, phase * steady * (1 - decay))
+        before = np.vstack([np.zeros(len(poles)), after[:-1]])
+        left = (before / phase * turn - steady) * np.exp(own * self.dwell_s)
         twin = np.abs(poles[:, None] - poles.conj()).argmin(axis=1)
-        seen = np.zeros((len(self.omega), len(poles)), dtype=complex)
-        xi, phase = np.zeros(len(poles), dtype=complex), 1.0 + 0j
-        for n in order:
-            w = self.omega[n]
-            T, own = 2 * np.pi / w, poles - 1j * w
-            steady = -1 / own
-            left = (xi / phase - steady) * np.exp(own * self.dwell_s)
-            phase *= np.exp(1j * w * self.dwell_s)
-            image = left[twin].conj() / phase**2
-            seen[n] = (left - image) * np.expm1(own * T) / (own * T) * (poles / (1j * w)) ** 2
-            xi = phase * (steady + left * np.exp(own * T))
-            phase /= abs(phase)
+        image = left[:, twin].conj() / phase**2
+        seen = np.empty((len(w), len(poles)), dtype=complex)
+        seen[order] = (left - image) * np.expm1(own * T) / (own * T) * (poles / (1j * w)) ** 2
         return seen
 
     def _force_slope(self, drive: ComplexArray, force: ComplexArray) -> ComplexArray:
@@ -367,11 +369,10 @@ class Forward:
         space = StateSpace(system, condition.spin_speed, limit)
         poles, residues = space.poles(exciter[:, None], outputs)
         rest = space.beyond(omega, exciter[:, None], outputs)[:, :, 0]
-        factors = [channel_factor(effects, omega, run.channels[c].node) for c in columns]
         top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
         mode = _numbers(poles, top)
         bent, aside = _bent(bends, omega, columns, poles, residues[:, 0], mode)
-        made = _Group(columns, poles, residues[:, 0], mode, rest, np.array(factors).T, bent, aside)
+        made = _Group(columns, poles, residues[:, 0], mode, rest, _chain(effects, run, columns), bent, aside)
         return made, self._sensitivity(system)
 
     def _sensitivity(self, system: LinearSystem) -> FloatArray:
@@ -400,6 +401,22 @@ def _unshifted(group: _Group, drift: FloatArray | None) -> FloatArray:
     return 1 / (1 + np.where(group.mode >= 0, drift[group.mode], 0.0))
 
 
+def _chain(effects: Sequence[Effect], run: Run, columns: IntArray) -> ComplexArray:
+    """(n_freq, n_columns) reported over true response of some channels."""
+    omega = 2 * np.pi * run.frequency_hz
+    return np.array([channel_factor(effects, omega, run.channels[c].node) for c in columns]).T
+
+
+def _affine(a: ComplexArray, b: ComplexArray) -> ComplexArray:
+    """(n, ...) x_k = a_k x_(k-1) + b_k from x_(-1) = 0, all at once: maps of 1, 2, 4, ... steps are composed."""
+    a, b, reach = a.copy(), b.copy(), 1
+    while reach < len(a):
+        b[reach:] = a[reach:] * b[:-reach] + b[reach:]
+        a[reach:] = a[reach:] * a[:-reach]
+        reach *= 2
+    return b
+
+
 def _driven(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:
     """(n_freq, n_channels) change of the sensors' motion where the force changes with the exciter's own motion."""
     return dY[:, :-1] * force[:, None] + Y[:, :-1] * (slope * dY[:, -1])[:, None]
@@ -426,6 +443,11 @@ def acting(effects: Iterable[Effect], support: str) -> tuple[Effect, ...]:
     return tuple(effect for effect in effects if effect.location != absent)
 
 
+def on_the_rotor(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """The effects that change the rotor or its supports; the others change how it is driven and read."""
+    return tuple(effect for effect in effects if type(effect).add_to is not Effect.add_to)
+
+
 def nonlinear(effects: Iterable[Effect]) -> bool:
     """Whether one of the effects is nonlinear: such a rotor has no modal form."""
     return any(effect.family == "nonlinear" for effect in effects)
@@ -437,8 +459,9 @@ def _key(run: Run) -> tuple:
 
 def _kind(run: Run, effects: Sequence[Effect]) -> tuple:
     """What a bend belongs to: a run, and effects at their nodes, whatever their numbers."""
-    nodes = [tuple(getattr(e, name) for name, place in e.places().items() if place.kind == "node") for e in effects]
-    return _key(run), tuple((e.id, *at) for e, at in zip(effects, nodes, strict=True))
+    there = on_the_rotor(effects)
+    nodes = [tuple(getattr(e, name) for name, place in e.places().items() if place.kind == "node") for e in there]
+    return _key(run), tuple((e.id, *at) for e, at in zip(there, nodes, strict=True))
 
 
 def _bend(plain: _Group, others: Sequence[_Group], omega: FloatArray) -> _Bend:

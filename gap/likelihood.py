@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting, nonlinear
+from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting, nonlinear, on_the_rotor
 from gap.hypotheses import K_B, Hypothesis
 from gap.nonlinear import BoolArray, NonlinearModal
 from rotor.condition import Condition
@@ -202,7 +202,12 @@ class Problem:
         if key not in self._memory:
             if len(self._memory) >= _MEMORY:
                 self._memory.pop(next(iter(self._memory)))
-            self._memory[key] = self.forward.modal(run, k_b, there)
+            rotor = on_the_rotor(there)
+            plain = self._modal(r, k_b, rotor) if len(rotor) < len(there) else None
+            if isinstance(plain, Modal):
+                self._memory[key] = plain.driven_and_read_by(there)
+            else:
+                self._memory[key] = self.forward.modal(run, k_b, there)
         return self._memory[key]
 
     def predict(self, fit: Fit) -> list[ComplexArray]:
@@ -225,8 +230,8 @@ class Problem:
         some = [o for o in self.observed if o.run.support == support]
         return Problem(self.forward, some, self.model_error) if 0 < len(some) < len(self.observed) else None
 
-    def thinned(self, every: int, model_error: float) -> Problem:
-        """The same on every n-th line of every run, with another model error."""
+    def thinned(self, every: int, model_error: float | None = None) -> Problem:
+        """The same on every n-th line of every run, with another model error where one is given."""
         some = [
             Observed(
                 replace(
@@ -240,14 +245,12 @@ class Problem:
             )
             for o in self.observed
         ]
-        return Problem(self.forward, some, model_error)
+        return Problem(self.forward, some, self.model_error if model_error is None else model_error)
 
     # -- rough: logarithms, without nuisances --------------------------------------------------
 
-    def rough(
-        self, hypothesis: Hypothesis, u: FloatArray, *, steps: int = 8, every: int = 3
-    ) -> tuple[FloatArray, float]:
-        """Bring a start near the data: least squares of ln(model / data), bounded, by few lines.
+    def rough(self, hypothesis: Hypothesis, u: FloatArray, steps: int) -> tuple[FloatArray, float]:
+        """Bring a start near the data: least squares of ln(model / data), bounded.
 
         Returns
         -------
@@ -261,10 +264,10 @@ class Problem:
                 return None
             parts = []
             for observed, modal in zip(self.observed, modals, strict=True):
-                y = observed.run.H[::every]
-                H = _thin(modal, every).response()
+                y = observed.run.H
+                H = modal.response()
                 usable = np.isfinite(y) & (np.abs(y) > _SILENT * np.nanmax(np.abs(y))) & (np.abs(H) > 0)
-                usable &= observed.std[::every] < 0.5 * np.abs(y)
+                usable &= observed.std < 0.5 * np.abs(y)
                 ratio = np.where(usable, H / np.where(usable, y, 1.0), 1.0)
                 log = np.log(np.abs(ratio))
                 if observed.run.quantity == "acceleration" and usable.any():
@@ -507,16 +510,6 @@ def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own
     if isinstance(before, Modal) and isinstance(after, Modal):
         return before.change_to(after, *own)
     return after.response(*own) - before.response(*own)
-
-
-def _thin(modal: Modal | NonlinearModal, every: int) -> Modal | NonlinearModal:
-    """The same response on every n-th line."""
-    if every == 1 or isinstance(modal, NonlinearModal):
-        return modal
-    groups = tuple(
-        replace(g, rest=g.rest[::every], chain=g.chain[::every], aside=g.aside[:, ::every]) for g in modal.groups
-    )
-    return replace(modal, omega=modal.omega[::every], scale=modal.scale[::every], groups=groups)
 
 
 def _residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:

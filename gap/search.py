@@ -33,6 +33,12 @@ _WORTH_GAIN, _WORTH_MISFIT = 0.3, 40.0
 # At least so many candidates are raced.
 _AT_LEAST = 12
 
+# Rough descents see every third line, those of pairs every fifth.
+_THIRD, _FIFTH = 3, 5
+
+# Their steps from all points, and from so many points of every candidate, the lowest.
+_DOWN, _CARRIED = (2, 6), 3
+
 # Starts of one candidate that run on.
 _RIVALS = 2
 
@@ -66,7 +72,7 @@ _BEHIND, _HOPELESS = 2.0, 400.0
 _LEADERS, _RIGID_LEADERS = 3, 2
 
 # Pairs that are raced: the most promising to first order, and by a rough fit.
-_BY_GAIN, _BY_ROUGH = 24, 16
+_BY_GAIN, _BY_ROUGH, _PAIR_STEPS = 24, 16, 5
 
 
 @dataclass(frozen=True)
@@ -101,8 +107,9 @@ def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
     if not problem.with_k_b:
         return problem.fit(NOMINAL, np.array([np.log(1e7)]))
     starts = np.geomspace(*K_B_RANGE, _K_B_STARTS)
-    rough = [problem.rough(NOMINAL, np.array([np.log(start)])) for start in starts]
-    best = min(rough, key=lambda found: found[1])[0]
+    few = problem.thinned(_THIRD)
+    rough = [few.rough(NOMINAL, np.array([np.log(start)]), sum(_DOWN)) for start in starts]
+    best = min(rough, key=_cost)[0]
     return problem.fit(NOMINAL, best)
 
 
@@ -123,7 +130,7 @@ def search(
     """
     nominal = nominal or recalibrate(problem)
     if _close(nominal):
-        fits = race(problem, _weak_starts(problem, hypotheses, nominal, progress), CLOSE, progress)
+        fits = race(problem, weak_starts(problem, hypotheses, nominal, progress), CLOSE, progress)
     else:
         fits = race(problem, _rough_starts(problem, hypotheses, nominal, progress), FAR, progress)
     return Search(nominal, tuple(fits))
@@ -185,27 +192,59 @@ def _rough_starts(
     problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None
 ) -> list[Start]:
     """Starts of the candidates whose rough cost is near the best one's, most promising first."""
-    base = problem.rough(NOMINAL, nominal.u[:1])[0] if problem.with_k_b else nominal.u[:1]
+    few = problem.thinned(_THIRD)
+    base = few.rough(NOMINAL, nominal.u[:1], sum(_DOWN))[0] if problem.with_k_b else nominal.u[:1]
     score = problem.score(nominal)
-    rough: list[tuple[float, float, list[Start]]] = []
+    rough: list[_Rough] = []
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
         points = [np.concatenate([base, start]) for start in hypothesis.starts()]
-        found = [problem.rough(hypothesis, point) for point in points]
-        found.sort(key=lambda pair: pair[1])
+        found = _down(few, hypothesis, points)
         weak = (_scanned(problem, hypothesis, nominal) or _promises(score, nominal, hypothesis))[0]
-        chosen = [_begin(hypothesis, x, nominal) for x, _ in found[:_RIVALS]]
-        rough.append((found[0][1], weak.gain, [*chosen, *([weak.start] if weak.gain > 0 else [])]))
-    rough.sort(key=lambda entry: entry[0])
-    limit = _WORTH_FACTOR * rough[0][0] + _WORTH if rough else 0.0
-    told = sorted((gain for _, gain, _ in rough), reverse=True)[:_AT_LEAST]
-    worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e[0] <= limit or e[1] >= told[-1]]
-    return [start for _, _, starts in worth for start in starts]
+        rough.append(_Rough(hypothesis, found, weak))
+    rough.sort(key=lambda each: each.cost)
+    limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
+    told = sorted((each.weak.gain for each in rough), reverse=True)[:_AT_LEAST]
+    worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost <= limit or e.weak.gain >= told[-1]]
+    return [start for each in worth for start in each.starts(nominal)]
 
 
-def _weak_starts(
-    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None
+@dataclass(frozen=True)
+class _Rough:
+    """A candidate after a rough descent."""
+
+    hypothesis: Hypothesis
+    found: list[tuple[FloatArray, float]]  # coordinates and cost, best first
+    weak: _Promise
+
+    @property
+    def cost(self) -> float:
+        return self.found[0][1]
+
+    def starts(self, nominal: Fit) -> list[Start]:
+        """Where its fits begin."""
+        chosen = [_begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
+        return [*chosen, self.weak.start] if self.weak.gain > 0 else chosen
+
+
+def _down(few: Problem, hypothesis: Hypothesis, points: Sequence[FloatArray]) -> list[tuple[FloatArray, float]]:
+    """Rough descents from all points, the best ones carried on; coordinates and cost, best first."""
+    first = _best([few.rough(hypothesis, point, _DOWN[0]) for point in points])
+    return _best([few.rough(hypothesis, x, _DOWN[1]) for x, _ in first[:_CARRIED]])
+
+
+def _best(found: list[tuple[FloatArray, float]]) -> list[tuple[FloatArray, float]]:
+    """By cost."""
+    return sorted(found, key=_cost)
+
+
+def _cost(found: tuple[FloatArray, float]) -> float:
+    return found[1]
+
+
+def weak_starts(
+    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None = None
 ) -> list[Start]:
     """Starts next to the nominal model of the candidates that could explain most to first order."""
     score = problem.score(nominal)
@@ -213,8 +252,8 @@ def _weak_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        tried = (_scanned(problem, hypothesis, nominal) or _promises(score, nominal, hypothesis))[:_RIVALS]
-        found.append((tried[0].gain, [promise.start for promise in tried]))
+        tried = _scanned(problem, hypothesis, nominal) or _promises(score, nominal, hypothesis)
+        found.append((tried[0].gain, [promise.start for promise in tried[:_RIVALS]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0
     return [
@@ -264,26 +303,30 @@ _SCANS = ((4.5, 400, 0.3), (0.03, 100, 0.1), (1.5e-3, 60, 0.03), (8e-5, 40, 0.0)
 def _scaled(term: Term, point: FloatArray, scale: float, condition: Condition) -> FloatArray | None:
     """A weak effect made so many times stronger; None where its range is on the other side of nothing.
 
-    An effect of several numbers stays as it is: more than one of them says how strong it is.
+    Numbers of which not one alone decides whether the effect does something stay as they are.
     """
-    strengths = [k for k, free in enumerate(term.free) if free.name != "position"]
-    free, at = term.free[strengths[0]], point.copy()
-    null = _null(term, free, condition)
-    if scale <= 0 and not (null is not None and free.low < null < free.high):
+    nulls = {k: _null(term, free, condition) for k, free in enumerate(term.free) if free.name != "position"}
+    known = {k: null for k, null in nulls.items() if null is not None}
+    both_ways = known and all(term.free[k].low < null < term.free[k].high for k, null in known.items())
+    if scale <= 0 and not both_ways:
         return None
-    if len(strengths) > 1 or null is None:
-        return at
-    k = strengths[0]
-    if free.log and null == 0:
-        at[k] += np.log(scale)
-    elif np.isinf(null):
-        at[k] -= np.log(scale)
-    elif free.log:
-        at[k] = np.log(max(null + scale * (np.exp(at[k]) - null), free.low))
-    else:
-        at[k] = null + scale * (at[k] - null)
-    at[k] = np.clip(at[k], *free.ends)
+    at = point.copy()
+    for k, null in known.items():
+        at[k] = _stronger(term.free[k], at[k], null, scale)
     return at
+
+
+def _stronger(free: Free, u: float, null: float, scale: float) -> float:
+    """A coordinate so many times as far from the value at which its number does nothing."""
+    if np.isinf(null):
+        moved = u - np.log(scale)
+    elif free.log and null == 0:
+        moved = u + np.log(scale)
+    elif free.log:
+        moved = np.log(max(null + scale * (np.exp(u) - null), free.low))
+    else:
+        moved = null + scale * (u - null)
+    return float(np.clip(moved, *free.ends))
 
 
 def _several(hypothesis: Hypothesis) -> bool:
@@ -349,6 +392,7 @@ def pairs(
     by_gain: list[_Promise] = []
     by_rough: list[tuple[float, Start]] = []
     leaders = _leaders(problem, found, hypotheses)
+    few = problem.thinned(_FIFTH)
     for number, leader in enumerate(leaders):
         score = problem.score(leader)
         for second in hypotheses:
@@ -359,13 +403,13 @@ def pairs(
             pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
             by_gain += _promises(score, leader, second, pair)
             for start in second.starts():
-                x, cost = problem.rough(pair, np.concatenate([leader.u, start]), steps=0, every=5)
+                x, cost = few.rough(pair, np.concatenate([leader.u, start]), 0)
                 by_rough.append((cost, _begin(pair, x, leader)))
     by_gain.sort(key=lambda promise: promise.gain, reverse=True)
     by_rough.sort(key=lambda entry: entry[0])
     starts = [promise.start for promise in by_gain[:_BY_GAIN]]
     for _, start in by_rough[: 2 * _BY_ROUGH]:
-        x, cost = problem.rough(start.hypothesis, start.u, steps=5, every=5)
+        x, _ = few.rough(start.hypothesis, start.u, _PAIR_STEPS)
         starts.append(Start(start.hypothesis, x, start.nu))
     return race(problem, starts, FAR, progress)
 

@@ -30,7 +30,7 @@ def two_runs(*effects, seed=0, **settings):
 def fitted(problem, hypothesis):
     """A candidate from the middle of its range and the nominal model's stiffness."""
     start = np.concatenate([recalibrate(problem).u[:1], hypothesis.starts()[len(hypothesis.starts()) // 2]])
-    return problem.fit(hypothesis, problem.rough(hypothesis, start)[0])
+    return problem.fit(hypothesis, problem.rough(hypothesis, start, 8)[0])
 
 
 def sigmas(fit, place, truth):

@@ -9,9 +9,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gap.forward import TOLERANCES, Forward
-from gap.search import most_left, pairs, recalibrate, search
-from rotor.effects import AttachedMass, CompliantRigidSupport, FastSweep, PedestalFlexibility, SensorDelay, ShaftModulus
+from gap.search import most_left, pairs, recalibrate, search, weak_starts
+from rotor.effects import (
+    AttachedMass,
+    CompliantRigidSupport,
+    FastSweep,
+    PedestalFlexibility,
+    SensorDelay,
+    SensorGain,
+    ShaftModulus,
+)
 from rotor.rig import load_rig
+from sim.campaign import Channel
 from tests.gap.conftest import BELIEF, K_B, NOISE, RIG, STRUCTURE, both_supports, lines, measure, of, problem_of, truth
 
 
@@ -61,6 +70,30 @@ def test_the_right_one_wins_the_race(effect, rivals):
     assert best.cost < 1.1 * best.n_data
     for name in effect.parameters():
         assert_allclose(getattr(best.effects[0], name), getattr(effect, name), rtol=0.02)
+
+
+def test_a_weak_effect_of_several_numbers_is_started_near_its_size():
+    """Stiffness, mass and damping of a pedestal that one accelerometer hardly sees."""
+    effect = PedestalFlexibility(stiffness=3.8e7, mass=0.7, damping=40.0)
+    problem = problem_with(effect, channels=(Channel(2),))
+    nominal = recalibrate(problem)
+    (hypothesis,) = of(problem.runs, effect.id)
+    (start,) = weak_starts(problem, [hypothesis], nominal)
+    assert abs(start.u[1] - np.log(effect.stiffness)) < 0.7
+    best = search(problem, [hypothesis, *of(problem.runs, "bearing_damping")], nominal).fits[0]
+    assert best.hypothesis is hypothesis
+    assert best.cost < 1.1 * best.n_data
+
+
+def test_the_chain_leaves_the_rotor_as_it_is():
+    """Candidates that differ in the measurement chain share a rotor, and answer as if they did not."""
+    mass, belief = AttachedMass(mass=0.1, node=3), Forward(STRUCTURE, BELIEF)
+    chain = (SensorGain(gain=1.1, node=3), SensorDelay(delay=5e-5, node=2), FastSweep(dwell=0.8))
+    problem = problem_with(mass)
+    problem.modals(K_B, (mass,))
+    for run, modal in zip(problem.runs, problem.modals(K_B, (mass, *chain)), strict=True):
+        assert_allclose(modal.response(), belief.modal(run, K_B, (mass, *chain)).response(), rtol=1e-12)
+        assert not np.allclose(modal.response(), belief.modal(run, K_B, (mass,)).response(), rtol=1e-3)
 
 
 def test_a_dwell_is_found_among_its_many_minima():

@@ -38,8 +38,9 @@ _UNREACHED = 0.05
 # Relative step of a tolerance.
 _STEP = 1e-3
 
-# Resonances of a run that may drift: those below so many times its highest line.
-_DRIFTING = 1.3
+# Resonances of a run that may drift: those below so many times its highest line. The next one above the lines is
+# among them: between resonances, where the response nearly vanishes, its drift is seen.
+_DRIFTING = 3.0
 MODES = 8  # at most
 
 # What a workshop does not know: relative standard deviations of a uniform +-0.1 %.
@@ -67,6 +68,7 @@ class _Bend:
 
     columns: IntArray  # places of its channels in the run, ascending
     residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the norm of each mode's residues
+    missed: FloatArray  # (MODES, n_tolerances) of the resonances' logarithms, beyond ``Forward._sensitivity``
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1)
 
 
@@ -261,11 +263,11 @@ class Forward:
     def bend(self, run: Run, k_b: float, effects: Sequence[Effect]) -> None:
         """Find how the tolerances bend the modes of a run under these effects, near these numbers."""
         plain, *others = (
-            self._on(structure, run, k_b, effects, bends=()).groups for structure in (self.structure, *self._variants)
+            self._on(structure, run, k_b, effects, bends=()) for structure in (self.structure, *self._variants)
         )
-        omega = 2 * np.pi * run.frequency_hz
-        bends = [_bend(each, [o[g] for o in others], omega) for g, each in enumerate(plain)]
-        self._bends[_kind(run, effects)] = bends
+        self._bends[_kind(run, effects)] = [
+            _bend(plain, each, [other.groups[g] for other in others]) for g, each in enumerate(plain.groups)
+        ]
 
     def condition(self, run: Run, k_b: float) -> Condition:
         """The test condition of a run."""
@@ -371,9 +373,10 @@ class Forward:
         rest = space.beyond(omega, exciter[:, None], outputs)[:, :, 0]
         top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
         mode = _numbers(poles, top)
-        bent, aside = _bent(bends, omega, columns, poles, residues[:, 0], mode)
+        known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
+        bent, aside = _bent(known, omega, columns, poles, residues[:, 0], mode)
         made = _Group(columns, poles, residues[:, 0], mode, rest, _chain(effects, run, columns), bent, aside)
-        return made, self._sensitivity(system)
+        return made, self._sensitivity(system) + (0.0 if known is None else known.missed)
 
     def _sensitivity(self, system: LinearSystem) -> FloatArray:
         """(MODES, n_tolerances) relative change of each undamped resonance by modulus, span and each disk's mass."""
@@ -464,9 +467,10 @@ def _kind(run: Run, effects: Sequence[Effect]) -> tuple:
     return _key(run), tuple((e.id, *at) for e, at in zip(there, nodes, strict=True))
 
 
-def _bend(plain: _Group, others: Sequence[_Group], omega: FloatArray) -> _Bend:
-    """Change by each tolerance of a group's residues and of what the modes that do not drift leave."""
-    n_rows = len(plain.columns) + 1
+def _bend(modal: Modal, plain: _Group, others: Sequence[_Group]) -> _Bend:
+    """Change by each tolerance of a group's poles, residues and of what the modes that do not drift leave."""
+    omega, n_rows = modal.omega, len(plain.columns) + 1
+    missed = np.zeros((MODES, len(TOLERANCES)))
     aside = np.zeros((len(TOLERANCES), len(omega), n_rows), dtype=complex)
     bent = np.zeros((len(TOLERANCES), n_rows, MODES), dtype=complex)
     least = _UNREACHED * np.linalg.norm(plain.residues[:, plain.mode >= 0], axis=0).max(initial=1e-300)
@@ -477,13 +481,14 @@ def _bend(plain: _Group, others: Sequence[_Group], omega: FloatArray) -> _Bend:
             if a is not None and b is not None:
                 change = other.residues[:, b] - plain.residues[:, a]
                 bent[t, :, m] = change / (_STEP * max(np.linalg.norm(plain.residues[:, a]), least))
-    return _Bend(plain.columns, bent, aside)
+                moved = np.log(np.abs(other.poles[b] / plain.poles[a])) / np.log1p(_STEP)
+                missed[m, t] = moved - modal.sensitivity[m, t]
+    return _Bend(plain.columns, bent, missed, aside)
 
 
-def _bent(bends: Sequence[_Bend], omega, columns, poles: ComplexArray, residues: ComplexArray, mode: IntArray):
+def _bent(known: _Bend | None, omega, columns, poles: ComplexArray, residues: ComplexArray, mode: IntArray):
     """(n_tolerances, n_channels + 1, n_states) and (n_tolerances, n_freq, n_channels + 1): a bend for these poles."""
     bent = np.zeros((len(TOLERANCES), *residues.shape), dtype=complex)
-    known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
     if known is None:
         return bent, np.zeros((len(TOLERANCES), len(omega), len(columns) + 1), dtype=complex)
     rows = np.append(np.searchsorted(known.columns, columns), len(known.columns))

@@ -12,6 +12,7 @@ from rotor.assembly import assemble
 from rotor.effects import (
     EFFECTS,
     AttachedMass,
+    AxialLoad,
     CompliantRigidSupport,
     DiskInertia,
     FastSweep,
@@ -127,6 +128,15 @@ def test_a_drift_of_all_resonances_is_another_frequency_axis(forward, support):
     assert off(truth(run), truth(run, drift=1e-4)) > 5e-3
 
 
+def test_between_resonances_the_drift_of_the_next_one_above_is_seen(forward):
+    """The third resonance lies above the lines; where the response nearly vanishes it drifts beyond what errors are."""
+    run = blank("bearing", np.linspace(200, 400, 801), channels=(Channel(2),))
+    modal = forward.modal(run, K_B)
+    assert modal.frequencies_hz[2] > run.frequency_hz[-1]
+    H, moved = modal.response(), modal.response(2e-4 * np.eye(MODES)[2])
+    assert np.max(np.abs(moved / H - 1)) > 10 * 1e-4
+
+
 # -- derivatives -----------------------------------------------------------------------------------
 
 
@@ -228,7 +238,9 @@ def test_a_tolerance_acts_beside_an_effect(tolerance, support, drive):
     assert np.abs(given - expected).max() < 0.1 * np.abs(expected - truth(run, [effect])).max()
 
 
-@pytest.mark.parametrize("effect", [DiskInertia(factor=1.0), HubStiffening(factor=2.0), CompliantRigidSupport()])
+@pytest.mark.parametrize(
+    "effect", [DiskInertia(factor=1.0), HubStiffening(factor=2.0), CompliantRigidSupport(), AxialLoad(force=-5000.0)]
+)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_a_tolerance_acts_as_it_does_under_the_effect(tolerance, effect):
     size, support = 1e-3, "rigid" if effect.location == "rigid_support" else "bearing"
@@ -239,7 +251,7 @@ def test_a_tolerance_acts_as_it_does_under_the_effect(tolerance, effect):
     structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
     expected = measured_response(structure, condition(support), [effect], run.frequency_hz)
     given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
-    assert np.abs(given - expected).max() < 0.05 * np.abs(expected - truth(run, [effect])).max()
+    assert np.abs(given - expected).max() < 0.01 * np.abs(expected - truth(run, [effect])).max()
 
 
 # -- fast sweeps -----------------------------------------------------------------------------------

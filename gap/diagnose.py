@@ -14,7 +14,7 @@ from gap import wording
 from gap.adequacy import Adequacy, judge
 from gap.audit import audit, estimate_noise
 from gap.curves import Curve, log_distance_db, nrmse
-from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Shrink, Verdict, Where
+from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
 from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
 from gap.hypotheses import Hypothesis, candidates
@@ -31,12 +31,12 @@ from sim.campaign import Campaign, Run
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
-ADEQUATE_CORRELATION = 5.0  # of neighbouring residuals, in standard errors, at most
-ADEQUATE_NONLINEAR = 1.8  # the same of a nonlinear candidate, whose model is truncated
-ADEQUATE_NUISANCE = 4.0  # mean square of the nuisances that are determined, in their priors' units, at most
+ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
+ADEQUATE_NONLINEAR = 1.5  # the same of a nonlinear candidate: see docs/diagnosis.md
+ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
 SURE = 0.9  # probability from which one cause is named
 NO_GAP_PRIOR = 0.95  # probability of no gap before the data
-PAIR_GAIN = 25.0  # logarithm of the evidence that a pair must add
+PAIR_GAIN = 12.0  # logarithm of the evidence that a pair must add
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
 AT_MOST = 3  # effects in that set
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
@@ -159,12 +159,12 @@ def _with_laws(
     if fits and plain and _adequate(coarser, fits[0], judge(coarser, fits[0])):
         return coarser, found.nominal, fits
     straight = _linear(problem, linear, nominal, progress, clock, with_pairs=with_pairs)
-    rivals = [robust_fit(coarser, fit.hypothesis, fit.u) for fit in straight[:POLISHED]]
-    best = max((fit.log_weight for fit in rivals if fit), default=-np.inf)
+    rivals = [fit for fit in (robust_fit(coarser, fit.hypothesis, fit.u) for fit in straight[:POLISHED]) if fit]
+    best = max((fit.log_weight for fit in rivals), default=-np.inf)
     clock.lap("linear rivals")
     if not fits or best > fits[0].log_weight:
         return problem, nominal, straight
-    return coarser, found.nominal, fits
+    return coarser, found.nominal, best_first([*fits, *rivals])
 
 
 def _linear(
@@ -273,8 +273,8 @@ def _rank(problem: Problem, nominal: Fit, fits: Sequence[Fit], quality: Adequacy
 
 def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, quality: Adequacy) -> Verdict:
     before = judge(problem, nominal)
-    if ranked.no_gap > 0.5 and _adequate(problem, nominal, before):
-        return "no_gap"
+    if ranked.no_gap > 0.5:
+        return "no_gap" if _adequate(problem, nominal, before) else "unknown"
     if not _adequate(problem, ranked.fits[0], quality):
         return "unknown"
     by_name = _by_name(ranked)
@@ -315,7 +315,7 @@ def _report(
     best = nominal if verdict in ("no_gap", "unknown") or raster is not None else ranked.fits[0]
     believed = problem.bare(nominal)
     corrected = problem.predict(best)
-    where = _where(problem, nominal, believed, verdict, causes)
+    where = locate(problem, nominal, believed, _regime(verdict, causes, findings))
     clock.lap("where")
     shrink: Shrink | None = None
     if verdict in ("cause", "ambiguous") and raster is None:
@@ -432,16 +432,16 @@ def _equivalent(ranked: _Ranked, causes: Sequence[Cause]) -> tuple[Cause, ...]:
     return tuple(chosen)
 
 
-def _where(
-    problem: Problem, nominal: Fit, believed: Sequence[ComplexArray], verdict: Verdict, causes: Sequence[Cause]
-) -> Where:
-    families = {EFFECTS[name].family for name in causes[0].effects} if causes and verdict == "cause" else set()
-    regime = "measurement_chain" if families == {"chain"} else "linear"
+def _regime(verdict: Verdict, causes: Sequence[Cause], findings: Sequence[Finding]) -> Regime:
+    """What kind of gap it is: by the family of a cause that is named, or else by whether levels differ."""
+    if verdict != "cause":
+        return "amplitude_dependent" if _amplitude_dependent(findings) else "linear"
+    families = {EFFECTS[name].family for name in causes[0].effects}
     if "nonlinear" in families:
-        regime = "amplitude_dependent"
-    elif "spinning" in families:
-        regime = "spin_dependent"
-    return locate(problem, nominal, believed, regime)
+        return "amplitude_dependent"
+    if "spinning" in families:
+        return "spin_dependent"
+    return "measurement_chain" if families == {"chain"} else "linear"
 
 
 def _coarse_raster(findings: Sequence[Finding], exclude: Sequence[str], no_gap: float) -> Cause | None:

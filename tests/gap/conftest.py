@@ -16,6 +16,7 @@ from rotor.effects import EFFECTS, AttachedMass, Effect
 from rotor.measured import measured_response
 from rotor.modal import damped_modes
 from rotor.model import build_system
+from rotor.rig import Rig, load_rig
 from sim.campaign import Campaign, Channel, ComplexArray, FloatArray, NominalBelief, Run
 
 RIG = "nit-rourkela"
@@ -48,6 +49,24 @@ def lines(support: str, effects: Sequence[Effect] = ()) -> FloatArray:
             found.append(f * (1 + zeta * places))
     every = np.unique(np.round(np.concatenate(found), 6))
     return every[(every >= 20) & (every <= 400)]
+
+
+def rebuilt(tolerance: str, size: float) -> Rig:
+    """The rig as a workshop makes it that is off by so much."""
+    rig, more = load_rig(RIG), 1 + size
+    segment, disk = rig.segment, rig.disk
+    if tolerance == "modulus":
+        segment = [s.model_copy(update={"youngs_modulus_Pa": more * s.youngs_modulus_Pa}) for s in segment]
+        return rig.model_copy(update={"segment": segment})
+    if tolerance == "span":
+        segment = [s.model_copy(update={"length_m": more * s.length_m}) for s in segment]
+        return rig.model_copy(update={"segment": segment, "nodes_m": [more * x for x in rig.nodes_m]})
+    number = int(tolerance[-1]) - 1
+    disks = [
+        d.model_copy(update={"density_kg_per_m3": more * d.density_kg_per_m3}) if k == number else d
+        for k, d in enumerate(disk)
+    ]
+    return rig.model_copy(update={"disk": disks})
 
 
 def blank(support: str, frequency_hz: FloatArray, **settings) -> Run:

@@ -26,7 +26,7 @@ from rotor.measured import measured_response
 from rotor.model import build_system
 from rotor.rig import load_rig
 from sim.campaign import Channel
-from tests.gap.conftest import BELIEF, K_B, LINEAR, RIG, STRUCTURE, blank, condition, lines, truth
+from tests.gap.conftest import BELIEF, K_B, LINEAR, RIG, STRUCTURE, blank, condition, lines, rebuilt, truth
 
 # Resonances are narrow: what they say must be right to this share of a channel's peak.
 CLOSE = 1e-4
@@ -190,24 +190,6 @@ def test_modes_that_are_not_one_to_one_fall_back_to_a_plain_difference(tolerant)
 
 
 # -- tolerances ------------------------------------------------------------------------------------
-
-
-def rebuilt(tolerance, size):
-    """The rig as a workshop makes it that is off by so much."""
-    rig, more = load_rig(RIG), 1 + size
-    segment, disk = rig.segment, rig.disk
-    if tolerance == "modulus":
-        segment = [s.model_copy(update={"youngs_modulus_Pa": more * s.youngs_modulus_Pa}) for s in segment]
-        return rig.model_copy(update={"segment": segment})
-    if tolerance == "span":
-        segment = [s.model_copy(update={"length_m": more * s.length_m}) for s in segment]
-        return rig.model_copy(update={"segment": segment, "nodes_m": [more * x for x in rig.nodes_m]})
-    number = int(tolerance[-1]) - 1
-    disks = [
-        d.model_copy(update={"density_kg_per_m3": more * d.density_kg_per_m3}) if k == number else d
-        for k, d in enumerate(disk)
-    ]
-    return rig.model_copy(update={"disk": disks})
 
 
 @pytest.mark.parametrize("size", [1e-3, -1e-3])

@@ -30,14 +30,20 @@ from sim.campaign import Run
 
 BoolArray = NDArray[np.bool_]
 
-# Truncated harmonics, rounded corners and what the tolerances do to shapes leave this much of the response.
-MODEL_ERROR = 0.005
+# What finely computed motions leave of the response; see docs/diagnosis.md.
+MODEL_ERROR = 0.001
 
 # A line this far from the data, and so many times as far as the median line, is started again.
 _FAR, _FARTHER = 0.05, 4.0
 
+# A measured displacement is changed by such a share (of its logarithm) at most, in so many rounds, to suit the force.
+_WIDEST, _ROUNDS = 0.7, 5
+
 # Parameters this near to those of the known motion: it is the start, and no other is tried.
 _NEAR = 2e-3
+
+# Step of a tolerance for a derivative.
+_STEP = 1e-7
 
 # Sweeps without data: from one line to the next the motion changes by less than this, or it has jumped.
 _JUMP, _HALVINGS = 0.3, 6
@@ -53,6 +59,7 @@ class Resolution:
     harmonics: int = 3
     samples: int = 128
     iterations: int = 15  # of Newton's method; where they are too few the last force counts
+    bends: bool = False  # whether derivatives by the tolerances follow the modes' shapes, or their frequencies alone
 
 
 # Rounding of the corners of laws with a gap, relative to the gap: more of it is a stiffness that is felt at rest.
@@ -61,7 +68,7 @@ CORNER = 0.003
 ROUGH = Resolution(1, 64, 5)
 MIDDLE = Resolution(3, 128, 8)
 FINE = Resolution(3, 128, 15)
-FINAL = Resolution(5, 256, 15)
+FINAL = Resolution(11, 512, 25, bends=True)
 
 
 @dataclass
@@ -108,9 +115,11 @@ class NonlinearModal:
         return self.solved(drift, tolerance).H
 
     def with_derivatives(self, drift: FloatArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """As ``Modal.with_derivatives``; tolerances by what they do to the resonances."""
+        """As ``Modal.with_derivatives``."""
         solved = self.solved(drift, tolerance)
         D = self._by_mode(solved)
+        if self.resolution.bends:
+            return solved.H, np.concatenate([D, self._by_tolerance(solved, drift, tolerance)])
         return solved.H, np.concatenate([D, np.tensordot(self.sensitivity.T, D, axes=1)])
 
     @property
@@ -135,8 +144,7 @@ class NonlinearModal:
             if len(self._solved) > 2:
                 self._solved.pop(next(iter(self._solved)))
             plain, mode = self.balance_of(tolerance) if tolerance.any() else (self.balance, self.mode)
-            balance = copy.copy(plain)
-            balance.values = plain.values * (1 + np.where(mode >= 0, drift[mode], 0.0))
+            balance = _drifted(plain, mode, drift)
             made = self._by_data(balance) if self.with_data else self._by_sweep(balance)
             self._solved[key] = replace(made, plain=plain, mode=mode)
         return self._solved[key]
@@ -164,13 +172,15 @@ class NonlinearModal:
 
     def _nearer(self, balance: Balance, best: Solved) -> Solved:
         """Start lines that are far from the data again: from the data, without the law, and from their neighbours."""
-        for start in ("data", "linear", "left", "right"):
+        for start in ("data", "force", "linear", "left", "right"):
             miss = self._miss(best)
             far = np.flatnonzero((miss > max(_FAR, _FARTHER * float(np.median(miss)))) | ~best.converged)
             if not len(far):
                 break
             if start == "data":
                 joints = self._measured_motion(balance)[far]
+            elif start == "force":
+                joints = self._measured_force(balance)[far]
             elif start == "linear":
                 joints = self._force * balance.receptance(self._omega[far])[1]
             else:
@@ -197,6 +207,26 @@ class NonlinearModal:
 
     def _measured_motion(self, balance: Balance) -> ComplexArray:
         """(n_freq, K, n_joints) joints that the data tell of; harmonics and mean start at zero."""
+        return self._measured(balance)[0]
+
+    def _measured_force(self, balance: Balance) -> ComplexArray:
+        """The same, made larger or smaller until the laws give the forces that the data tell of.
+
+        A stiff law turns a small error of the displacement into a large one of the force.
+        """
+        X, N = self._measured(balance)
+        size = np.maximum(np.abs(N), 1e-300)
+        best, width = np.zeros(N.shape), _WIDEST
+        for _ in range(_ROUNDS):
+            tried = best + width * np.linspace(-1, 1, 9)[:, None, None]
+            made = [balance.forces.harmonics(X * np.exp(each)[:, None])[:, 1] for each in tried]
+            off = np.abs(np.array(made) - N) / size + 1e-3 * np.abs(tried)
+            best = np.take_along_axis(tried, off.argmin(axis=0)[None], axis=0)[0]
+            width /= 4
+        return X * np.exp(best)[:, None]
+
+    def _measured(self, balance: Balance) -> tuple[ComplexArray, ComplexArray]:
+        """(n_freq, K, n_joints) displacements [m] and (n_freq, n_joints) fundamentals of the forces [N]."""
         states = balance.resolvent(self._omega, balance.loads)[:, 1]  # (n_freq, n_states, n_joints + 1)
         sensors, joints = self._read(balance) @ states, balance.left @ states
         linear = sensors[:, :, -1] * self._force
@@ -209,7 +239,7 @@ class NonlinearModal:
         N = (np.linalg.pinv(sensors[:, :, :-1], rcond=1e-3) @ (linear - y)[..., None])[..., 0]
         start = np.zeros((len(linear), balance.harmonics + 1, balance.n_joints), dtype=complex)
         start[:, 1] = joints[:, :, -1] * self._force - (joints[:, :, :-1] @ N[..., None])[..., 0]
-        return start
+        return start, N
 
     # -- a sweep ---------------------------------------------------------------------------------
 
@@ -270,18 +300,49 @@ class NonlinearModal:
         moved = solved.states * solved.plain.values / (s[..., None] - balance.values)  # (n_freq, K, n_states)
         belongs = (solved.mode[:, None] == np.arange(n_modes)).astype(float)  # (n_states, n_modes)
         direct = balance.left[:, :, None] * belongs  # (n_joints, n_states, n_modes)
-        push = np.einsum("fks,jsm->fkjm", moved, direct, optimize=True)  # of the joints, their forces held
+        push = np.einsum("fks,jsm->fkjm", moved, direct, optimize=True)
+        own = np.einsum("fs,cs,sm->fcm", moved[:, 1], self._read(balance), belongs, optimize=True)
+        D[:n_modes] = self._answer(solved, push, own)
+        return D
+
+    def _by_tolerance(self, solved: Solved, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+        """(n_tolerances, n_freq, n_channels) derivative by the tolerances."""
+        before = self._held(solved.balance, solved)
+        changes = []
+        for one in np.eye(len(tolerance)):
+            after = self._held(_drifted(*self.balance_of(tolerance + _STEP * one), drift), solved)
+            changes.append([(b - a) / _STEP for a, b in zip(before, after, strict=True)])
+        push, own = (np.stack(parts, axis=-1) for parts in zip(*changes, strict=True))
+        return self._answer(solved, push, own)
+
+    def _held(self, balance: Balance, solved: Solved) -> tuple[ComplexArray, ComplexArray]:
+        """(n_freq, K, n_joints) motion of a rotor's joints and (n_freq, n_channels) sensors under a motion's forces."""
+        amounts = np.concatenate(
+            [-solved.balance.forces.harmonics(solved.joints), np.full((*solved.joints.shape[:2], 1), self._force)],
+            axis=2,
+        )
+        states = balance.resolvent(self._omega, balance.loads @ amounts[..., None])[..., 0]
+        return states @ balance.left.T, states[:, 1] @ self._read(balance).T
+
+    def _answer(self, solved: Solved, push: ComplexArray, own: ComplexArray) -> ComplexArray:
+        """(m, n_freq, n_channels) derivative of the response by m numbers.
+
+        Parameters
+        ----------
+        push : (n_freq, K, n_joints, m) derivative of the joints' motion, their forces held
+        own : (n_freq, n_channels, m) the same of the sensors' motion
+        """
+        balance = solved.balance
         _, DN = balance.forces(solved.joints)
         J = jacobian(balance.receptance(self._omega)[0], DN)
-        flat = real_form(push.reshape(*push.shape[:2], -1)).reshape(len(J), -1, n_modes)
-        dX = np.linalg.solve(J, flat)  # (n_freq, n_unknowns n_joints, n_modes)
-        dN = np.einsum("fjun,funm->fjm", DN[:, 1], dX.reshape(len(J), DN.shape[3], DN.shape[4], n_modes), optimize=True)
+        m = push.shape[-1]
+        flat = real_form(push.reshape(*push.shape[:2], -1)).reshape(len(J), -1, m)
+        dX = np.linalg.solve(J, flat).reshape(len(J), DN.shape[3], DN.shape[4], m)
+        dN = np.einsum("fjun,funm->fjm", DN[:, 1], dX, optimize=True)
         to_sensors = self._read(balance) @ balance.resolvent(self._omega, balance.loads)[:, 1, :, :-1]
-        own = np.einsum("fs,cs,sm->fcm", moved[:, 1], self._read(balance), belongs, optimize=True)
         change = self._unit * self._scale[:, None, None] * (own - to_sensors @ dN)
         usable = solved.converged[:, None, None] & np.isfinite(change)
-        D[:n_modes] = np.moveaxis(np.where(usable, change, 0.0), 2, 0)
-        return D
+        return np.moveaxis(np.where(usable, change, 0.0), 2, 0)
 
     # -- the run -----------------------------------------------------------------------------------
 
@@ -305,6 +366,13 @@ class NonlinearModal:
         """(n_channels, n_states)"""
         planes = {c.plane: balance.read_out(1 if c.plane == "y" else 2) for c in self.run.channels}
         return np.stack([planes[c.plane][c.node - 1] for c in self.run.channels])
+
+
+def _drifted(plain: Balance, mode: IntArray, drift: FloatArray) -> Balance:
+    """The balance with shifted resonances."""
+    balance = copy.copy(plain)
+    balance.values = plain.values * (1 + np.where(mode >= 0, drift[mode], 0.0))
+    return balance
 
 
 def _replaced(best: Solved, other: Solved, lines: IntArray, better: BoolArray) -> Solved:

@@ -14,13 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
-from gap.likelihood import Fit, Observed, Problem
+from gap.likelihood import Fit, Observed, Problem, Score
 from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH
 from gap.search import Progress, Search, best_first, recalibrate
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
 _GRID_LINES, _DESCENT_LINES, _FIT_LINES = 8, 6, 4
+
+# What coarsely computed motions leave of the response.
+_ROUGH_ERROR, _MIDDLE_ERROR = 0.05, 0.01
 
 # Points along the range of each number of an effect, first number first.
 _POINTS = {
@@ -35,8 +38,19 @@ _POINTS = {
 # Of an even range the grid takes this share of it as the smallest point.
 _SMALL = 0.01
 
+# Of a bilinear support, ratios of a grid, and its step along the logarithm of k_b.
+_RATIOS, _FINELY = 7, 0.02
+
 # Relative distance to the data at which a line of the grid counts half.
 _HALF = 0.1
+
+# Mean square misfit of the nominal model below which the gap is small.
+NEAR = 5.0
+
+# Effects whose stiffness at rest is not k_b; points that are descended from where the gap is small, and by how much
+# more of the misfit than the best one's a candidate may leave after that.
+_SHARES_STIFFNESS = ("bearing_friction", "bilinear_support")
+_NEAR_STARTS, _AHEAD = 6, 60.0
 
 # Of every effect, so many points of the grid are descended from; of one with places, so many places.
 _STARTS, _PLACES = 2, 3
@@ -45,8 +59,9 @@ _STARTS, _PLACES = 2, 3
 _FIRST, _THEN = (0.3,), (0.1,)
 
 # Effects that are left after the first descents, and after the second; beyond the best one, only those whose loss
-# is within this factor of its.
-_LEFT, _FINALISTS, _WITHIN = 4, 3, 1.5
+# is within these factors of its.
+_LEFT, _FINALISTS = 4, 3
+_ROUGHLY, _WITHIN = 3.0, 1.5
 
 # A misfit by so much above the best one's is not fitted further.
 _CLEAR = 400.0
@@ -77,32 +92,117 @@ def search_nonlinear(
     """
     forward = problem.forward
     calm, nu = _calm(problem)
-    stages = len(hypotheses) + 3
-    forward.resolution = ROUGH
-    few = problem.thinned(_GRID_LINES, MODEL_ERROR)
-    grid: dict[str, list[_Start]] = {}
-    for number, hypothesis in enumerate(hypotheses):
-        if progress:
-            progress(number, stages, str(hypothesis))
-        points = [_Start(_distance(few, hypothesis, u, nu), hypothesis, u, nu) for u in _grid(hypothesis, calm)]
-        grid.setdefault(hypothesis.ids[0], []).extend(points)
-    if progress:
-        progress(len(hypotheses), stages, "descents")
-    chosen = [start for points in grid.values() for start in _promising(points)]
-    rough = _descend(few, chosen, _FIRST)[:_LEFT]
-    forward.resolution = MIDDLE
-    some = problem.thinned(_DESCENT_LINES, MODEL_ERROR)
-    left = _descend(some, rough, _THEN)
-    if progress:
-        progress(len(hypotheses) + 1, stages, "fits")
-    forward.resolution = FINAL
-    every = problem.thinned(_FIT_LINES, MODEL_ERROR)
+    every = _thinned(problem, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
+    tell = _Teller(progress, len(hypotheses) + 3)
+    if nominal.chi2 < NEAR * nominal.n_data:
+        left = _near(problem, hypotheses, calm, nominal, tell)
+    else:
+        left = _far(problem, hypotheses, calm, nu, tell)
+    tell("fits")
+    forward.resolution = FINAL
     first = [_fitted(every, start, rounds=1, steps=3) for start in left if start.cost < _WITHIN * left[0].cost]
     fits = sorted((fit for fit in first if fit is not None), key=lambda fit: fit.cost)[:_FINALISTS]
     again = [robust_fit(every, fit.hypothesis, fit.u, fit.nu) for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [fit for fit in again if fit is not None] + fits[len(again) :]
     return every, Search(nominal, tuple(best_first(fits)))
+
+
+class _Teller:
+    """Tells how far the search is."""
+
+    def __init__(self, progress: Progress | None, stages: int):
+        self._progress, self._stages, self._done = progress, stages, 0
+
+    def __call__(self, words: str) -> None:
+        if self._progress:
+            self._progress(self._done, self._stages, words)
+        self._done += 1
+
+
+def _far(problem: Problem, hypotheses: Sequence[Hypothesis], calm: Fit, nu: FloatArray, tell: _Teller) -> list[_Start]:
+    """Where the gap is plain: a grid over all numbers by relative distance, then descents; best first."""
+    problem.forward.resolution = ROUGH
+    few = _thinned(problem, _GRID_LINES, calm.k_b, _ROUGH_ERROR)
+    grid: dict[str, list[_Start]] = {}
+    for hypothesis in hypotheses:
+        tell(str(hypothesis))
+        grid.setdefault(hypothesis.ids[0], []).extend(_by_distance(few, hypothesis, calm, nu))
+    tell("descents")
+    rough = _descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
+    problem.forward.resolution = MIDDLE
+    some = _thinned(problem, _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
+    left = _descend(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost], _THEN)
+    uneven = [start for h in hypotheses if h.ids == ("bilinear_support",) for start in _uneven(problem, h, calm, nu)]
+    best: dict[Hypothesis, _Start] = {}
+    for start in sorted([*left, *_descend(some, uneven, (*_FIRST, *_THEN))], key=_cost):
+        best.setdefault(start.hypothesis, start)
+    return list(best.values())
+
+
+def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[_Start]:
+    """Starts of a bilinear support: a grid over ratio and k_b on one level, as it is the same at all of them.
+
+    How stiff it is on average is another number for every resonance, and tells in its harmonics.
+    """
+    low = _thinned(_lowest(problem), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
+    (free,) = hypothesis.free
+    found = []
+    for log_ratio in np.linspace(0.1, 0.95, _RATIOS) * np.log(free.high):
+        soft = np.log(calm.k_b * (1 + np.exp(log_ratio / 2)) ** 2 / (4 * np.exp(log_ratio)))
+        for log_k_b in np.arange(soft - _FINELY, np.log(calm.k_b) + 2 * _FINELY, _FINELY):
+            u = hypothesis.clipped(np.array([log_k_b, log_ratio if free.log else np.exp(log_ratio)]))
+            found.append(_Start(_distance(low, hypothesis, u, calm.nu), hypothesis, u, nu))
+    return sorted(found, key=_cost)[:_STARTS]
+
+
+def _near(problem: Problem, hypotheses: Sequence[Hypothesis], calm: Fit, nominal: Fit, tell: _Teller) -> list[_Start]:
+    """Where the gap is small: the same grid by what each point leaves of the misfit, nuisances refitted to first order.
+
+    Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
+    """
+    problem.forward.resolution = ROUGH
+    some = _thinned(problem, _DESCENT_LINES, calm.k_b, MODEL_ERROR)
+    nominal = some.fit(NOMINAL, nominal.u, nominal.nu)
+    score = some.score(nominal)
+    grid: dict[str, list[_Start]] = {}
+    nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
+    beside: list[_Start] = []
+    for hypothesis in hypotheses:
+        tell(str(hypothesis))
+        points = [_by_score(score, nominal, hypothesis, u) for u in _grid(hypothesis, calm)]
+        grid.setdefault(hypothesis.ids[0], []).extend(points)
+        if hypothesis.ids[0] in _SHARES_STIFFNESS:
+            beside += sorted(_by_distance(some, hypothesis, calm, nu), key=_cost)[:1]
+    tell("descents")
+    chosen = sorted((start for points in grid.values() for start in _promising(points)), key=_cost)[:_NEAR_STARTS]
+    problem.forward.resolution = MIDDLE
+    left = _descend(some, [*chosen, *beside], (0.0,))[:_LEFT]
+    return [start for start in left if start.cost < left[0].cost + _AHEAD]
+
+
+def _by_distance(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[_Start]:
+    return [_Start(_distance(problem, hypothesis, u, nu), hypothesis, u, nu) for u in _grid(hypothesis, calm)]
+
+
+def _by_score(score: Score, nominal: Fit, hypothesis: Hypothesis, u: FloatArray) -> _Start:
+    """A point of the grid with what it leaves of the misfit, and where k_b and the nuisances follow it to."""
+    gain, scale, moved = score.gain(hypothesis.effects(u[1:]))
+    if scale <= 0:
+        return _Start(np.inf, hypothesis, u, nominal.nu)
+    moved = moved / scale  # of the effect as it stands
+    at = hypothesis.clipped(np.concatenate([nominal.u + moved[:1], u[1:]]))
+    left = nominal.cost - gain / scale * (2 - 1 / scale)
+    limit = 2 * nominal.prior_std
+    return _Start(left, hypothesis, at, np.clip(nominal.nu + moved[1:], -limit, limit))
+
+
+def _thinned(problem: Problem, every: int, k_b: float, error: float) -> Problem:
+    """Every n-th line of every run; the tolerances bend the modes of the runs that no law acts in."""
+    few = problem.thinned(every, error)
+    for run in few.runs:
+        problem.forward.bend(run, k_b, ())
+    return few
 
 
 def _fitted(problem: Problem, start: _Start, **settings: int) -> Fit | None:
@@ -120,15 +220,20 @@ def _promising(points: Sequence[_Start]) -> list[_Start]:
     return best[:_STARTS] if len(places) == 1 else sorted(places.values(), key=_cost)[:_PLACES]
 
 
-def _calm(problem: Problem) -> tuple[Fit, FloatArray]:
-    """The nominal model of the runs at the lowest level, and its nuisances in the order of all runs."""
+def _lowest(problem: Problem) -> Problem:
+    """The runs at the lowest level."""
     levels = {o.run.force_amplitude_N or 0.0 for o in problem.observed if o.run.support == "bearing"}
     kept = [
         o
         for o in problem.observed
         if o.run.support == "rigid" or (o.run.force_amplitude_N or 0.0) == min(levels, default=0.0)
     ]
-    low = Problem(problem.forward, kept, problem.model_error)
+    return Problem(problem.forward, kept, problem.model_error)
+
+
+def _calm(problem: Problem) -> tuple[Fit, FloatArray]:
+    """The nominal model of the runs at the lowest level, and its nuisances in the order of all runs."""
+    low = _lowest(problem)
     fit = recalibrate(low)
     nu = np.zeros(problem.nuisances.n)
     nu[problem.nuisances.tolerance] = fit.nu[low.nuisances.tolerance]

@@ -3,10 +3,14 @@
 Numbers are drawn from the posterior; each draw is a rig that the data allow. Driven at a node that was not driven,
 free of noise, gains and drift, it is compared with the nominal and with the corrected model. The interval of what
 the correction explains is thus one for transfer data, not for the lines next to those that were fitted.
+
+A nonlinear cause is tried at the middle of the levels. Its corrected model is followed as a sweep; a drawn rig's
+motions are those nearest to it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,14 +19,18 @@ from gap.curves import nrmse
 from gap.forward import Forward, Modal, acting, nonlinear
 from gap.hypotheses import K_B
 from gap.likelihood import Fit, Problem
+from gap.nonlinear import MIDDLE, NonlinearModal
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
 
 _DRAWS = 200
 
+# The same of a nonlinear cause, and every so many lines: each is solved anew.
+_DRAWS_NONLINEAR, _LINES_NONLINEAR = 40, 2
+
 
 def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -> tuple[float, float]:
-    """90 % interval of 1 - after / before, free of noise, where another node is driven; nan for nonlinear causes.
+    """90 % interval of 1 - after / before, free of noise, where another node is driven; nan where none can be.
 
     Parameters
     ----------
@@ -30,13 +38,14 @@ def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -
     nominal, best : the recalibrated nominal model and the corrected one
     scale : true over believed standard error
     """
-    if nonlinear(best.effects):
-        return (np.nan, np.nan)
     rng = np.random.default_rng(0)
-    tests = [_Test(problem, nominal, best, node) for node in _other_nodes(problem)]
-    if not tests:
+    nodes, count = _other_nodes(problem), _DRAWS
+    if not nodes:
         return (np.nan, np.nan)
-    draws = _draws(best, scale, rng)
+    if nonlinear(best.effects):
+        nodes, count = nodes[len(nodes) // 2 :][:1], _DRAWS_NONLINEAR
+    tests = [_Test(problem, nominal, best, node) for node in nodes]
+    draws = _draws(best, scale, rng, count)
     shrinks = [tests[rng.integers(len(tests))].shrink(u, nu) for u, nu in draws]
     finite = np.array([s for s in shrinks if np.isfinite(s)])
     return (float(np.quantile(finite, 0.05)), float(np.quantile(finite, 0.95))) if len(finite) else (np.nan, np.nan)
@@ -48,13 +57,23 @@ def _other_nodes(problem: Problem) -> list[int]:
     return [node for node in problem.forward.structure.free_nodes if node not in driven]
 
 
-def _draws(best: Fit, scale: float, rng: np.random.Generator) -> list[tuple[FloatArray, FloatArray]]:
+def _middle(runs: Sequence[Run]) -> list[int]:
+    """Of every support the run at the middle level."""
+    places = {}
+    for support in sorted({run.support for run in runs}):
+        own = [r for r, run in enumerate(runs) if run.support == support]
+        own.sort(key=lambda r: runs[r].force_amplitude_N or 0.0)
+        places[support] = own[len(own) // 2]
+    return list(places.values())
+
+
+def _draws(best: Fit, scale: float, rng: np.random.Generator, count: int) -> list[tuple[FloatArray, FloatArray]]:
     """Coordinates and nuisances from the posterior, the former within their ranges."""
     covariance = best.covariance(scale)
     if not best.with_k_b:
         covariance[0, :] = covariance[:, 0] = 0.0
     mean = np.concatenate([best.u, best.nu])
-    drawn = rng.multivariate_normal(mean, (covariance + covariance.T) / 2, size=_DRAWS, method="eigh")
+    drawn = rng.multivariate_normal(mean, (covariance + covariance.T) / 2, size=count, method="eigh")
     n = len(best.u)
     return [(best.hypothesis.clipped(each[:n]), each[n:]) for each in drawn]
 
@@ -75,16 +94,29 @@ class _Test:
         self._forward: Forward = problem.forward
         self._nuisances, self._best = problem.nuisances, best
         self._parts = []
-        first = {run.support: (r, run) for r, run in reversed(list(enumerate(problem.runs)))}
-        for r, run in first.values():
-            there = replace(run, excitation_node=node, quantity="accelerance", harmonics={})
-            effects = acting(best.effects, run.support)
-            self._forward.bend(there, best.k_b, effects)
+        for r in _middle(problem.runs):
+            there = replace(problem.runs[r], excitation_node=node, quantity="accelerance", harmonics={}, std=None)
+            effects = acting(best.effects, there.support)
             run_gain = np.exp(best.nu[problem.nuisances.gain][r])
+            if nonlinear(effects):
+                there = self._swept(there, best)
+            else:
+                self._forward.bend(there, best.k_b, effects)
             gains = problem.nuisances.gains(best.nu, r, self._modal(there, best.u)) / run_gain
             corrected = self._response(there, best.u, best.nu) * gains
             plain = self._forward.modal(there, nominal.k_b).response()
             self._parts.append(_Part(there, plain, corrected))
+
+    def _swept(self, run: Run, best: Fit) -> Run:
+        """Some lines of a run with what the corrected model says of them: the branch that its motions are on."""
+        hz = run.frequency_hz[::_LINES_NONLINEAR]
+        run = replace(run, frequency_hz=hz, H=run.H[::_LINES_NONLINEAR], magnitude_only=False)
+        self._forward.resolution, self._forward.with_data = MIDDLE, False
+        modal = self._modal(run, best.u)
+        assert isinstance(modal, NonlinearModal)
+        H, found = modal.response(None, best.nu[self._nuisances.tolerance]), modal.found
+        self._forward.with_data = True
+        return replace(run, frequency_hz=hz[found], H=H[found])
 
     def shrink(self, u: FloatArray, nu: FloatArray) -> float:
         """1 - after / before where these numbers are the truth; nan where they have no model."""
@@ -96,10 +128,8 @@ class _Test:
         after = [nrmse(truth, part.corrected) for truth, part in zip(truths, self._parts, strict=True)]
         return 1 - float(np.mean(after)) / float(np.mean(before))
 
-    def _modal(self, run: Run, u: FloatArray) -> Modal:
-        modal = self._forward.modal(run, K_B.value(u[0]), acting(self._best.hypothesis.effects(u[1:]), run.support))
-        assert isinstance(modal, Modal)
-        return modal
+    def _modal(self, run: Run, u: FloatArray) -> Modal | NonlinearModal:
+        return self._forward.modal(run, K_B.value(u[0]), acting(self._best.hypothesis.effects(u[1:]), run.support))
 
     def _response(self, run: Run, u: FloatArray, nu: FloatArray) -> ComplexArray:
         return self._modal(run, u).response(None, nu[self._nuisances.tolerance])

@@ -7,22 +7,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gap.curves import nrmse
 from gap.diagnosis import SCHEMA
 from gap.forward import MODES, TOLERANCES, Forward
-from gap.hypotheses import candidates
+from gap.hypotheses import NOMINAL, candidates
 from gap.likelihood import Problem, observe
-from gap.nonlinear_search import robust_fit, search_nonlinear
+from gap.nonlinear import FINAL, NonlinearModal
+from gap.nonlinear_search import NEAR, _thinned, robust_fit, search_nonlinear
 from gap.predict import predict
-from rotor.effects import BearingCubic, BearingFriction, BearingHertz
+from gap.transfer import transfer_interval
+from rotor.effects import BearingCubic, BearingFriction, BearingHertz, Rub
 from rotor.effects.effect import Effect
 from rotor.harmonic_balance import Balance
 from rotor.model import build_model
 from rotor.periodic_force import _one_by_one, _side_by_side
+from rotor.rig import load_rig
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,
     K_B,
     NOISE,
+    RIG,
     STRUCTURE,
     all_but,
     blank,
@@ -87,6 +92,69 @@ def test_derivatives_by_drift_are_those_of_the_motion(hardening):
         off = np.linalg.norm((moved - H) / step - D[m], axis=1)
         usual = off < 1e-3 * np.linalg.norm(D[m], axis=1) + 1e-9 * np.linalg.norm(D[m])
         assert usual.mean() > 0.97  # beside a fold no step is small enough
+
+
+def test_derivatives_by_the_tolerances_follow_the_shapes(hardening):
+    forward = Forward(STRUCTURE, BELIEF)
+    forward.resolution = replace(FINAL, harmonics=3, samples=128)
+    forward.allow_for_tolerances(load_rig(RIG), hardening[1:2], K_B)
+    modal = forward.modal(hardening[1], K_B, (BearingCubic(stiffness=1e13),))
+    drift, tolerance, step = np.zeros(MODES), np.full(len(TOLERANCES), 3e-4), 1e-6
+    H, D = modal.with_derivatives(drift, tolerance)
+    for t in range(len(TOLERANCES)):
+        moved = modal.response(drift, tolerance + step * (np.arange(len(TOLERANCES)) == t))
+        assert np.linalg.norm((moved - H) / step - D[MODES + t]) < 5e-3 * np.linalg.norm(D[MODES + t])
+
+
+def test_a_start_has_the_forces_of_a_hard_contact_that_the_data_tell_of():
+    rub = Rub(stiffness=2e7, gap=2e-5, node=5)
+    run = swept(rub, 1.0)
+    modal = Forward(STRUCTURE, BELIEF).modal(run, K_B, (rub,))
+    assert isinstance(modal, NonlinearModal)
+    told = modal._measured(modal.balance)[1][:, 0]
+    touching = np.abs(told) > 0.03 * np.abs(told).max()
+    off = [
+        np.abs(modal.balance.forces.harmonics(start(modal.balance))[:, 1, 0] - told)[touching] / np.abs(told)[touching]
+        for start in (modal._measured_motion, modal._measured_force)
+    ]
+    assert touching.sum() > 5
+    assert np.median(off[0]) > 0.2
+    assert np.median(off[1]) < 0.05
+
+
+def test_thinned_runs_bend_with_the_tolerances(hardening):
+    problem = problem_of(hardening[:1])
+    problem.allow_for_tolerances(load_rig(RIG), K_B)
+    (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, _thinned(problem, 4, K_B, 0.0)))
+    tolerance = np.full(len(TOLERANCES), 1e-3)
+    assert np.allclose(whole.response(None, tolerance)[::4], few.response(None, tolerance))
+
+
+def test_a_weak_law_is_named():
+    weak = BearingCubic(stiffness=1e13)
+    runs = tuple(swept(weak, level, seed) for seed, level in enumerate(LEVELS[1:]))
+    laws = candidates(runs, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
+    _, found = search_nonlinear(problem_of(runs), laws)
+    best, second = found.fits[0], found.nominal
+    assert second.chi2 < NEAR * second.n_data
+    assert best.hypothesis.ids == ("bearing_cubic",)
+    assert best.log_weight > second.log_weight + 10
+    assert best.effects[0].stiffness == pytest.approx(1e13, rel=0.3)
+
+
+def test_the_interval_of_a_nonlinear_cause_holds_what_the_correction_explains(hardening):
+    problem = problem_of(hardening)
+    (cubic,) = candidates(hardening, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
+    fit = robust_fit(problem, cubic, np.log([1.001 * K_B, 1.01e15]))
+    assert fit is not None
+    low, high = transfer_interval(problem, problem.fit(NOMINAL, fit.u[:1]), fit, 1.0)
+    there = swept(CUBIC, LEVELS[1], excitation_node=4)
+    forward = Forward(STRUCTURE, BELIEF)
+    forward.with_data = False
+    truth, corrected = (forward.modal(there, k_b, e).response() for k_b, e in ((K_B, (CUBIC,)), (fit.k_b, fit.effects)))
+    shrink = 1 - nrmse(truth, corrected) / nrmse(truth, forward.modal(there, K_B).response())
+    assert 0.5 < low < high <= 1
+    assert low - 0.05 < shrink <= 1
 
 
 def test_the_law_is_named_and_its_number_found(hardening):

@@ -32,7 +32,8 @@ from sim.campaign import NominalBelief, Run
 # Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
 _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
 
-# A mode whose residues are below this share of the largest is not reached by the exciter: its shape is judged by that.
+# A mode whose residues are below this share of the largest is not reached by the exciter: tolerances change it in
+# proportion to that share.
 _UNREACHED = 0.05
 
 # Relative step of a tolerance.
@@ -67,7 +68,7 @@ class _Bend:
     """How the tolerances change what a group of channels sees."""
 
     columns: IntArray  # places of its channels in the run, ascending
-    residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the norm of each mode's residues
+    residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the size of each mode's residues
     missed: FloatArray  # (MODES, n_tolerances) of the resonances' logarithms, beyond ``Forward._sensitivity``
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1)
 
@@ -473,14 +474,14 @@ def _bend(modal: Modal, plain: _Group, others: Sequence[_Group]) -> _Bend:
     missed = np.zeros((MODES, len(TOLERANCES)))
     aside = np.zeros((len(TOLERANCES), len(omega), n_rows), dtype=complex)
     bent = np.zeros((len(TOLERANCES), n_rows, MODES), dtype=complex)
-    least = _UNREACHED * np.linalg.norm(plain.residues[:, plain.mode >= 0], axis=0).max(initial=1e-300)
+    sizes = _sizes(plain.residues, plain.mode)
     for t, other in enumerate(others):
         aside[t] = (_others(other, omega) - _others(plain, omega)) / _STEP
         for m in range(MODES):
             a, b = _upper(plain, m), _upper(other, m)
             if a is not None and b is not None:
                 change = other.residues[:, b] - plain.residues[:, a]
-                bent[t, :, m] = change / (_STEP * max(np.linalg.norm(plain.residues[:, a]), least))
+                bent[t, :, m] = change / (_STEP * sizes[a])
                 moved = np.log(np.abs(other.poles[b] / plain.poles[a])) / np.log1p(_STEP)
                 missed[m, t] = moved - modal.sensitivity[m, t]
     return _Bend(plain.columns, bent, missed, aside)
@@ -492,11 +493,18 @@ def _bent(known: _Bend | None, omega, columns, poles: ComplexArray, residues: Co
     if known is None:
         return bent, np.zeros((len(TOLERANCES), len(omega), len(columns) + 1), dtype=complex)
     rows = np.append(np.searchsorted(known.columns, columns), len(known.columns))
+    sizes = _sizes(residues, mode)
     for k in np.flatnonzero((mode >= 0) & (poles.imag > 0)):
-        bent[:, :, k] = known.residues[:, rows, mode[k]] * np.linalg.norm(residues[:, k])
+        bent[:, :, k] = known.residues[:, rows, mode[k]] * sizes[k]
         twin = int(np.argmin(np.abs(poles - poles[k].conj())))
         bent[:, :, twin] = bent[:, :, k].conj()
     return bent, known.aside[:, :, rows]
+
+
+def _sizes(residues: ComplexArray, mode: IntArray) -> FloatArray:
+    """(n_states,) size of each mode's residues, at least a share of the largest that drifts."""
+    sizes = np.linalg.norm(residues, axis=0)
+    return np.maximum(sizes, _UNREACHED * sizes[mode >= 0].max(initial=1e-300))
 
 
 def _others(group: _Group, omega: FloatArray) -> ComplexArray:

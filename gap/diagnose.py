@@ -34,6 +34,7 @@ ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
 ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
 ADEQUATE_NONLINEAR = 1.5  # the same of a nonlinear candidate: see docs/diagnosis.md
 ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
+LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance
 SURE = 0.9  # probability from which one cause is named
 NO_GAP_PRIOR = 0.95  # probability of no gap before the data
 PAIR_GAIN = 12.0  # logarithm of the evidence that a pair must add
@@ -47,9 +48,6 @@ _ELEMENTS, _FINE_ELEMENTS = 2, 8
 
 # Mean square misfit of the nominal model from which levels that differ are not asked for a linear cause.
 _PLAIN = 20.0
-
-# A nonlinear effect that the comparison of levels cannot see: its force is proportional to the displacement's size.
-_THE_SAME_AT_EVERY_LEVEL = ("bilinear_support",)
 
 
 @dataclass(frozen=True)
@@ -109,19 +107,12 @@ def diagnose(
 
         return Outcome(diagnose_peaks(campaign, exclude, findings), ())
     problem, nominal = prepared(campaign)
-    structure = problem.forward.structure
     clock.lap("recalibration")
-    laws = candidates(campaign.runs, structure, exclude, nonlinear=True)
-    linear = candidates(campaign.runs, structure, exclude)
-    dependent = _amplitude_dependent(findings)
-    if not dependent:
-        levels = {run.force_amplitude_N for run in campaign.runs if run.support == "bearing"}
-        suspect = len(levels) > 1 and not _adequate(problem, nominal, judge(problem, nominal))
-        laws = tuple(law for law in laws if suspect and law.ids == _THE_SAME_AT_EVERY_LEVEL)
-    if laws:
-        problem, nominal, fits = _with_laws(problem, laws, linear, nominal, progress, clock, with_pairs=not dependent)
-    else:
-        fits = _linear(problem, linear, nominal, progress, clock)
+    library = _Library(
+        linear=candidates(campaign.runs, problem.forward.structure, exclude),
+        laws=candidates(campaign.runs, problem.forward.structure, exclude, nonlinear=True),
+    )
+    problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
     quality = judge(problem, fits[0])
     ranked = _rank(problem, nominal, fits, quality)
     verdict = _verdict(problem, nominal, ranked, quality)
@@ -136,49 +127,73 @@ def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     return problem, recalibrate(problem, first)
 
 
-def _with_laws(
-    problem: Problem,
-    laws: Sequence[Hypothesis],
-    linear: Sequence[Hypothesis],
-    nominal: Fit,
-    progress: Progress | None,
-    clock: _Clock,
-    *,
-    with_pairs: bool,
+@dataclass(frozen=True)
+class _Library:
+    """Candidates."""
+
+    linear: Sequence[Hypothesis]
+    laws: Sequence[Hypothesis]  # nonlinear ones
+
+
+def _explained(
+    problem: Problem, nominal: Fit, library: _Library, dependent: bool, progress: Progress | None, clock: _Clock
 ) -> tuple[Problem, Fit, list[Fit]]:
-    """Nonlinear effects; beside linear ones, on the same lines, unless the former explain what is plainly nonlinear.
+    """Fit what may explain the runs: nonlinear effects only where levels differ, linear ones unless those suffice.
+
+    Parameters
+    ----------
+    dependent : whether the runs themselves show that levels differ
 
     Returns
     -------
     the problem the best fits belong to, its nominal model, and all fits, best first
     """
-    coarser, found = search_nonlinear(problem, laws, progress)
+
+    def singles() -> Search:
+        made = search(problem, library.linear, nominal, progress)
+        clock.lap("single effects")
+        return made
+
+    found = None if dependent else singles()
+    if found and not (library.laws and _differ_by_level(problem, found.fits[0])):
+        return problem, nominal, _finished(problem, found, library.linear, progress, clock)
+    coarser, bent = search_nonlinear(problem, library.laws, progress)
     clock.lap("nonlinear effects")
-    fits = list(found.fits)
-    plain = found.nominal.chi2 > _PLAIN * found.nominal.n_data
-    if fits and plain and _adequate(coarser, fits[0], judge(coarser, fits[0])):
-        return coarser, found.nominal, fits
-    straight = _linear(problem, linear, nominal, progress, clock, with_pairs=with_pairs)
+    adequate = bool(bent.fits) and _adequate(coarser, bent.fits[0], judge(coarser, bent.fits[0]))
+    if adequate and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:
+        return coarser, bent.nominal, list(bent.fits)
+    with_pairs = not (dependent or adequate)
+    straight = _finished(problem, found or singles(), library.linear, progress, clock, with_pairs=with_pairs)
     rivals = [fit for fit in (robust_fit(coarser, fit.hypothesis, fit.u) for fit in straight[:POLISHED]) if fit]
     best = max((fit.log_weight for fit in rivals), default=-np.inf)
     clock.lap("linear rivals")
-    if not fits or best > fits[0].log_weight:
+    if not bent.fits or best > bent.fits[0].log_weight:
         return problem, nominal, straight
-    return coarser, found.nominal, best_first([*fits, *rivals])
+    return coarser, bent.nominal, best_first([*bent.fits, *rivals])
 
 
-def _linear(
+def _differ_by_level(problem: Problem, fit: Fit) -> bool:
+    """Whether levels differ in what a linear fit leaves: where each may have resonances of its own, misfit goes."""
+    levels: dict[str, set[float | None]] = {}
+    for run in problem.runs:
+        levels.setdefault(run.support, set()).add(run.force_amplitude_N)
+    runs = [r for r, run in enumerate(problem.runs) if len(levels[run.support]) > 1]
+    if not runs:
+        return False
+    gain, numbers = problem.score(fit).apart(runs)
+    return gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or not _adequate(problem, fit, judge(problem, fit))
+
+
+def _finished(
     problem: Problem,
+    found: Search,
     hypotheses: Sequence[Hypothesis],
-    nominal: Fit,
     progress: Progress | None,
     clock: _Clock,
     *,
     with_pairs: bool = True,
 ) -> list[Fit]:
-    """Single effects, and pairs where no single one is adequate; best first."""
-    found = search(problem, hypotheses, nominal, progress)
-    clock.lap("single effects")
+    """Linear effects, best first, and pairs where no single one is adequate."""
     fits = list(found.fits)
     if with_pairs and not (
         _adequate(problem, fits[0], judge(problem, fits[0])) and most_left(problem, fits[0], hypotheses) < 2 * PAIR_GAIN
@@ -190,8 +205,9 @@ def _linear(
 
 
 def _amplitude_dependent(findings: Sequence[Finding]) -> bool:
-    """Whether the audit saw runs at different levels differ by more than their noise."""
-    return any(finding.check == "level" and finding.severity != "ok" for finding in findings)
+    """Whether the audit saw runs at different levels differ by more than their noise; too few lines are no finding."""
+    seen = (finding for finding in findings if finding.check == "level" and finding.severity != "ok")
+    return any(finding.value is not None for finding in seen)
 
 
 class _Clock:

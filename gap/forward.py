@@ -27,7 +27,7 @@ from rotor.rig import Disk, Rig
 from rotor.state_space import StateSpace
 from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 from rotor.system import LinearSystem
-from sim.campaign import NominalBelief, Run
+from sim.campaign import Channel, NominalBelief, Run
 
 # Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
 _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
@@ -35,6 +35,9 @@ _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
 # A mode whose residues are below this share of the largest is not reached by the exciter: tolerances change it in
 # proportion to that share.
 _UNREACHED = 0.05
+
+# Rotors that are remembered while the runs of a candidate are made.
+_REMEMBERED = 8
 
 # Relative step of a tolerance.
 _STEP = 1e-3
@@ -71,6 +74,18 @@ class _Bend:
     residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the size of each mode's residues
     missed: FloatArray  # (MODES, n_tolerances) of the resonances' logarithms, beyond ``Forward._sensitivity``
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1)
+
+
+@dataclass(frozen=True)
+class _Rotor:
+    """Modes of a rotor as a group of channels sees them."""
+
+    space: StateSpace
+    exciter: FloatArray  # (n, 1)
+    outputs: FloatArray  # (n_channels + 1, n)
+    poles: ComplexArray  # (n_states,)
+    residues: ComplexArray  # (n_channels + 1, n_states)
+    sensitivity: FloatArray  # (MODES, n_tolerances)
 
 
 @dataclass(frozen=True)
@@ -248,6 +263,7 @@ class Forward:
         self._known: dict[tuple, Known] = {}
         self._sensitivities: dict[tuple, FloatArray] = {}
         self._variants: list[Structure] = []
+        self._rotors: dict[tuple, _Rotor] = {}
         self._bends: dict[tuple, list[_Bend]] = {}
 
     def allow_for_tolerances(self, rig: Rig, runs: Sequence[Run], k_b: float) -> None:
@@ -355,6 +371,39 @@ class Forward:
         columns: IntArray,
         bends: Sequence[_Bend],
     ) -> tuple[_Group, FloatArray]:
+        rotor = self._rotor(structure, run, condition, tuple(effects), tuple(run.channels[c] for c in columns))
+        mode = _numbers(rotor.poles, 2 * np.pi * _DRIFTING * run.frequency_hz[-1])
+        rest = rotor.space.beyond(omega, rotor.exciter, rotor.outputs)[:, :, 0]
+        known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
+        bent, aside = _bent(known, omega, columns, rotor.poles, rotor.residues, mode)
+        made = _Group(columns, rotor.poles, rotor.residues, mode, rest, _chain(effects, run, columns), bent, aside)
+        return made, rotor.sensitivity + (0.0 if known is None else known.missed)
+
+    def _rotor(
+        self,
+        structure: Structure,
+        run: Run,
+        condition: Condition,
+        effects: tuple[Effect, ...],
+        channels: tuple[Channel, ...],
+    ) -> _Rotor:
+        """A rotor's modes as seen by some channels; runs at several levels share them."""
+        limit = max(_KEPT_HZ, _KEPT_RATIO * run.frequency_hz[-1])
+        key = (id(structure), condition, effects, channels, limit)
+        if key not in self._rotors:
+            if len(self._rotors) >= _REMEMBERED:
+                self._rotors.pop(next(iter(self._rotors)))
+            self._rotors[key] = self._solve(structure, condition, effects, channels, limit)
+        return self._rotors[key]
+
+    def _solve(
+        self,
+        structure: Structure,
+        condition: Condition,
+        effects: Sequence[Effect],
+        channels: Sequence[Channel],
+        limit_hz: float,
+    ) -> _Rotor:
         model = build_model(structure, condition, effects)
         if model.forces:
             raise ValueError("a nonlinear rotor has no modal form")
@@ -364,20 +413,12 @@ class Forward:
         if plane:
             inside = system.plane == plane
             system, exciter = system.in_plane(plane), exciter[inside]
-        rows = [system.read_out(1 if run.channels[c].plane == "y" else 2)[run.channels[c].node - 1] for c in columns]
+        rows = [system.read_out(1 if channel.plane == "y" else 2)[channel.node - 1] for channel in channels]
         outputs = np.vstack([*rows, exciter])
-        limit = max(_KEPT_HZ, _KEPT_RATIO * run.frequency_hz[-1])
-        if len(system.massless):  # dashpots in series with springs couple even modes far above
-            limit = np.inf
-        space = StateSpace(system, condition.spin_speed, limit)
+        # Dashpots in series with springs couple even modes far above.
+        space = StateSpace(system, condition.spin_speed, np.inf if len(system.massless) else limit_hz)
         poles, residues = space.poles(exciter[:, None], outputs)
-        rest = space.beyond(omega, exciter[:, None], outputs)[:, :, 0]
-        top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
-        mode = _numbers(poles, top)
-        known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
-        bent, aside = _bent(known, omega, columns, poles, residues[:, 0], mode)
-        made = _Group(columns, poles, residues[:, 0], mode, rest, _chain(effects, run, columns), bent, aside)
-        return made, self._sensitivity(system) + (0.0 if known is None else known.missed)
+        return _Rotor(space, exciter[:, None], outputs, poles, residues[:, 0], self._sensitivity(system))
 
     def _sensitivity(self, system: LinearSystem) -> FloatArray:
         """(MODES, n_tolerances) relative change of each undamped resonance by modulus, span and each disk's mass."""

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting, nonlinear, on_the_rotor
 from gap.hypotheses import K_B, Hypothesis
@@ -493,6 +494,31 @@ class Score:
         if told <= _UNTOLD * size:
             return 0.0, 0.0, np.zeros_like(answer)
         return slope * abs(slope) / told, slope / told, -slope / told * answer
+
+    def apart(self, runs: Sequence[int]) -> tuple[float, int]:
+        """To first order, the misfit that goes where each resonance of these runs has its own shift and damping.
+
+        Returns
+        -------
+        gain, and how many numbers it takes: without a cause the gain is chi-squared with so many degrees of freedom
+        """
+        problem, fit = self._problem, self._fit
+        modals = problem.modals(fit.k_b, fit.effects)
+        slopes, blocks, shared = [], [], []
+        for r in runs:
+            observed, modal, (residual, J, where) = problem.observed[r], modals[r], self._parts[r]
+            inside = int(np.sum(modal.frequencies_hz < observed.run.frequency_hz[-1]))
+            shifts = modal.with_derivatives(*problem.nuisances.of_run(fit.nu, r))[1][:inside]
+            columns = np.concatenate([shifts, 1j * shifts]) * problem.nuisances.gains(fit.nu, r, modal)
+            X = _columns(observed, self._model[r], columns, self._weights[r])
+            slopes.append(X @ residual)
+            blocks.append(X @ X.T)
+            shared.append(np.zeros((len(self._covariance), len(X))))
+            shared[-1][where] = J @ X.T
+        together = np.concatenate(shared, axis=1)
+        told = np.asarray(block_diag(*blocks)) - together.T @ self._covariance @ together
+        slope = np.concatenate(slopes)
+        return float(slope @ np.linalg.pinv(told, rcond=_UNTOLD, hermitian=True) @ slope), len(slope)
 
 
 # Share of an effect's change that nuisances must leave, for the change to tell anything.

@@ -222,11 +222,11 @@ class _Movement:
     @property
     def words(self) -> str:
         """What the resonance does."""
+        moves = f"The resonance at {self.frequency_hz:.4g} Hz moves by {100 * self.shift:+.2g} %"
+        if not np.isfinite(self.damping).all():
+            return moves
         low, high = (f"{100 * d:.3g}" for d in self.damping)
-        return (
-            f"The resonance at {self.frequency_hz:.4g} Hz moves by {100 * self.shift:+.2g} % "
-            f"and its damping ratio from {low} to {high} %"
-        )
+        return f"{moves} and its damping ratio from {low} to {high} %"
 
 
 def _movements(a: Prepared, b: Prepared, belief: NominalBelief) -> Iterator[_Movement]:

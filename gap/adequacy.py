@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
-from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem
-from rotor.structure import ComplexArray
+from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem, expected_magnitude
+from rotor.structure import ComplexArray, FloatArray
 
-# Median of chi-squared with one and with two degrees of freedom.
-_MEDIAN_1, _MEDIAN_2 = 0.45494, 1.38629
+# Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
+_TRIMMED = 0.95
 
 # Standard errors are believed where the data's own scatter differs by less than this over the root of the number of
 # values: 2.5 standard errors of the median of overlapping differences.
@@ -29,7 +30,7 @@ class Adequacy:
 def whitened(observed: Observed, model: ComplexArray, model_error: float = 0.0) -> ComplexArray:
     """(n_freq, n_channels) residuals of unit variance per real component; nan where nothing is there."""
     y = observed.run.H
-    difference = np.abs(y) - np.abs(model) if observed.run.magnitude_only else y - model
+    difference = np.abs(y) - expected_magnitude(observed, model)[0] if observed.run.magnitude_only else y - model
     silent = np.abs(np.nan_to_num(y)) <= 1e-9 * np.nanmax(np.abs(y))
     return np.where(
         observed.valid & ~silent,
@@ -40,20 +41,20 @@ def whitened(observed: Observed, model: ComplexArray, model_error: float = 0.0) 
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:
     """Compare a fit's residuals with the noise under them."""
-    bends, squares, products, n = [], 0.0, 0.0, 0
+    scatter, bends, squares, products, n = 0.0, 0, 0.0, 0.0, 0
     for observed, model in zip(problem.observed, problem.predict(fit), strict=True):
         z = whitened(observed, model, problem.model_error if problem.model_error > MODEL_ERROR else 0.0)
         real = observed.run.magnitude_only
         parts = 1 if real else 2
-        if len(z) > 2:
-            bend = z[1:-1] - (z[:-2] + z[2:]) / 2
-            bends.append((np.abs(bend) ** 2 / (1.5 * (_MEDIAN_1 if real else _MEDIAN_2))).ravel())
+        for channel in z.T:
+            found = _bends(channel)
+            scatter += len(found) * _scatter(found, parts)
+            bends += len(found)
         size = float(np.nansum(np.abs(z) ** 2)) / parts
         squares += size
         n += int(np.isfinite(z).sum())
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
-    every = np.concatenate(bends) if bends else np.ones(1)
-    scale2 = float(np.nanmedian(every))
+    scale2 = scatter / bends if bends else 1.0
     surely = 1.0 if abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2
     dof = max(n - len(fit.u) - 6, 1)
     return Adequacy(
@@ -61,3 +62,21 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         misfit=squares / dof / max(surely, 1e-30),
         correlation=products / max(squares, 1e-30) * np.sqrt(2 * n),
     )
+
+
+def _bends(z: ComplexArray) -> FloatArray:
+    """Squares of second differences of a channel's residuals, where three lines in a row are there."""
+    bend = np.abs(z[1:-1] - (z[:-2] + z[2:]) / 2) ** 2
+    return bend[np.isfinite(bend)]
+
+
+def _scatter(bends: FloatArray, parts: int) -> float:
+    """Variance of a residual's real component, by the trimmed mean of its second differences' squares.
+
+    Of chi-squared with k degrees of freedom, the mean below the quantile q is k F_(k+2)(q) / F_k(q).
+    """
+    if not len(bends):
+        return 0.0
+    kept = np.sort(bends)[: max(round(_TRIMMED * len(bends)), 1)]
+    expected = parts * chi2.cdf(chi2.ppf(_TRIMMED, parts), parts + 2) / _TRIMMED
+    return float(np.mean(kept) / (1.5 * expected))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.special import i0e, i1e
 
 from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting, nonlinear, on_the_rotor
 from gap.hypotheses import K_B, Hypothesis
@@ -543,11 +544,29 @@ def _residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray
     y = observed.run.H
     size = np.abs(np.nan_to_num(y))
     variance = observed.std**2 + added**2 * size**2
-    if observed.run.magnitude_only:
-        difference, component = np.abs(y) - np.abs(H), variance / 2
-    else:
-        difference, component = y - H, variance / 2
-    return np.where(observed.valid, difference / np.sqrt(component), 0.0)
+    difference = np.abs(y) - expected_magnitude(observed, H)[0] if observed.run.magnitude_only else y - H
+    return np.where(observed.valid, difference / np.sqrt(variance / 2), 0.0)
+
+
+def expected_magnitude(observed: Observed, H: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Mean magnitude of a response with noise, and its slope by the magnitude without (mean of Rice's distribution).
+
+    With s the standard deviation of a real component and z = |H|^2 / (4 s^2),
+    mean = s sqrt(pi/2) e^-z ((1 + 2 z) I0(z) + 2 z I1(z)).
+
+    Where exactly nothing was measured there was no noise.
+
+    Returns
+    -------
+    (n_freq, n_channels) each
+    """
+    s, size = np.where(observed.valid, observed.std, 1.0) / np.sqrt(2), np.abs(H)
+    z = (size / (2 * s)) ** 2
+    zeroth, first = i0e(z), i1e(z)
+    mean = s * np.sqrt(np.pi / 2) * ((1 + 2 * z) * zeroth + 2 * z * first)
+    slope = size / (2 * s) * np.sqrt(np.pi / 2) * (zeroth + first)
+    noisy = np.abs(observed.run.H) > 0
+    return np.where(noisy, mean, size), np.where(noisy, slope, 1.0)
 
 
 def _weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
@@ -566,7 +585,7 @@ def _columns(observed: Observed, H: ComplexArray, columns: ComplexArray, weight:
     J = columns * weight
     if observed.run.magnitude_only:
         direction = np.where(np.abs(H) > 0, H.conj() / np.where(np.abs(H) > 0, np.abs(H), 1.0), 0.0)
-        return (J * direction).real.reshape(len(J), -1)
+        return (J * direction * expected_magnitude(observed, H)[1]).real.reshape(len(J), -1)
     flat = J.reshape(len(J), -1)
     return np.concatenate([flat.real, flat.imag], axis=1)
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gap.adequacy import judge
 from gap.hypotheses import NOMINAL, Hypothesis
-from gap.likelihood import Problem, observe
+from gap.likelihood import Observed, Problem, expected_magnitude, observe
 from gap.search import recalibrate
 from rotor.effects import AttachedMass, BearingDamping
 from rotor.rig import load_rig
-from tests.gap.conftest import BELIEF, K_B, NOISE, RIG, both_supports, candidate, lines, measure, problem_of
+from tests.gap.conftest import BELIEF, CHANNELS, K_B, NOISE, RIG, both_supports, candidate, lines, measure, problem_of
 
 MASS = AttachedMass(mass=0.1, node=3)
 GAINS, DRIFTS = (1.03, 0.98), (1.5e-4, -1e-4)
@@ -183,3 +184,27 @@ def test_belief_sets_the_nuisances_width():
     assert_allclose(std[nuisances.gain], BELIEF.gain_tolerance)
     assert_allclose(std[nuisances.drift[1]], BELIEF.frequency_drift)
     assert NOMINAL.free == ()
+
+
+def test_the_mean_magnitude_of_a_noisy_response_is_that_of_many_draws():
+    rng = np.random.default_rng(0)
+    H = np.array([[0.0, 0.3, 1.0, 4.0]], dtype=complex)
+    run = replace(measure("rigid"), frequency_hz=np.array([50.0]), H=H + 1, channels=CHANNELS[:4], std=np.ones((1, 4)))
+    noise = (rng.standard_normal((400_000, 4)) + 1j * rng.standard_normal((400_000, 4))) / np.sqrt(2)
+    mean, slope = expected_magnitude(Observed(run, np.ones((1, 4))), H)
+    assert_allclose(mean[0], np.abs(H + noise).mean(axis=0), atol=4e-3)
+    nearby, _ = expected_magnitude(Observed(run, np.ones((1, 4))), H + 1e-6)
+    assert_allclose(slope, (nearby - mean) / 1e-6, atol=1e-5)
+
+
+def test_noise_of_a_sensor_that_stands_still_is_no_misfit_of_magnitudes():
+    """Supports hold the end nodes, whose magnitudes are noise alone."""
+    rng, runs = np.random.default_rng(1), []
+    for run in both_supports():
+        std = np.hypot(run.std, 1e-3 * np.median(np.abs(run.H)))
+        noise = (rng.standard_normal(run.H.shape) + 1j * rng.standard_normal(run.H.shape)) / np.sqrt(2)
+        runs.append(replace(run, H=np.abs(run.H + std * noise).astype(complex), std=std, magnitude_only=True))
+    problem = problem_of(*runs)
+    quality = judge(problem, recalibrate(problem))
+    assert quality.misfit < 1.15
+    assert abs(quality.correlation) < 3.5

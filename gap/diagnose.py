@@ -41,6 +41,7 @@ PAIR_GAIN = 12.0  # logarithm of the evidence that a pair must add
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
 AT_MOST = 3  # effects in that set
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
+CREDIBLE_ERRORS = (0.5, 2.0)  # scatter of a run's lines over the given errors: outside, they are scaled at once
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
 # A crack or a hub inside an element needs more of them.
@@ -221,8 +222,14 @@ class _Clock:
 
 
 def _observed(run: Run) -> Observed:
-    std = run.std if run.std is not None else estimate_noise(run).std
-    return observe(run, np.asarray(std))
+    """A run with its given errors, or the scatter of its lines where there are none or where they contradict it."""
+    own = np.asarray(estimate_noise(run).std)
+    if run.std is None:
+        return observe(run, own)
+    there = np.isfinite(own) & np.isfinite(run.std) & (run.std > 0) & (np.abs(run.H) > 0)
+    ratio = float(np.median(own[there] / run.std[there])) if there.any() else 1.0
+    low, high = CREDIBLE_ERRORS
+    return observe(run, run.std if low < ratio < high else ratio * run.std)
 
 
 def _with_pairs(

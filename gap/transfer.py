@@ -2,7 +2,8 @@
 
 Numbers are drawn from the posterior; each draw is a rig that the data allow. Driven at a node that was not driven,
 free of noise, gains and drift, it is compared with the nominal and with the corrected model. The interval of what
-the correction explains is thus one for transfer data, not for the lines next to those that were fitted.
+the correction explains is thus one for transfer data, not for the lines next to those that were fitted. It holds the
+90 % interval of every such node, as one does not know which will be driven.
 
 A nonlinear cause is tried at the middle of the levels. Its corrected model is followed as a sweep; a drawn rig's
 motions are those nearest to it.
@@ -23,7 +24,7 @@ from gap.nonlinear import MIDDLE, NonlinearModal
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
 
-_DRAWS = 200
+_DRAWS = 60
 
 # The same of a nonlinear cause, and every so many lines: each is solved anew.
 _DRAWS_NONLINEAR, _LINES_NONLINEAR = 40, 2
@@ -46,9 +47,11 @@ def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -
         nodes, count = nodes[len(nodes) // 2 :][:1], _DRAWS_NONLINEAR
     tests = [_Test(problem, nominal, best, node) for node in nodes]
     draws = _draws(best, scale, rng, count)
-    shrinks = [tests[rng.integers(len(tests))].shrink(u, nu) for u, nu in draws]
-    finite = np.array([s for s in shrinks if np.isfinite(s)])
-    return (float(np.quantile(finite, 0.05)), float(np.quantile(finite, 0.95))) if len(finite) else (np.nan, np.nan)
+    shrinks = [[test.shrink(u, nu) for u, nu in draws] for test in tests]
+    known = [np.array(each)[np.isfinite(each)] for each in shrinks if np.isfinite(each).any()]
+    if not known:
+        return (np.nan, np.nan)
+    return min(float(np.quantile(each, 0.05)) for each in known), max(float(np.quantile(each, 0.95)) for each in known)
 
 
 def _other_nodes(problem: Problem) -> list[int]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from gap.curves import SILENT
 from gap.diagnosis import Shrink
+from gap.forward import acting, nonlinear
 from gap.likelihood import Fit, Observed, Problem
+from gap.nonlinear import BoolArray
 from gap.transfer import transfer_interval
 from rotor.effects import Effect
 from rotor.structure import ComplexArray, FloatArray
@@ -18,6 +21,9 @@ from sim.campaign import Run
 Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[ComplexArray], str]]
 
 _BLOCKS = 10  # stretches of lines of every run; every second one is held out
+
+# Lines of a nonlinear run that the virtual rig measures: each takes a second or so.
+_INTEGRATED = 30
 
 
 def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:
@@ -45,12 +51,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     after = problem.predict(with_it)
     model_after, verified = after, "model"
     if confirm is not None:
-        try:
-            measured, verified = confirm(problem.runs, with_it.effects, with_it.k_b)
-        except RuntimeError:  # a line that does not settle: the virtual rig has no figure
-            measured, verified = [], "model"
-        if len(measured):
-            after = [H * _nuisance_ratio(problem, with_it, r) for r, H in enumerate(measured)]
+        after, masks, verified = _measured(problem, with_it, after, masks, confirm)
     table = _table(problem, masks, before, after, scale)
     numbers = _figures(table, np.arange(len(table)))
     return Shrink(
@@ -66,8 +67,48 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     )
 
 
-def _held_out(n: int) -> FloatArray:
+def _held_out(n: int) -> BoolArray:
     return (np.arange(n) * _BLOCKS // n) % 2 == 1
+
+
+def _measured(
+    problem: Problem, fit: Fit, after: Sequence[ComplexArray], masks: Sequence[BoolArray], confirm: Confirm
+) -> tuple[Sequence[ComplexArray], Sequence[BoolArray], str]:
+    """The corrected runs as the virtual rig measures them, held-out lines that it measured, and what measured."""
+    held_out = zip(problem.runs, masks, strict=True)
+    lines = [lines_to_measure(mask, acting(fit.effects, run.support)) for run, mask in held_out]
+    some = [_some_lines(run, chosen) for run, chosen in zip(problem.runs, lines, strict=True)]
+    try:
+        measured, verified = confirm(some, fit.effects, fit.k_b)
+    except RuntimeError:  # a line that does not settle: the virtual rig has no figure
+        return after, masks, "model"
+    if not len(measured):
+        return after, masks, verified
+    whole = [_in_place(H, chosen) for H, chosen in zip(measured, lines, strict=True)]
+    corrected = [H * _nuisance_ratio(problem, fit, r) for r, H in enumerate(whole)]
+    return corrected, [mask & chosen for mask, chosen in zip(masks, lines, strict=True)], verified
+
+
+def lines_to_measure(held_out: BoolArray, effects: Sequence[Effect]) -> BoolArray:
+    """(n_freq,) lines for the virtual rig: all, or some that were held out where each is integrated in time."""
+    if not nonlinear(effects):
+        return np.ones(len(held_out), dtype=bool)
+    places = np.flatnonzero(held_out)
+    chosen = np.zeros(len(held_out), dtype=bool)
+    chosen[places[:: max(len(places) // _INTEGRATED, 1)]] = True
+    return chosen
+
+
+def _some_lines(run: Run, lines: BoolArray) -> Run:
+    std = None if run.std is None else run.std[lines]
+    return replace(run, frequency_hz=run.frequency_hz[lines], H=run.H[lines], std=std, harmonics={})
+
+
+def _in_place(H: ComplexArray, lines: BoolArray) -> ComplexArray:
+    """(n_freq, n_channels) of all lines, zero where nothing was measured."""
+    every = np.zeros((len(lines), H.shape[1]), dtype=complex)
+    every[lines] = H
+    return every
 
 
 def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:

@@ -180,7 +180,7 @@ class NonlinearModal:
             if start == "data":
                 joints = self._measured_motion(balance)[far]
             elif start == "force":
-                joints = self._measured_force(balance)[far]
+                joints = self._measured_force(balance, far)
             elif start == "linear":
                 joints = self._force * balance.receptance(self._omega[far])[1]
             else:
@@ -209,12 +209,12 @@ class NonlinearModal:
         """(n_freq, K, n_joints) joints that the data tell of; harmonics and mean start at zero."""
         return self._measured(balance)[0]
 
-    def _measured_force(self, balance: Balance) -> ComplexArray:
-        """The same, made larger or smaller until the laws give the forces that the data tell of.
+    def _measured_force(self, balance: Balance, lines: IntArray) -> ComplexArray:
+        """The same of some lines, made larger or smaller until the laws give the forces that the data tell of.
 
         A stiff law turns a small error of the displacement into a large one of the force.
         """
-        X, N = self._measured(balance)
+        X, N = (each[lines] for each in self._measured(balance))
         size = np.maximum(np.abs(N), 1e-300)
         best, width = np.zeros(N.shape), _WIDEST
         for _ in range(_ROUNDS):

@@ -8,14 +8,14 @@ logarithm, so they cannot decide.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import Fit, Observed, Problem, Score
-from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH
+from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH, NonlinearModal
 from gap.search import Progress, Search, best_first, recalibrate
 from rotor.structure import FloatArray
 
@@ -38,6 +38,9 @@ _POINTS = {
 # Of an even range the grid takes this share of it as the smallest point.
 _SMALL = 0.01
 
+# Friction forces where its two stiffnesses are those of the lowest and the highest level.
+_FORCES = 30
+
 # Of a bilinear support, ratios of a grid, and its step along the logarithm of k_b.
 _RATIOS, _FINELY = 7, 0.02
 
@@ -55,6 +58,9 @@ _NEAR_STARTS, _AHEAD = 6, 60.0
 # Of every effect, so many points of the grid are descended from; of one with places, so many places.
 _STARTS, _PLACES = 2, 3
 
+# A node that moves less than this share of another's is taken to move so much, when a law is carried over to it.
+_LEAST_MOTION = 0.03
+
 # Relative errors that are added in the descents, first of all effects, then of those that are left.
 _FIRST, _THEN = (0.3,), (0.1,)
 
@@ -68,7 +74,7 @@ _CLEAR = 400.0
 
 # Misfit of a line, in standard errors, beyond which it counts as an outlier; rounds of weighting, and steps in each.
 OUTLIER = 3.0
-_ROUNDS, _STEPS = 2, 5
+_ROUNDS, _STEPS = 3, 5
 
 
 @dataclass(frozen=True)
@@ -92,13 +98,14 @@ def search_nonlinear(
     """
     forward = problem.forward
     calm, nu = _calm(problem)
+    rest = _Rest(calm, recalibrate(_at_level(problem, max)).k_b)
     every = _thinned(problem, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
     tell = _Teller(progress, len(hypotheses) + 3)
     if nominal.chi2 < NEAR * nominal.n_data:
-        left = _near(problem, hypotheses, calm, nominal, tell)
+        left = _near(problem, hypotheses, rest, nominal, tell)
     else:
-        left = _far(problem, hypotheses, calm, nu, tell)
+        left = _far(problem, hypotheses, rest, nu, tell)
     tell("fits")
     forward.resolution = FINAL
     first = [_fitted(every, start, rounds=1, steps=3) for start in left if start.cost < _WITHIN * left[0].cost]
@@ -106,6 +113,14 @@ def search_nonlinear(
     again = [robust_fit(every, fit.hypothesis, fit.u, fit.nu) for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [fit for fit in again if fit is not None] + fits[len(again) :]
     return every, Search(nominal, tuple(best_first(fits)))
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """Linear rotors that suit the lowest and the highest level."""
+
+    calm: Fit
+    loud: float  # bearing stiffness [N/m]
 
 
 class _Teller:
@@ -120,24 +135,26 @@ class _Teller:
         self._done += 1
 
 
-def _far(problem: Problem, hypotheses: Sequence[Hypothesis], calm: Fit, nu: FloatArray, tell: _Teller) -> list[_Start]:
+def _far(
+    problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nu: FloatArray, tell: _Teller
+) -> list[_Start]:
     """Where the gap is plain: a grid over all numbers by relative distance, then descents; best first."""
-    problem.forward.resolution = ROUGH
+    problem.forward.resolution, calm = ROUGH, rest.calm
     few = _thinned(problem, _GRID_LINES, calm.k_b, _ROUGH_ERROR)
     grid: dict[str, list[_Start]] = {}
     for hypothesis in hypotheses:
         tell(str(hypothesis))
-        grid.setdefault(hypothesis.ids[0], []).extend(_by_distance(few, hypothesis, calm, nu))
+        grid.setdefault(hypothesis.ids[0], []).extend(_by_distance(few, hypothesis, rest, nu))
     tell("descents")
     rough = _descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
     problem.forward.resolution = MIDDLE
     some = _thinned(problem, _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     left = _descend(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost], _THEN)
-    uneven = [start for h in hypotheses if h.ids == ("bilinear_support",) for start in _uneven(problem, h, calm, nu)]
-    best: dict[Hypothesis, _Start] = {}
-    for start in sorted([*left, *_descend(some, uneven, (*_FIRST, *_THEN))], key=_cost):
-        best.setdefault(start.hypothesis, start)
-    return list(best.values())
+    if not left or left[0].cost > _values(some):
+        bilinear = [hypothesis for hypothesis in hypotheses if hypothesis.ids == ("bilinear_support",)]
+        uneven = [start for each in bilinear for start in _uneven(problem, each, calm, nu)]
+        left = _best_of_each([*left, *_descend(some, uneven, (*_FIRST, *_THEN))])
+    return _best_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), _THEN)])[:_LEFT]
 
 
 def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[_Start]:
@@ -145,7 +162,7 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
 
     How stiff it is on average is another number for every resonance, and tells in its harmonics.
     """
-    low = _thinned(_lowest(problem), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
+    low = _thinned(_at_level(problem, min), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     (free,) = hypothesis.free
     found = []
     for log_ratio in np.linspace(0.1, 0.95, _RATIOS) * np.log(free.high):
@@ -156,13 +173,13 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
     return sorted(found, key=_cost)[:_STARTS]
 
 
-def _near(problem: Problem, hypotheses: Sequence[Hypothesis], calm: Fit, nominal: Fit, tell: _Teller) -> list[_Start]:
+def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nominal: Fit, tell: _Teller) -> list[_Start]:
     """Where the gap is small: the same grid by what each point leaves of the misfit, nuisances refitted to first order.
 
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
     problem.forward.resolution = ROUGH
-    some = _thinned(problem, _DESCENT_LINES, calm.k_b, MODEL_ERROR)
+    some = _thinned(problem, _DESCENT_LINES, rest.calm.k_b, MODEL_ERROR)
     nominal = some.fit(NOMINAL, nominal.u, nominal.nu)
     score = some.score(nominal)
     grid: dict[str, list[_Start]] = {}
@@ -170,19 +187,52 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], calm: Fit, nominal
     beside: list[_Start] = []
     for hypothesis in hypotheses:
         tell(str(hypothesis))
-        points = [_by_score(score, nominal, hypothesis, u) for u in _grid(hypothesis, calm)]
+        points = [_by_score(score, nominal, hypothesis, u) for u in _grid(hypothesis, rest)]
         grid.setdefault(hypothesis.ids[0], []).extend(points)
         if hypothesis.ids[0] in _SHARES_STIFFNESS:
-            beside += sorted(_by_distance(some, hypothesis, calm, nu), key=_cost)[:1]
+            beside += sorted(_by_distance(some, hypothesis, rest, nu), key=_cost)[:1]
     tell("descents")
     chosen = sorted((start for points in grid.values() for start in _promising(points)), key=_cost)[:_NEAR_STARTS]
     problem.forward.resolution = MIDDLE
-    left = _descend(some, [*chosen, *beside], (0.0,))[:_LEFT]
+    left = _descend(some, [*chosen, *beside], (0.0,))
+    left = _best_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), (0.0,))])[:_LEFT]
     return [start for start in left if start.cost < left[0].cost + _AHEAD]
 
 
-def _by_distance(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[_Start]:
-    return [_Start(_distance(problem, hypothesis, u, nu), hypothesis, u, nu) for u in _grid(hypothesis, calm)]
+def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequence[_Start]) -> list[_Start]:
+    """The leader's law at its other places, with numbers that the largest motion feels alike."""
+    if not (found and "node" in dict(found[0].hypothesis.terms[0].fixed)):
+        return []
+    leader = found[0]
+    size = _largest_motion(problem, leader)
+    starts = []
+    for other in hypotheses:
+        if other.ids == leader.hypothesis.ids and other != leader.hypothesis:
+            ratio = np.log(size[_node(other) - 1])
+            moved = [{"gap": ratio, "stiffness": -2 * ratio}[free.name] for free in other.free]
+            starts.append(_Start(np.inf, other, other.clipped(leader.u + np.array([0.0, *moved])), leader.nu))
+    return starts
+
+
+def _node(hypothesis: Hypothesis) -> int:
+    return int(dict(hypothesis.terms[0].fixed)["node"])
+
+
+def _largest_motion(problem: Problem, start: _Start) -> FloatArray:
+    """(n_nodes,) displacements where the node of a start moves most, relative to that node's."""
+    fit = _unfitted(problem, start.hypothesis, start.u, start.nu)
+    motions = []
+    for modal in problem.modals(fit.k_b, fit.effects):
+        if isinstance(modal, NonlinearModal):
+            plane = 1 if modal.run.excitation_plane == "y" else 2
+            motions.append(np.abs(modal.solved().states[:, 1] @ modal.balance.read_out(plane).T))
+    motion = np.concatenate(motions)
+    own = motion[:, _node(start.hypothesis) - 1]
+    return np.maximum(motion[own.argmax()] / own.max(), _LEAST_MOTION)
+
+
+def _by_distance(problem: Problem, hypothesis: Hypothesis, rest: _Rest, nu: FloatArray) -> list[_Start]:
+    return [_Start(_distance(problem, hypothesis, u, nu), hypothesis, u, nu) for u in _grid(hypothesis, rest)]
 
 
 def _by_score(score: Score, nominal: Fit, hypothesis: Hypothesis, u: FloatArray) -> _Start:
@@ -209,6 +259,10 @@ def _fitted(problem: Problem, start: _Start, **settings: int) -> Fit | None:
     return robust_fit(problem, start.hypothesis, start.u, start.nu, **settings)
 
 
+def _values(problem: Problem) -> int:
+    return sum(observed.n_values for observed in problem.observed)
+
+
 def _cost(start: _Start) -> float:
     return start.cost
 
@@ -220,20 +274,28 @@ def _promising(points: Sequence[_Start]) -> list[_Start]:
     return best[:_STARTS] if len(places) == 1 else sorted(places.values(), key=_cost)[:_PLACES]
 
 
-def _lowest(problem: Problem) -> Problem:
-    """The runs at the lowest level."""
+def _best_of_each(starts: Sequence[_Start]) -> list[_Start]:
+    """The best of every candidate, best first."""
+    best: dict[Hypothesis, _Start] = {}
+    for start in sorted(starts, key=_cost):
+        best.setdefault(start.hypothesis, start)
+    return list(best.values())
+
+
+def _at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:
+    """The runs at the lowest or the highest level (``min`` or ``max``)."""
     levels = {o.run.force_amplitude_N or 0.0 for o in problem.observed if o.run.support == "bearing"}
     kept = [
         o
         for o in problem.observed
-        if o.run.support == "rigid" or (o.run.force_amplitude_N or 0.0) == min(levels, default=0.0)
+        if o.run.support == "rigid" or (o.run.force_amplitude_N or 0.0) == chosen(levels, default=0.0)
     ]
     return Problem(problem.forward, kept, problem.model_error)
 
 
 def _calm(problem: Problem) -> tuple[Fit, FloatArray]:
     """The nominal model of the runs at the lowest level, and its nuisances in the order of all runs."""
-    low = _lowest(problem)
+    low = _at_level(problem, min)
     fit = recalibrate(low)
     nu = np.zeros(problem.nuisances.n)
     nu[problem.nuisances.tolerance] = fit.nu[low.nuisances.tolerance]
@@ -242,9 +304,9 @@ def _calm(problem: Problem) -> tuple[Fit, FloatArray]:
     return fit, np.clip(nu, -2 * problem.nuisances.std, 2 * problem.nuisances.std)
 
 
-def _grid(hypothesis: Hypothesis, calm: Fit) -> Iterator[FloatArray]:
+def _grid(hypothesis: Hypothesis, rest: _Rest) -> Iterator[FloatArray]:
     """(1 + n_free,) points over an effect's numbers, its stiffness at rest that of the lowest level."""
-    name = hypothesis.ids[0]
+    name, calm = hypothesis.ids[0], rest.calm
     axes = [_axis(free, n) for free, n in zip(hypothesis.free, _POINTS[name], strict=True)]
     low, high = np.log(K_B_RANGE)
     for point in itertools.product(*axes):
@@ -255,6 +317,10 @@ def _grid(hypothesis: Hypothesis, calm: Fit) -> Iterator[FloatArray]:
             own = [calm.k_b * (1 + np.exp(point[0] / 2)) ** 2 / (4 * np.exp(point[0]))]
         for stiffness in own:
             yield np.array([np.clip(np.log(stiffness), low, high), *point])
+    if name == "bearing_friction" and rest.loud < calm.k_b:  # sticking at the lowest level, slipping at the highest
+        between = np.log(calm.k_b - rest.loud)
+        for force in _axis(hypothesis.free[0], _FORCES):
+            yield hypothesis.clipped(np.array([np.log(rest.loud), force, between]))
 
 
 def _axis(free: Free, n: int) -> FloatArray:
@@ -289,17 +355,15 @@ def _unfitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: Float
 
 def _descend(problem: Problem, starts: Sequence[_Start], anneal: Sequence[float]) -> list[_Start]:
     """Down from every start with ever smaller errors added; the best of every candidate, best first."""
-    best: dict[Hypothesis, _Start] = {}
+    found = []
     for start in starts:
         try:
             fit = problem.fit(start.hypothesis, start.u, start.nu, anneal=anneal, steps=4)
         except (ValueError, np.linalg.LinAlgError):
             continue
         loss, _ = _loss(problem, fit)
-        found = _Start(loss + fit.penalty, start.hypothesis, fit.u, fit.nu)
-        if start.hypothesis not in best or found.cost < best[start.hypothesis].cost:
-            best[start.hypothesis] = found
-    return sorted(best.values(), key=_cost)
+        found.append(_Start(loss + fit.penalty, start.hypothesis, fit.u, fit.nu))
+    return _best_of_each(found)
 
 
 def robust_fit(
@@ -314,20 +378,28 @@ def robust_fit(
 
     Its ``chi2`` is that loss; ``precision`` is that of the weighted lines. None where the start has no model.
     """
-    weighted = problem
-    fit: Fit | None = None
+    fit = _unfitted(problem, hypothesis, u, np.zeros(problem.nuisances.n) if nu is None else nu)
     for _ in range(rounds):
         try:
-            fit = weighted.fit(hypothesis, u, nu, anneal=(0.0,), steps=steps)
+            weighted = _without_outliers(problem, fit)
+            fit = weighted.fit(hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=steps)
         except (ValueError, np.linalg.LinAlgError):
             return None
-        u, nu = fit.u, fit.nu
         loss, squares = _loss(problem, fit)
-        weighted = _weighted(problem, squares)
         fit = replace(fit, chi2=loss)
-        if max(float(each.max(initial=0.0)) for each in squares) < OUTLIER**2:
+        if weighted is problem and not _outliers(squares):
             break
     return fit
+
+
+def _without_outliers(problem: Problem, fit: Fit) -> Problem:
+    """The problem itself, or with the errors of its outlying lines enlarged, where there are any."""
+    _, squares = _loss(problem, fit)
+    return _weighted(problem, squares) if _outliers(squares) else problem
+
+
+def _outliers(squares: Sequence[FloatArray]) -> bool:
+    return any(float(each.max(initial=0.0)) > OUTLIER**2 for each in squares)
 
 
 def _loss(problem: Problem, fit: Fit) -> tuple[float, list[FloatArray]]:

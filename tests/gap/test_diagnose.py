@@ -12,7 +12,9 @@ from numpy.testing import assert_allclose
 from gap.curves import nrmse
 from gap.diagnose import diagnose
 from gap.diagnosis import FILE_NAME, SCHEMA
+from gap.held_out import lines_to_measure
 from gap.predict import predict
+from rotor.effects import BearingCubic
 from tests.gap.conftest import (
     K_B,
     MASS,
@@ -182,6 +184,15 @@ def test_progress_and_the_virtual_rig_are_asked():
     ((n_runs, (effect,), k_b),) = asked
     assert (n_runs, effect.node) == (2, 3)
     assert_allclose(k_b, outcome.diagnosis.causes[0].k_b.value, rtol=1e-2)
+
+
+def test_the_virtual_rig_measures_some_held_out_lines_of_a_nonlinear_run_and_all_of_a_linear_one():
+    held_out = (np.arange(280) // 28) % 2 == 1
+    assert lines_to_measure(held_out, (MASS,)).all()
+    some = lines_to_measure(held_out, (BearingCubic(),))
+    assert 30 <= some.sum() <= 45
+    assert (some <= held_out).all()
+    assert all(some[28 * block : 28 * (block + 1)].sum() >= 5 for block in range(1, 10, 2))
 
 
 # -- the file --------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from gap.forward import MODES, TOLERANCES, Forward
 from gap.hypotheses import NOMINAL, candidates
 from gap.likelihood import Problem, observe
 from gap.nonlinear import FINAL, NonlinearModal
-from gap.nonlinear_search import NEAR, _thinned, robust_fit, search_nonlinear
+from gap.nonlinear_search import NEAR, _elsewhere, _grid, _Rest, _Start, _thinned, robust_fit, search_nonlinear
 from gap.predict import predict
 from gap.transfer import transfer_interval
 from rotor.effects import BearingCubic, BearingFriction, BearingHertz, Rub
@@ -112,14 +112,31 @@ def test_a_start_has_the_forces_of_a_hard_contact_that_the_data_tell_of():
     modal = Forward(STRUCTURE, BELIEF).modal(run, K_B, (rub,))
     assert isinstance(modal, NonlinearModal)
     told = modal._measured(modal.balance)[1][:, 0]
+    every = np.arange(len(told))
     touching = np.abs(told) > 0.03 * np.abs(told).max()
     off = [
-        np.abs(modal.balance.forces.harmonics(start(modal.balance))[:, 1, 0] - told)[touching] / np.abs(told)[touching]
-        for start in (modal._measured_motion, modal._measured_force)
+        np.abs(modal.balance.forces.harmonics(start)[:, 1, 0] - told)[touching] / np.abs(told)[touching]
+        for start in (modal._measured_motion(modal.balance), modal._measured_force(modal.balance, every))
     ]
     assert touching.sum() > 5
     assert np.median(off[0]) > 0.2
     assert np.median(off[1]) < 0.05
+
+
+def test_a_contact_is_carried_over_to_other_places():
+    rub = Rub(stiffness=1e5, gap=2e-5, node=4)
+    runs = (swept(rub, 1.0),)
+    problem = problem_of(runs)
+    places = candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True)
+    (here,) = (each for each in places if dict(each.terms[0].fixed)["node"] == 4)
+    found = _Start(0.0, here, np.log([K_B, 1e5, 2e-5]), np.zeros(problem.nuisances.n))
+    carried = {str(start.hypothesis): start for start in _elsewhere(problem, places, [found])}
+    assert len(carried) == len(places) - 1
+    start = carried["rub node 5"]
+    other = robust_fit(problem, start.hypothesis, start.u, start.nu, rounds=1)
+    nominal = problem.fit(NOMINAL, start.u[:1])
+    assert other is not None
+    assert other.cost < 0.05 * nominal.cost  # almost as well as where it is
 
 
 def test_thinned_runs_bend_with_the_tolerances(hardening):
@@ -175,6 +192,23 @@ def test_lines_on_another_branch_do_not_decide(hardening):
     problem = problem_of(runs)
     (cubic,) = candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
     fit = robust_fit(problem, cubic, np.log([1.01 * K_B, 1.1e15]))
+    assert fit is not None
+    assert fit.effects[0].stiffness == pytest.approx(1e15, rel=0.03)
+
+
+def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):
+    problem = problem_of(hardening[2:3])
+    (friction,) = candidates(hardening, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B)
+    points = [u for u in _grid(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
+    assert len(points) > 10
+    assert np.allclose([np.exp(u[0]) + np.exp(u[2]) for u in points], rest.calm.k_b)
+
+
+def test_a_far_start_is_not_held_by_its_worst_lines(hardening):
+    problem = problem_of(hardening[2:3])
+    (cubic,) = candidates(hardening, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
+    fit = robust_fit(problem, cubic, np.log([1.02 * K_B, 2e15]))
     assert fit is not None
     assert fit.effects[0].stiffness == pytest.approx(1e15, rel=0.03)
 

@@ -22,8 +22,8 @@ Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[Comp
 
 _BLOCKS = 10  # stretches of lines of every run; every second one is held out
 
-# Lines of a nonlinear run that the virtual rig measures: each takes a second or so.
-_INTEGRATED = 30
+# Lines of a nonlinear run that the virtual rig measures: each takes some three seconds.
+_INTEGRATED = 8
 
 
 def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:

@@ -190,9 +190,9 @@ def test_the_virtual_rig_measures_some_held_out_lines_of_a_nonlinear_run_and_all
     held_out = (np.arange(280) // 28) % 2 == 1
     assert lines_to_measure(held_out, (MASS,)).all()
     some = lines_to_measure(held_out, (BearingCubic(),))
-    assert 30 <= some.sum() <= 45
+    assert 8 <= some.sum() <= 12
     assert (some <= held_out).all()
-    assert all(some[28 * block : 28 * (block + 1)].sum() >= 5 for block in range(1, 10, 2))
+    assert all(some[28 * block : 28 * (block + 1)].any() for block in range(1, 10, 2))
 
 
 # -- the file --------------------------------------------------------------------------------------

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem, expected_magnitude
+from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem
 from rotor.structure import ComplexArray, FloatArray
 
 # Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
 _TRIMMED = 0.95
 
 # Standard errors are believed where the data's own scatter differs by less than this over the root of the number of
-# values: 2.5 standard errors of the median of overlapping differences.
+# values: some 3.5 standard errors of a mean over overlapping differences.
 _DOUBTFUL = 5.0
 
 
@@ -30,11 +30,10 @@ class Adequacy:
 def whitened(observed: Observed, model: ComplexArray, model_error: float = 0.0) -> ComplexArray:
     """(n_freq, n_channels) residuals of unit variance per real component; nan where nothing is there."""
     y = observed.run.H
-    difference = np.abs(y) - expected_magnitude(observed, model)[0] if observed.run.magnitude_only else y - model
     silent = np.abs(np.nan_to_num(y)) <= 1e-9 * np.nanmax(np.abs(y))
     return np.where(
         observed.valid & ~silent,
-        difference / (np.hypot(observed.std, model_error * np.abs(np.nan_to_num(y))) / np.sqrt(2)),
+        observed.less(model) / (np.hypot(observed.std, model_error * np.abs(np.nan_to_num(y))) / np.sqrt(2)),
         np.nan,
     )
 

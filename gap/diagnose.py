@@ -155,7 +155,7 @@ def _explained(
         clock.lap("single effects")
         return made
 
-    found = None if dependent else singles()
+    found = None if dependent and library.laws else singles()
     if found and not (library.laws and _differ_by_level(problem, found.fits[0])):
         return problem, nominal, _finished(problem, found, library.linear, progress, clock)
     coarser, bent = search_nonlinear(problem, library.laws, progress)

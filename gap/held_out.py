@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -77,7 +76,7 @@ def _measured(
     """The corrected runs as the virtual rig measures them, held-out lines that it measured, and what measured."""
     held_out = zip(problem.runs, masks, strict=True)
     lines = [lines_to_measure(mask, acting(fit.effects, run.support)) for run, mask in held_out]
-    some = [_some_lines(run, chosen) for run, chosen in zip(problem.runs, lines, strict=True)]
+    some = [run.on_lines(chosen) for run, chosen in zip(problem.runs, lines, strict=True)]
     try:
         measured, verified = confirm(some, fit.effects, fit.k_b)
     except RuntimeError:  # a line that does not settle: the virtual rig has no figure
@@ -97,11 +96,6 @@ def lines_to_measure(held_out: BoolArray, effects: Sequence[Effect]) -> BoolArra
     chosen = np.zeros(len(held_out), dtype=bool)
     chosen[places[:: max(len(places) // _INTEGRATED, 1)]] = True
     return chosen
-
-
-def _some_lines(run: Run, lines: BoolArray) -> Run:
-    std = None if run.std is None else run.std[lines]
-    return replace(run, frequency_hz=run.frequency_hz[lines], H=run.H[lines], std=std, harmonics={})
 
 
 def _in_place(H: ComplexArray, lines: BoolArray) -> ComplexArray:

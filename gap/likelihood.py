@@ -51,6 +51,11 @@ class Observed:
         """(n_freq, n_channels) whether a value is there."""
         return np.isfinite(self.run.H) & np.isfinite(self.std)
 
+    def less(self, H: ComplexArray) -> ComplexArray | FloatArray:
+        """(n_freq, n_channels) data less a model; magnitudes less their mean where only these were measured."""
+        y = self.run.H
+        return np.abs(y) - expected_magnitude(self, H)[0] if self.run.magnitude_only else y - H
+
     @property
     def n_values(self) -> int:
         """Real numbers that were measured; a node that is held still tells none."""
@@ -234,19 +239,8 @@ class Problem:
 
     def thinned(self, every: int, model_error: float | None = None) -> Problem:
         """The same on every n-th line of every run, with another model error where one is given."""
-        some = [
-            Observed(
-                replace(
-                    o.run,
-                    frequency_hz=o.run.frequency_hz[::every],
-                    H=o.run.H[::every],
-                    std=None,
-                    harmonics={},
-                ),
-                o.std[::every],
-            )
-            for o in self.observed
-        ]
+        lines = slice(None, None, every)
+        some = [Observed(replace(o.run.on_lines(lines), std=None), o.std[lines]) for o in self.observed]
         return Problem(self.forward, some, self.model_error if model_error is None else model_error)
 
     # -- rough: logarithms, without nuisances --------------------------------------------------
@@ -541,11 +535,8 @@ def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own
 
 def _residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
     """(data - model) over the standard error of a real component; what is not there is zero."""
-    y = observed.run.H
-    size = np.abs(np.nan_to_num(y))
-    variance = observed.std**2 + added**2 * size**2
-    difference = np.abs(y) - expected_magnitude(observed, H)[0] if observed.run.magnitude_only else y - H
-    return np.where(observed.valid, difference / np.sqrt(variance / 2), 0.0)
+    variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(observed.run.H)) ** 2
+    return np.where(observed.valid, observed.less(H) / np.sqrt(variance / 2), 0.0)
 
 
 def expected_magnitude(observed: Observed, H: ComplexArray) -> tuple[FloatArray, FloatArray]:

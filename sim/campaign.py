@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -62,6 +62,11 @@ class Run:
         for label, array in [("H", self.H), ("std", self.std), *(self.harmonics.items())]:
             if array is not None and array.shape != shape:
                 raise MeasurementError(f"run {self.name!r}: {label} has shape {array.shape}, expected {shape}")
+
+    def on_lines(self, lines: NDArray[np.bool_] | slice) -> Run:
+        """The same run on some of its lines, without harmonics."""
+        std = None if self.std is None else self.std[lines]
+        return replace(self, frequency_hz=self.frequency_hz[lines], H=self.H[lines], std=std, harmonics={})
 
     def channel(self, node: int, plane: Plane = "y") -> ComplexArray:
         """(n_freq,) response of one channel. Raises MeasurementError when it was not measured."""

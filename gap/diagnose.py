@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.special import logsumexp
+from threadpoolctl import threadpool_limits
 
 from gap import wording
 from gap.adequacy import Adequacy, judge
@@ -79,6 +80,7 @@ def forward_of(campaign: Campaign) -> Forward:
     return Forward(structure_of(campaign.rig), campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
 
 
+@threadpool_limits.wrap(limits=1)  # the matrices are small: several threads make it five times slower
 def diagnose(
     campaign: Campaign,
     exclude: Sequence[str] = (),

@@ -79,7 +79,7 @@ def run_diagnose(request: DiagnosisRequest) -> None:
     page = request.out / PAGE_FILE
     with _folder(request.out):  # what cannot be written is refused before the work
         with _progress() as progress:
-            confirm = partial(measured_on_the_virtual_rig, campaign, progress=progress) if request.fmu else None
+            confirm = partial(_confirmed_unless_interrupted, campaign, progress=progress) if request.fmu else None
             outcome = diagnose(campaign, exclude=exclude, progress=progress, confirm=confirm)
         with replacing(request.out / DIAGNOSIS_FILE) as document:  # both files are new, or neither
             document.write_text(outcome.diagnosis.to_json(), encoding="utf-8")
@@ -129,6 +129,17 @@ def _progress() -> Iterator[Progress]:
 
 # Powers of i omega between acceleration and a quantity.
 _INTEGRATED = {"receptance": 2, "mobility": 1, "accelerance": 0, "acceleration": 0}
+
+
+def _confirmed_unless_interrupted(
+    campaign: Campaign, runs: Sequence[Run], effects: Sequence[Effect], k_b: float, progress: Progress
+) -> tuple[list[ComplexArray], str]:
+    """What the virtual rig measures; nothing where that is interrupted, as the diagnosis itself is finished."""
+    try:
+        return measured_on_the_virtual_rig(campaign, runs, effects, k_b, progress)
+    except KeyboardInterrupt:
+        note("the virtual rig was interrupted: the after-figure is the fitting model's own")
+        return [], "model"
 
 
 def measured_on_the_virtual_rig(

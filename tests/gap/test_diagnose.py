@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from gap.curves import nrmse
 from gap.diagnose import diagnose
@@ -227,3 +228,16 @@ def test_the_file_holds_what_was_agreed(outcome, request, tmp_path):
         assert {"location", "probability", "parameters", "k_b", "log_evidence"} <= set(written)
         for name, estimate in cause.parameters.items():
             assert written["parameters"][name]["value"] == estimate.value
+
+
+def test_a_diagnosis_keeps_linear_algebra_on_one_thread(monkeypatch):
+    threads: list[int] = []
+
+    def seen(_):
+        threads.extend(library["num_threads"] for library in threadpool_info())
+        raise InterruptedError
+
+    monkeypatch.setattr("gap.diagnose.audit", seen)
+    with threadpool_limits(limits=2), pytest.raises(InterruptedError):
+        diagnose(campaign_of())
+    assert set(threads) == {1}

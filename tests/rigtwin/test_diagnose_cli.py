@@ -246,6 +246,16 @@ def test_an_effect_of_the_rotor_is_verified_by_the_fmu_and_tells_how_far_it_is()
     assert told[-1][2] == "virtual rig: run 2 of 2"
 
 
+def test_an_interrupted_virtual_rig_leaves_the_diagnosis_its_own_figure(asked, campaign, tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    run("diagnose", campaign, "--out", tmp_path / "out")
+    monkeypatch.setattr("rigtwin.diagnose._measure", interrupted)
+    assert asked.options["confirm"]((plain_run("one"),), (), 1e7) == ([], "model")
+    assert "the virtual rig was interrupted" in capsys.readouterr().err
+
+
 # --- predict ---------------------------------------------------------------------------------------
 
 

@@ -72,7 +72,7 @@ class _Bend:
 
     columns: IntArray  # places of its channels in the run, ascending
     residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the size of each mode's residues
-    missed: FloatArray  # (MODES, n_tolerances) of the resonances' logarithms, beyond ``Forward._sensitivity``
+    missed: ComplexArray  # (MODES, n_tolerances) of the poles' logarithms, beyond ``Forward._sensitivity``
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1)
 
 
@@ -96,7 +96,7 @@ class Modal:
     omega: FloatArray
     groups: tuple[_Group, ...]
     effects: tuple[Effect, ...]
-    sensitivity: FloatArray  # (MODES, n_tolerances) of the logarithm of each resonance
+    sensitivity: ComplexArray  # (MODES, n_tolerances) of the logarithm of each resonance's pole: frequency and damping
     scale: ComplexArray  # (n_freq,) powers of i omega and nominal force
 
     @property
@@ -123,7 +123,7 @@ class Modal:
         H = np.empty((n_f, n_c), dtype=complex)
         D = np.zeros((MODES + len(TOLERANCES) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
-            poles = group.poles * (1 + np.where(group.mode >= 0, shift[group.mode], 0.0))
+            poles = group.poles * (1 + _of_poles(group, shift))
             shares = self._shares(poles)
             still = _unshifted(group, drift)
             Y, residues = self._motion(group, shares * still, tolerance)
@@ -138,11 +138,10 @@ class Modal:
                     by_pole = (by_shift[:, mine] * still[mine]) @ residues[:, mine].T
                     by_height = -(shares[:, mine] * still[mine] ** 2) @ residues[:, mine].T
                     D[m][:, group.columns] = _driven(Y, by_pole + by_height, force, slope) * group.chain
-                    moved = _driven(Y, by_pole, force, slope) * group.chain
-                    D[MODES:, :, group.columns] += self.sensitivity[m][:, None, None] * moved
             for t in range(len(TOLERANCES)):
-                dY = (shares * still) @ group.bent[t].T + group.aside[t]
-                D[MODES + t][:, group.columns] += _driven(Y, dY, force, slope) * group.chain
+                moved = (by_shift * still * _of_poles(group, self.sensitivity[:, t])) @ residues.T
+                dY = moved + (shares * still) @ group.bent[t].T + group.aside[t]
+                D[MODES + t][:, group.columns] = _driven(Y, dY, force, slope) * group.chain
         return H, D
 
     def _shares(self, poles: ComplexArray) -> ComplexArray:
@@ -157,8 +156,8 @@ class Modal:
         step = 1e-7
         return (self._shares(poles + step * own) - shares) / step
 
-    def _shift(self, drift: FloatArray | None, tolerance: FloatArray) -> FloatArray:
-        """(MODES,) relative shift of each resonance."""
+    def _shift(self, drift: FloatArray | None, tolerance: FloatArray) -> ComplexArray:
+        """(MODES,) relative shift of each resonance's pole."""
         return self.sensitivity @ tolerance + (0.0 if drift is None else drift)
 
     def _motion(self, group: _Group, shares: ComplexArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -185,11 +184,11 @@ class Modal:
     ) -> ComplexArray:
         """``change_to`` of one group, whose resonances stand at ``here`` in this model."""
         own_shift, shift = self._shift(drift, tolerance), other._shift(drift, tolerance)
-        poles = group.poles * (1 + np.where(group.mode >= 0, shift[group.mode], 0.0))
-        there = np.where(group.mode >= 0, here * (1 + own_shift[group.mode]), poles)
+        poles = group.poles * (1 + _of_poles(group, shift))
+        there = np.where(group.mode >= 0, here * (1 + _of_poles(group, own_shift)), poles)
         shares = 1 / (1j * self.omega[:, None] - there)
         moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _unshifted(group, drift), tolerance)
-        poles = own.poles * (1 + np.where(own.mode >= 0, own_shift[own.mode], 0.0))
+        poles = own.poles * (1 + _of_poles(own, own_shift))
         plain, _ = self._motion(own, self._shares(poles) * _unshifted(own, drift), tolerance)
         places = np.searchsorted(own.columns, group.columns)
         Y, chain = plain[:, [*places, -1]], own.chain[:, places]
@@ -317,7 +316,7 @@ class Forward:
         omega = 2 * np.pi * run.frequency_hz
         condition = self.condition(run, k_b)
         nodes = sorted({channel.node for channel in run.channels})
-        groups, sensitivity = [], np.zeros((MODES, len(TOLERANCES)))
+        groups, sensitivity = [], np.zeros((MODES, len(TOLERANCES)), dtype=complex)
         for group in channel_groups(effects, nodes):
             columns = np.array([c for c, channel in enumerate(run.channels) if channel.node in group.nodes])
             made, sensitivity = self._group(structure, run, omega, condition, group.effects, columns, bends)
@@ -370,14 +369,17 @@ class Forward:
         effects: Sequence[Effect],
         columns: IntArray,
         bends: Sequence[_Bend],
-    ) -> tuple[_Group, FloatArray]:
+    ) -> tuple[_Group, ComplexArray]:
         rotor = self._rotor(structure, run, condition, tuple(effects), tuple(run.channels[c] for c in columns))
         mode = _numbers(rotor.poles, 2 * np.pi * _DRIFTING * run.frequency_hz[-1])
         rest = rotor.space.beyond(omega, rotor.exciter, rotor.outputs)[:, :, 0]
         known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
         bent, aside = _bent(known, omega, columns, rotor.poles, rotor.residues, mode)
         made = _Group(columns, rotor.poles, rotor.residues, mode, rest, _chain(effects, run, columns), bent, aside)
-        return made, rotor.sensitivity + (0.0 if known is None else known.missed)
+        sensitivity = rotor.sensitivity.astype(complex)
+        if known is not None:
+            sensitivity += known.missed
+        return made, sensitivity
 
     def _rotor(
         self,
@@ -437,6 +439,12 @@ class Forward:
         for column, mass in enumerate(masses[:2]):
             at[:count, 2 + column] = -mass / 2
         return at
+
+
+def _of_poles(group: _Group, shift: ComplexArray) -> ComplexArray:
+    """(n_states,) relative shift of every pole, of (MODES,) the resonances'; none of the modes that do not drift."""
+    own = shift[group.mode]
+    return np.where(group.mode < 0, 0.0, np.where(group.poles.imag < 0, own.conj(), own))
 
 
 def _unshifted(group: _Group, drift: FloatArray | None) -> FloatArray:
@@ -512,7 +520,7 @@ def _kind(run: Run, effects: Sequence[Effect]) -> tuple:
 def _bend(modal: Modal, plain: _Group, others: Sequence[_Group]) -> _Bend:
     """Change by each tolerance of a group's poles, residues and of what the modes that do not drift leave."""
     omega, n_rows = modal.omega, len(plain.columns) + 1
-    missed = np.zeros((MODES, len(TOLERANCES)))
+    missed = np.zeros((MODES, len(TOLERANCES)), dtype=complex)
     aside = np.zeros((len(TOLERANCES), len(omega), n_rows), dtype=complex)
     bent = np.zeros((len(TOLERANCES), n_rows, MODES), dtype=complex)
     sizes = _sizes(plain.residues, plain.mode)
@@ -523,7 +531,7 @@ def _bend(modal: Modal, plain: _Group, others: Sequence[_Group]) -> _Bend:
             if a is not None and b is not None:
                 change = other.residues[:, b] - plain.residues[:, a]
                 bent[t, :, m] = change / (_STEP * sizes[a])
-                moved = np.log(np.abs(other.poles[b] / plain.poles[a])) / np.log1p(_STEP)
+                moved = np.log(other.poles[b] / plain.poles[a]) / np.log1p(_STEP)
                 missed[m, t] = moved - modal.sensitivity[m, t]
     return _Bend(plain.columns, bent, missed, aside)
 

@@ -238,6 +238,20 @@ def test_a_tolerance_acts_as_it_does_under_the_effect(tolerance, effect):
     assert np.abs(given - expected).max() < 0.01 * np.abs(expected - truth(run, [effect])).max()
 
 
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_a_tolerance_changes_how_much_the_bearings_damp(tolerance):
+    """A stiffer shaft moves more in its bearings: by as much the dashpots there take from each mode."""
+    size, here = 1e-4, condition("bearing")
+    run = blank("bearing", lines("bearing"))
+    model = Forward(STRUCTURE, BELIEF)
+    model.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
+    before, after = (damped_modes(build_system(each, here, ())).damping_ratio[:4:2] for each in (STRUCTURE, structure))
+    relative = model.modal(run, K_B).sensitivity[:2, TOLERANCES.index(tolerance)] * size
+    # lambda = i omega e^(i asin zeta), every mode once in each plane
+    assert_allclose(relative.imag, after - before, rtol=0.02, atol=1e-4 * size)
+
+
 def test_tolerances_let_the_exciter_reach_a_mode_that_it_hardly_reached():
     """A pedestal's mode has a node near the exciter, so a longer rotor changes its height by a large share."""
     size, effect = 1e-3, PedestalFlexibility(stiffness=2.26e6, mass=3.37, damping=2.4)

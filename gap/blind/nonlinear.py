@@ -30,6 +30,7 @@ SMALLEST_STEP = 2e-3  # Hz
 STATIC_HZ = 2000.0  # modes above follow a disturbance at once
 PERIODS = 100  # that are stepped
 REPEATS, SPREAD = 5, 2e-3  # over so many last periods the forces' fundamentals change by no more, in relation
+UNFELT = 1e-6  # share of the exciter's force below which a joint's force need not repeat
 GROWTH = 1.001  # of a disturbance over a period that is not taken for round-off
 ALWAYS_STABLE = ("bearing_friction",)  # elements that only ever take energy from a disturbance
 MOST_LEFT_OUT = 0.25  # of a run's lines
@@ -356,7 +357,8 @@ def stepped_forces(balance: Balance, omega: FloatArray, motions: FloatArray) -> 
     """(n_freq, nj) first harmonic of the joints' forces by time stepping from the balanced motions; nan: no repeat.
 
     The joints' forces alone drive the eigenvectors' coordinates, y' = lambda y - B f; what the exciter and the preload
-    do without them is exact. Forces act as kicks, as in ``Balance.growth``.
+    do without them is exact, and so is what their balanced mean does: a preload is far above what is added to it at
+    low levels. What differs from the mean acts as kicks, as in ``Balance.growth``.
     """
     nc, nj = 2 * HARMONICS + 1, len(balance.joints.rows)
     values, B, C, D = balance.reduced()
@@ -364,7 +366,11 @@ def stepped_forces(balance: Balance, omega: FloatArray, motions: FloatArray) -> 
     alone = np.ascontiguousarray(alone.transpose(1, 2, 0))  # (N, nj, n_freq)
     h = 2 * np.pi / omega / SAMPLES
     free = np.exp(values[:, None] * h)
-    y = _coordinates(balance, omega, motions, values, B).T.copy()  # (m, n_freq)
+    mean = np.array(
+        [balance.forces(u, float(w))[0].reshape(nj, nc)[:, 0] for u, w in zip(motions, omega, strict=True)]
+    ).T
+    held = (B / values[:, None]) @ mean  # (m, n_freq)
+    y = _coordinates(balance, omega, motions, values, B).T - held
     x = alone[0]
     turn = 2 / SAMPLES * np.exp(-2j * np.pi * np.arange(SAMPLES) / SAMPLES)
     forces = np.zeros((REPEATS + 1, nj, len(omega)), dtype=complex)
@@ -372,11 +378,12 @@ def stepped_forces(balance: Balance, omega: FloatArray, motions: FloatArray) -> 
         place = period % len(forces)
         forces[place] = 0.0
         for k in range(SAMPLES):
-            x, f = _at_joints(balance, alone[k] + (C @ y).real, D.diagonal(), x)
+            x, f = _at_joints(balance, alone[k] + (C @ (held + y)).real, D.diagonal(), x)
             forces[place] += turn[k] * f
-            y = free * (y - B @ (h * f))
+            y = free * (y - B @ (h * (f - mean)))
     last = forces[(PERIODS - 1) % len(forces)]
-    spread = np.abs(forces - last).max(axis=0) / np.maximum(np.abs(last), 1e-2 * np.abs(last).max())
+    least = max(1e-2 * np.abs(last).max(), UNFELT * balance.level)
+    spread = np.abs(forces - last).max(axis=0) / np.maximum(np.abs(last), least)
     return np.where((spread < SPREAD).all(axis=0), last, np.nan).T
 
 

@@ -22,7 +22,7 @@ from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Fit, Observed, Problem, observe
 from gap.next_test import best_next_test
 from gap.nonlinear_search import robust_fit, search_nonlinear
-from gap.search import POLISHED, Progress, Search, best_first, most_left, pairs, polished, recalibrate, search
+from gap.search import POLISHED, Progress, Search, best_first, most_left, pairs, polished, recalibrate, search, strained
 from gap.where import locate
 from rotor.assembly import assemble
 from rotor.effects.library import EFFECTS
@@ -35,6 +35,8 @@ ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
 ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
 ADEQUATE_NONLINEAR = 1.5  # the same of a nonlinear candidate: see docs/diagnosis.md
 ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
+FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
+FORM_LEFT_NONLINEAR = 0.3  # the same of nonlinear effects: their far lines weigh less
 LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance
 SURE = 0.9  # probability from which one cause is named
 NO_GAP_PRIOR = 0.95  # probability of no gap before the data
@@ -116,10 +118,14 @@ def diagnose(
         laws=candidates(campaign.runs, problem.forward.structure, exclude, nonlinear=True),
     )
     problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
+    fits, excess = _standing(problem, nominal, fits)
+    clock.lap("form")
     quality = judge(problem, fits[0])
     ranked = _rank(problem, nominal, fits, quality)
-    verdict = _verdict(problem, nominal, ranked, quality)
-    return _report(campaign, problem, nominal, ranked, quality, verdict, findings, exclude, confirm, clock)
+    verdict = _verdict(problem, nominal, ranked, excess)
+    if verdict in ("cause", "ambiguous"):
+        findings = (*findings, *_form_finding(problem, ranked.fits[0], quality))
+    return _report(campaign, problem, nominal, ranked, quality, excess, verdict, findings, exclude, confirm, clock)
 
 
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
@@ -263,27 +269,47 @@ def nuisance_size(problem: Problem, fit: Fit) -> float:
 
 
 def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
-    if nonlinear(fit.effects):
-        return fit.chi2 < ADEQUATE_NONLINEAR * fit.n_data
-    return (
-        quality.misfit < ADEQUATE_MISFIT
-        and quality.correlation < ADEQUATE_CORRELATION
-        and nuisance_size(problem, fit) < ADEQUATE_NUISANCE
-    )
+    return _excess(problem, fit, quality) < 1
 
 
-def _unknown_score(problem: Problem, fit: Fit, quality: Adequacy) -> float:
-    """0 where the best candidate leaves nothing but noise, 1/2 at the threshold, 1 where it leaves a lot."""
+def _excess(problem: Problem, fit: Fit, quality: Adequacy) -> float:
+    """How far a fit is from leaving nothing but noise: 1 at the threshold of adequacy."""
     if nonlinear(fit.effects):
-        left = fit.chi2 / fit.n_data / ADEQUATE_NONLINEAR
-        return float(left**2 / (1 + left**2))
-    excess = max(
+        return fit.chi2 / fit.n_data / ADEQUATE_NONLINEAR
+    return max(
         (quality.misfit - 1) / (ADEQUATE_MISFIT - 1),
         quality.correlation / ADEQUATE_CORRELATION,
         nuisance_size(problem, fit) / ADEQUATE_NUISANCE,
         0.0,
     )
-    return float(excess**2 / (1 + excess**2))
+
+
+def _standing(problem: Problem, nominal: Fit, fits: Sequence[Fit]) -> tuple[Sequence[Fit], float]:
+    """The fits that count, best first, and how far the first one is from being believed: 1 at the threshold.
+
+    An effect whose law or shape is not quite the library's leaves more than noise, and yet a small share of what
+    anything else leaves. It is believed then, and pairs that patch it up are no answer.
+    """
+    excess = _excess(problem, fits[0], judge(problem, fits[0]))
+    singles = [fit for fit in fits if len(fit.hypothesis.terms) == 1]
+    if excess < 1 or not singles:
+        return fits, excess
+    beside = _beside_rivals(problem, nominal, singles)
+    return (singles, beside) if beside < 1 else (fits, min(excess, beside))
+
+
+def _beside_rivals(problem: Problem, nominal: Fit, singles: Sequence[Fit]) -> float:
+    """What the best effect leaves over what the best other one leaves, or none at all: 1 at the threshold."""
+    best = singles[0]
+    rivals = [nominal, *(fit for fit in singles if fit.hypothesis.ids != best.hypothesis.ids)]
+    if nonlinear(best.effects):
+        return _left(best) / min(map(_left, rivals)) / FORM_LEFT_NONLINEAR
+    return _left(best) / min(map(_left, [*rivals, strained(problem, best)])) / FORM_LEFT
+
+
+def _left(fit: Fit) -> float:
+    """Misfit beyond the noise's, and strain of the nuisances, per value."""
+    return (max(fit.chi2 - fit.n_data, 0.0) + fit.penalty) / fit.n_data
 
 
 def _rank(problem: Problem, nominal: Fit, fits: Sequence[Fit], quality: Adequacy) -> _Ranked:
@@ -296,11 +322,10 @@ def _rank(problem: Problem, nominal: Fit, fits: Sequence[Fit], quality: Adequacy
     return _Ranked(tuple(fits[k] for k in order), tuple(float(share[k]) for k in order), float(share[-1]))
 
 
-def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, quality: Adequacy) -> Verdict:
-    before = judge(problem, nominal)
+def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, excess: float) -> Verdict:
     if ranked.no_gap > 0.5:
-        return "no_gap" if _adequate(problem, nominal, before) else "unknown"
-    if not _adequate(problem, ranked.fits[0], quality):
+        return "no_gap" if _adequate(problem, nominal, judge(problem, nominal)) else "unknown"
+    if excess >= 1:
         return "unknown"
     by_name = _by_name(ranked)
     top = max(by_name.values()) / max(sum(by_name.values()), 1e-300)
@@ -325,6 +350,7 @@ def _report(
     nominal: Fit,
     ranked: _Ranked,
     quality: Adequacy,
+    excess: float,
     verdict: Verdict,
     findings: tuple[Finding, ...],
     exclude: Sequence[str],
@@ -333,7 +359,7 @@ def _report(
 ) -> Outcome:
     scale = _scale(quality)
     raster = _coarse_raster(findings, exclude, ranked.no_gap) if verdict == "no_gap" else None
-    doubt = _unknown_score(problem, ranked.fits[0], quality)
+    doubt = excess**2 / (1 + excess**2)  # 0 where nothing but noise is left, 1/2 at the threshold
     causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
     if raster is not None:
         verdict, causes = "cause", (raster, *causes)
@@ -475,6 +501,17 @@ def _coarse_raster(findings: Sequence[Finding], exclude: Sequence[str], no_gap: 
     if not coarse or "coarse_grid" in exclude:
         return None
     return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, 0.0, locations=(Location("raster"),))
+
+
+def _form_finding(problem: Problem, fit: Fit, quality: Adequacy) -> tuple[Finding, ...]:
+    """That a cause leaves more than noise, though far less than anything else."""
+    if _adequate(problem, fit, quality):
+        return ()
+    words = (
+        f"{' and '.join(fit.hypothesis.ids)} leaves {quality.misfit:.2g} times the noise, far less than anything else "
+        "leaves: on this rig it acts in a form that differs from the library's, or something small acts beside it"
+    )
+    return (Finding("form", "warning", words, "", quality.misfit, ADEQUATE_MISFIT),)
 
 
 def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:

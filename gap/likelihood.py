@@ -243,6 +243,12 @@ class Problem:
         some = [Observed(replace(o.run.on_lines(lines), std=None), o.std[lines]) for o in self.observed]
         return Problem(self.forward, some, self.model_error if model_error is None else model_error)
 
+    def loosened(self, factor: float) -> Problem:
+        """The same with priors of the nuisances wider by a factor."""
+        made = Problem(self.forward, self.observed, self.model_error)
+        made.nuisances.std *= factor
+        return made
+
     # -- rough: logarithms, without nuisances --------------------------------------------------
 
     def rough(self, hypothesis: Hypothesis, u: FloatArray, steps: int) -> tuple[FloatArray, float]:

@@ -113,6 +113,26 @@ def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
     return problem.fit(NOMINAL, best)
 
 
+def strained(problem: Problem, cause: Fit) -> Fit:
+    """The nominal model with its nuisances bent as far as they go towards what a cause explains.
+
+    It starts with the cause's resonances, taken for drifts under priors far too wide, which are narrowed step by step.
+    """
+    nu, u = cause.nu.copy(), cause.u[:1]
+    there, here = (problem.modals(cause.k_b, effects) for effects in (cause.effects, ()))
+    for modal, plain, drift in zip(there, here, problem.nuisances.drift, strict=True):
+        n = min(len(modal.frequencies_hz), len(plain.frequencies_hz))
+        nu[drift][:n] += modal.frequencies_hz[:n] / plain.frequencies_hz[:n] - 1
+    made = problem.loosened(_LOOSE[0]).fit(NOMINAL, u, nu, anneal=(0.1, 0.02, 0.0))
+    for factor in _LOOSE[1:]:
+        made = problem.loosened(factor).fit(NOMINAL, made.u, made.nu, anneal=(0.0,))
+    return made
+
+
+# Factors of the nuisances' priors.
+_LOOSE = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)
+
+
 def search(
     problem: Problem,
     hypotheses: Sequence[Hypothesis],

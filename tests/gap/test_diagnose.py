@@ -230,6 +230,33 @@ def test_the_file_holds_what_was_agreed(outcome, request, tmp_path):
             assert written["parameters"][name]["value"] == estimate.value
 
 
+# -- an effect in another form than the library's -----------------------------------------------------
+
+
+def slow(run, corner: float = 2e-4):
+    """The run with the accelerometer at node 4 behind a low pass of first order: nearly a delay."""
+    H = run.H.copy()
+    H[:, 3] /= 1 + 2j * np.pi * run.frequency_hz * corner
+    return replace(run, H=H)
+
+
+def test_an_effect_in_another_form_is_named_and_said_to_be_one():
+    campaign = campaign_of(*map(slow, both_supports(seed=7)))
+    found = diagnose(campaign, exclude=all_but("sensor_delay", "sensor_position", *RIVALS)).diagnosis
+    assert found.verdict == "cause"
+    assert (found.causes[0].effects, found.causes[0].location.node) == (("sensor_delay",), 4)
+    (form,) = (finding for finding in found.audit if finding.check == "form")
+    assert form.value > 1.15
+    assert 0.1 < found.unknown_score < 0.5
+
+
+def test_without_that_effect_the_same_gap_is_unknown():
+    campaign = campaign_of(*map(slow, both_supports(seed=7)))
+    found = diagnose(campaign, exclude=all_but("sensor_position", *RIVALS)).diagnosis
+    assert found.verdict == "unknown"
+    assert not [finding for finding in found.audit if finding.check == "form"]
+
+
 def test_a_diagnosis_keeps_linear_algebra_on_one_thread(monkeypatch):
     threads: list[int] = []
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from gap.forward import Forward
 from gap.likelihood import Problem, observe
-from gap.search import most_left, pairs, polished, recalibrate, search, weak_starts
+from gap.search import most_left, pairs, polished, recalibrate, search, strained, weak_starts
 from rotor.assembly import assemble
 from rotor.effects import (
     AttachedMass,
@@ -169,3 +169,15 @@ def test_rigid_runs_alone_are_a_problem_of_their_own():
     problem = problem_with()
     assert [run.support for run in problem.only("rigid").runs] == ["rigid"]
     assert problem_of(measure("rigid", frequency_hz=lines("rigid"))).only("rigid") is None
+
+
+def test_a_strained_nominal_model_follows_a_cause_that_its_tolerances_can_mimic():
+    """A shaft softer by 7 % lies far beyond the tolerances: from k_b alone the narrow resonances are never met."""
+    problem = problem_with(ShaftModulus(factor=0.93), seed=4)
+    nominal = recalibrate(problem)
+    (cause,) = search(problem, of(problem.runs, "shaft_modulus"), nominal).fits[:1]
+    rival = strained(problem, cause)
+    assert cause.cost < 1.2 * cause.n_data
+    assert rival.cost < nominal.cost / 1000
+    assert rival.penalty > 100  # and it says by how much it had to strain
+    assert rival.effects == ()

@@ -288,11 +288,12 @@ def _standing(problem: Problem, nominal: Fit, fits: Sequence[Fit]) -> tuple[Sequ
     """The fits that count, best first, and how far the first one is from being believed: 1 at the threshold.
 
     An effect whose law or shape is not quite the library's leaves more than noise, and yet a small share of what
-    anything else leaves. It is believed then, and pairs that patch it up are no answer.
+    anything else leaves. It is believed then, unless one of its numbers would leave its range, and pairs that patch
+    it up are no answer.
     """
     excess = _excess(problem, fits[0], judge(problem, fits[0]))
     singles = [fit for fit in fits if len(fit.hypothesis.terms) == 1]
-    if excess < 1 or not singles:
+    if excess < 1 or not singles or singles[0].wants_more:
         return fits, excess
     beside = _beside_rivals(problem, nominal, singles)
     return (singles, beside) if beside < 1 else (fits, min(excess, beside))
@@ -435,6 +436,7 @@ def _causes(problem: Problem, ranked: _Ranked, scale: float, known: float) -> tu
 
 def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:
     std = np.sqrt(fit.covariance(scale).diagonal())[1 : len(fit.u)]
+    edged = fit.at_edge[1:].max(axis=1)
     parameters: dict[str, Estimate] = {}
     places: dict[str, float] = {}
     locations, edge, at = [], [], 0
@@ -445,7 +447,7 @@ def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Caus
         for name, value in term.fixed:
             places[f"{term.effect.id}.{name}"] = value
             node = int(value) if name == "node" and value else node
-        for free, u, error in zip(term.free, fit.u[1 + at :], std[at:], strict=False):
+        for free, u, error, at_end in zip(term.free, fit.u[1 + at :], std[at:], edged[at:], strict=False):
             value = free.value(u)
             spread = float(error * value if free.log else error)
             if free.name == "position":
@@ -455,8 +457,7 @@ def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Caus
                 continue
             unit = term.effect.parameters()[free.name].unit
             parameters[f"{prefix}{free.name}"] = Estimate(float(getattr(effect, free.name)), spread, unit)
-            low, high = free.ends
-            if min(u - low, high - u) < 1e-3 * (high - low):
+            if at_end:
                 edge.append(f"{prefix}{free.name}")
         locations.append(Location(term.effect.location, node, position))  # type: ignore[arg-type]
         at += len(term.free)

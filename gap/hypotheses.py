@@ -30,6 +30,7 @@ class Free:
     low: float
     high: float
     log: bool
+    fades: int = 0  # -1: the low end is as good as none of it, 1: the high end is
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -203,16 +204,18 @@ def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> I
 
 def _free(name: str, role: Parameter) -> Free:
     """A parameter's range: the prior's, carried on towards the value at which the effect does nothing."""
-    low, high = role.low, role.high
+    low, high, fades = role.low, role.high, 0
     if isinstance(role.null, str):
         low /= _TOWARDS_NOMINAL
     elif role.null == 0.0 and role.log:
         low /= _TOWARDS_NOTHING
     elif role.null is not None and np.isinf(role.null):
-        high *= _TOWARDS_NOTHING
+        high, fades = high * _TOWARDS_NOTHING, 1
     elif role.null is not None:
         low, high = min(low, role.null), max(high, role.null)
-    return Free(name, low, high, role.log and low > 0)
+    if role.minimum == 0.0:
+        fades = -1
+    return Free(name, low, high, role.log and low > 0, fades)
 
 
 # An effect may be weaker than its prior range says, by so much; a damping may be lower than the nominal one.

@@ -30,6 +30,9 @@ _LEAST_STD = 1e-4
 # Values below this share of the run's largest say nothing about a logarithm.
 _SILENT = 1e-5
 
+# Share of a range that counts as its end.
+_EDGE = 1e-3
+
 # Prior standard deviation of the logarithm of an arbitrary unit.
 _ANY_SCALE = 5.0
 
@@ -126,6 +129,19 @@ class Fit:
     def k_b(self) -> float:
         """Bearing stiffness [N/m]."""
         return K_B.value(self.u[0])
+
+    @property
+    def at_edge(self) -> BoolArray:
+        """(1 + n_free, 2) which coordinates stand at the low or at the high end of their ranges."""
+        low, high = self.hypothesis.ends.T
+        return np.stack([self.u - low, high - self.u], axis=1) < _EDGE * (high - low)[:, None]
+
+    @property
+    def wants_more(self) -> bool:
+        """Whether a number stands at an end of its range where its effect has not faded."""
+        fades = [free.fades for free in self.hypothesis.coordinates]
+        hard = np.array([[fade >= 0, fade <= 0] for fade in fades])
+        return bool((self.at_edge & hard)[1:].any())
 
     @property
     def cost(self) -> float:

@@ -208,3 +208,28 @@ def test_noise_of_a_sensor_that_stands_still_is_no_misfit_of_magnitudes():
     quality = judge(problem, recalibrate(problem))
     assert quality.misfit < 1.15
     assert abs(quality.correlation) < 3.5
+
+
+def test_a_number_wants_more_at_an_end_where_its_effect_has_not_faded():
+    runs = both_supports()
+    pedestal = candidate(runs, "pedestal_flexibility")
+    foam = candidate(runs, "viscoelastic_support")
+
+    fit = recalibrate(problem_of(*runs))
+
+    def standing(hypothesis, name, end):
+        u = hypothesis.ends.mean(axis=1)
+        place = [free.name for free in hypothesis.coordinates].index(name)
+        u[place] = hypothesis.ends[place, end]
+        return replace(fit, hypothesis=hypothesis, u=u)
+
+    for hypothesis, name, end, wanted in (
+        (pedestal, "damping", 0, False),  # no damping is nothing to ask more of
+        (pedestal, "damping", 1, True),
+        (pedestal, "stiffness", 1, False),  # a stiff pedestal is none
+        (pedestal, "stiffness", 0, True),
+        (foam, "relaxation_time", 0, True),
+    ):
+        at_end = standing(hypothesis, name, end)
+        assert at_end.at_edge.sum() == 1
+        assert at_end.wants_more == wanted, (name, end)

@@ -1,6 +1,7 @@
 # make demo   everything from nothing: .venv, both FMUs in dist/, the virtual rig, the result page
 # make test   the whole test suite
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects   the figures in docs/, measured again
+# make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
 # make laws   print the force laws anew after a change of rotor/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
@@ -11,7 +12,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator benchmark-effects paper-rig laws effect-pages clean
+.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-blind paper-rig laws effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -41,6 +42,10 @@ benchmark-estimator: $(VENV)/installed
 
 benchmark-effects: $(VENV)/installed
 	$(PYTHON) -m benchmarks.effects
+
+benchmark-blind: $(VENV)/installed
+	$(VENV)/bin/rigtwin blind W1 --split report --count 200 --out runs/blind
+	$(VENV)/bin/rigtwin blind W1 W2 W3 W4 W5 W6 W7 W8 --split report --count 60 --out runs/blind --page docs/blind.md
 
 paper-rig: $(VENV)/installed
 	$(PYTHON) -m benchmarks.paper_rig

@@ -272,7 +272,6 @@ def _facts(request: BlindRequest) -> dict[str, str]:
     facts = {
         "measured": f"{datetime.now(UTC):%Y-%m-%d}",
         "split, seed": f"{request.split}, {request.seed}",
-        "campaigns of each set": str(request.count),
         "processor": f"{_processor()}, {os.cpu_count()} cores, {request.workers} processes of one thread",
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",
     }

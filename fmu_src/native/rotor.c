@@ -1,0 +1,524 @@
+#include "rotor.h"
+
+#include <math.h>
+#include <string.h>
+
+#define DOF 4
+#define CRACK_LENGTH 0.8
+#define MOST_ENTRIES 16 /* of a pattern: two points of the shaft, or one and a base */
+
+/* Where a plane's (w, slope) at both ends of an element are among its eight degrees of freedom, with their signs. */
+static const int PLACES[2][4] = {{0, 3, 4, 7}, {1, 2, 5, 6}};
+static const double SIGNS[2][4] = {{1, 1, 1, 1}, {1, -1, 1, -1}};
+
+/* Entries of a vector over all degrees of freedom that are not zero. */
+typedef struct {
+    int count, place[MOST_ENTRIES];
+    double weight[MOST_ENTRIES];
+} Pattern;
+
+typedef struct {
+    const Structure *s;
+    const Design *d;
+    int n, size, used; /* of the structure, of all, taken so far */
+    double *M, *K, *C, *G, *K_shaft;
+    int *held;
+    LocalForce *forces;
+    int n_forces;
+    double *patterns; /* (2 forces, size) */
+} Assembly;
+
+void design_nominal(Design *design)
+{
+    memset(design, 0, sizeof *design);
+    design->modulus_factor = design->hub_factor = 1;
+    design->rigid_stiffness = INFINITY;
+    design->excitation_node = design->excitation_plane = 1;
+}
+
+int structure_dof(const Structure *structure, int node, int plane)
+{
+    return DOF * structure->stations[node - 1] + plane - 1;
+}
+
+static int is_bearing(const Structure *s, int support)
+{
+    return isnan(s->support_stiffness[support]);
+}
+
+static int n_bearings(const Structure *s)
+{
+    int count = 0;
+    for (int k = 0; k < s->n_supports; k++)
+        count += is_bearing(s, k);
+    return count;
+}
+
+/* -- where a point of the shaft is in the matrices ------------------------------------------------------------- */
+
+static int element_at(const Structure *s, double x)
+{
+    int element = 0;
+    while (element < s->n_mesh - 2 && s->x[element + 1] <= x)
+        element++;
+    return element;
+}
+
+static void put(Pattern *pattern, int place, double weight)
+{
+    pattern->place[pattern->count] = place;
+    pattern->weight[pattern->count++] = weight;
+}
+
+static void shape_functions(double xi, double L, double phi, double deflection[4], double rotation[4])
+{
+    const double xi2 = xi * xi, xi3 = xi2 * xi;
+    deflection[0] = 1 - 3 * xi2 + 2 * xi3 + phi * (1 - xi);
+    deflection[1] = L * (xi - 2 * xi2 + xi3 + phi * (xi - xi2) / 2);
+    deflection[2] = 3 * xi2 - 2 * xi3 + phi * xi;
+    deflection[3] = L * (-xi2 + xi3 - phi * (xi - xi2) / 2);
+    rotation[0] = 6 * (xi2 - xi) / L;
+    rotation[1] = 1 - 4 * xi + 3 * xi2 + phi * (1 - xi);
+    rotation[2] = 6 * (xi - xi2) / L;
+    rotation[3] = 3 * xi2 - 2 * xi + phi * xi;
+    for (int k = 0; k < 4; k++) {
+        deflection[k] /= 1 + phi;
+        rotation[k] /= 1 + phi;
+    }
+}
+
+/* Deflection and rotation of the shaft at x in a plane; beyond its ends the shaft goes on straight and rigid. */
+static void shaft_point(const Structure *s, double x, int plane, Pattern *w, Pattern *slope)
+{
+    int node = 0;
+    double deflection[4], rotation[4];
+    w->count = slope->count = 0;
+    for (int k = 1; k < s->n_mesh; k++)
+        if (fabs(s->x[k] - x) < fabs(s->x[node] - x))
+            node = k;
+    if (fabs(s->x[node] - x) < 1e-12) {
+        put(w, DOF * node + plane - 1, 1);
+        put(slope, DOF * node + PLACES[plane - 1][1], SIGNS[plane - 1][1]);
+        return;
+    }
+    const int element = element_at(s, x);
+    const double left = s->x[element], length = s->x[element + 1] - left;
+    const double phi = 12 * s->bending[2 * element + plane - 1] / (s->shear[2 * element + plane - 1] * (length * length));
+    const double inside = fmin(fmax(x, s->x[0]), s->x[s->n_mesh - 1]);
+    shape_functions((inside - left) / length, length, phi, deflection, rotation);
+    for (int k = 0; k < 4; k++) {
+        const int place = DOF * element + PLACES[plane - 1][k];
+        put(w, place, SIGNS[plane - 1][k] * (deflection[k] + (x - inside) * rotation[k]));
+        put(slope, place, SIGNS[plane - 1][k] * rotation[k]);
+    }
+}
+
+/* (2, 2) deflection and slope of a cantilever's end under a force and a moment there. */
+static void cantilever(double L, double EI, double GA, double F[4])
+{
+    F[0] = L * L * L / (3 * EI) + L / GA;
+    F[1] = F[2] = L * L / (2 * EI);
+    F[3] = L / EI;
+}
+
+/* (4, 4) stiffness of an element from the flexibility of its cantilever. */
+static void element_stiffness(const double F[4], double L, double K[16])
+{
+    const double relative[2][4] = {{-1, -L, 1, 0}, {0, -1, 0, 1}}; /* end 2 as seen from end 1 */
+    const double det = F[0] * F[3] - F[1] * F[2];
+    double solved[2][4];
+    for (int k = 0; k < 4; k++) {
+        solved[0][k] = (F[3] * relative[0][k] - F[1] * relative[1][k]) / det;
+        solved[1][k] = (F[0] * relative[1][k] - F[2] * relative[0][k]) / det;
+    }
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 4; k++)
+            K[4 * i + k] = relative[0][i] * solved[0][k] + relative[1][i] * solved[1][k];
+}
+
+/* How far a unit force at x bends and shears an element whose ends are held; zero at mesh nodes. */
+static double local_flexibility(const Structure *s, double x, int plane)
+{
+    const int element = element_at(s, x);
+    const double before = x - s->x[element], after = s->x[element + 1] - x;
+    double F[4], left[16], right[16];
+    if (fmin(before, after) < 1e-12)
+        return 0;
+    const double EI = s->bending[2 * element + plane - 1], GA = s->shear[2 * element + plane - 1];
+    cantilever(before, EI, GA, F);
+    element_stiffness(F, before, left);
+    cantilever(after, EI, GA, F);
+    element_stiffness(F, after, right);
+    const double a = left[10] + right[0], b = left[11] + right[1], c = left[14] + right[4], d = left[15] + right[5];
+    return d / (a * d - b * c);
+}
+
+/* -- the shaft -------------------------------------------------------------------------------------------------- */
+
+/* (2, 2) flexibility, times E I, that hubs and cracks add to an element; returns whether there is any. */
+static int added_flexibility(const Assembly *a, int element, double added[4])
+{
+    const Structure *s = a->s;
+    const double start = s->x[element], end = s->x[element + 1];
+    int any = 0;
+    memset(added, 0, 4 * sizeof *added);
+    for (int disk = 0; a->d->hub_factor != 1 && disk < s->n_disks; disk++) {
+        const double middle = s->x[s->disk_node[disk]], half = s->disk_thickness[disk] / 2;
+        const double from = fmax(start, middle - half), to = fmin(end, middle + half);
+        if (to - from <= 1e-12)
+            continue;
+        const double p = end - from, q = end - to, share = 1 / a->d->hub_factor - 1;
+        added[0] += share * ((p * p * p - q * q * q) / 3);
+        added[1] += share * ((p * p - q * q) / 2);
+        added[2] = added[1];
+        added[3] += share * (p - q);
+        any = 1;
+    }
+    if (a->d->crack_lost != 0 && element == element_at(s, a->d->crack_position)) {
+        const double lost = a->d->crack_lost, lever = end - a->d->crack_position;
+        const double compliance = CRACK_LENGTH * s->diameter[element] * lost / (1 - lost);
+        added[0] += compliance * (lever * lever);
+        added[1] += compliance * lever;
+        added[2] = added[1];
+        added[3] += compliance;
+        any = 1;
+    }
+    return any;
+}
+
+static void weaken(Assembly *a, int element, const double added[4])
+{
+    const Structure *s = a->s;
+    const double length = s->x[element + 1] - s->x[element];
+    double sound[4], F[4], before[16], after[16];
+    for (int plane = 0; plane < 2; plane++) {
+        const double EI = s->bending[2 * element + plane];
+        cantilever(length, EI, s->shear[2 * element + plane], sound);
+        for (int k = 0; k < 4; k++)
+            F[k] = sound[k] + added[k] / EI;
+        element_stiffness(F, length, after);
+        element_stiffness(sound, length, before);
+        for (int i = 0; i < 4; i++)
+            for (int k = 0; k < 4; k++) {
+                const int row = DOF * element + PLACES[plane][i], column = DOF * element + PLACES[plane][k];
+                const double change = after[4 * i + k] - before[4 * i + k];
+                a->K_shaft[row * a->size + column] += SIGNS[plane][i] * change * SIGNS[plane][k];
+            }
+    }
+}
+
+static void add_shaft(Assembly *a)
+{
+    const Structure *s = a->s;
+    double added[4];
+    for (int i = 0; i < a->n; i++)
+        for (int k = 0; k < a->n; k++) {
+            a->K_shaft[i * a->size + k] = s->K[i * a->n + k];
+            a->M[i * a->size + k] = s->M[i * a->n + k];
+            a->G[i * a->size + k] = s->G[i * a->n + k];
+        }
+    for (int element = 0; element < s->n_mesh - 1; element++)
+        if (added_flexibility(a, element, added))
+            weaken(a, element, added);
+    for (int i = 0; i < a->n; i++)
+        for (int k = 0; k < a->n; k++) {
+            const int at = i * a->size + k;
+            a->K_shaft[at] *= a->d->modulus_factor;
+            a->K[at] = a->K_shaft[at] + (a->d->tension != 0 ? a->d->tension * s->K_tension[i * a->n + k] : 0);
+        }
+}
+
+static void add_at(double *matrix, int size, int place, double value)
+{
+    matrix[place * size + place] += value;
+}
+
+static void add_bodies(Assembly *a)
+{
+    const Structure *s = a->s;
+    const Design *d = a->d;
+    for (int disk = 0; disk < s->n_disks; disk++) {
+        const int y = DOF * s->disk_node[disk], tilt = y + 2;
+        const double polar = d->gyroscopic_factor * s->disk_lumped_polar[disk];
+        for (int k = 0; k < 2; k++) {
+            add_at(a->M, a->size, y + k, d->disk_mass_change * s->disk_mass[disk]);
+            add_at(a->M, a->size, tilt + k, d->disk_inertia_factor * s->disk_lumped_diametral[disk]);
+        }
+        a->G[tilt * a->size + tilt + 1] += polar;
+        a->G[(tilt + 1) * a->size + tilt] -= polar;
+    }
+    for (int plane = 1; d->mass != 0 && plane <= 2; plane++)
+        add_at(a->M, a->size, structure_dof(s, d->mass_node, plane), d->mass);
+}
+
+/* -- the supports ------------------------------------------------------------------------------------------------ */
+
+static void hold(Assembly *a, int place, double stiffness)
+{
+    if (isinf(stiffness))
+        a->held[place] = 1;
+    else
+        add_at(a->K, a->size, place, stiffness);
+}
+
+/* Supports with a stiffness of their own, and bearings replaced by rigid supports. */
+static void add_fixed_supports(Assembly *a)
+{
+    const Structure *s = a->s;
+    for (int k = 0; k < s->n_supports; k++) {
+        double stiffness = s->support_stiffness[k], damping = s->support_damping[k];
+        if (is_bearing(s, k)) {
+            if (!a->d->rigid_support)
+                continue;
+            stiffness = a->d->rigid_stiffness;
+            damping = 0; /* no bearing, no damper */
+        }
+        for (int plane = 0; plane < 2; plane++) {
+            const int place = DOF * s->support_node[k] + plane;
+            hold(a, place, stiffness);
+            hold(a, place + 2, s->support_tilt_stiffness[k]);
+            add_at(a->C, a->size, place, damping);
+        }
+    }
+}
+
+static Pattern difference(const Pattern *one, const Pattern *other)
+{
+    Pattern result = *one;
+    for (int k = 0; k < other->count; k++)
+        put(&result, other->place[k], -other->weight[k]);
+    return result;
+}
+
+/* Add sum values_ij p_i p_j' over a joint's displacements in y and z. */
+static void join(Assembly *a, double *matrix, const Pattern joint[2], const double values[4])
+{
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++) {
+            if (values[2 * i + j] == 0)
+                continue;
+            for (int p = 0; p < joint[i].count; p++)
+                for (int q = 0; q < joint[j].count; q++)
+                    matrix[joint[i].place[p] * a->size + joint[j].place[q]] +=
+                        values[2 * i + j] * (joint[i].weight[p] * joint[j].weight[q]);
+        }
+}
+
+static void new_pair(Assembly *a, Pattern pair[2])
+{
+    for (int k = 0; k < 2; k++) {
+        pair[k].count = 0;
+        put(&pair[k], a->used++, 1);
+    }
+}
+
+static void add_force(Assembly *a, const Pattern joint[2], const JointLaw *law)
+{
+    LocalForce *force = a->forces + a->n_forces;
+    double *rows = a->patterns + 2 * a->n_forces++ * a->size;
+    memset(rows, 0, 2 * (size_t)a->size * sizeof *rows);
+    for (int plane = 0; plane < 2; plane++)
+        for (int k = 0; k < joint[plane].count; k++)
+            rows[plane * a->size + joint[plane].place[k]] = joint[plane].weight[k];
+    force->law = *law;
+    force->y = rows;
+    force->z = rows + a->size;
+}
+
+static void add_pedestal(Assembly *a, Pattern base[2])
+{
+    const Design *d = a->d;
+    base[0].count = base[1].count = 0;
+    if (!d->has_pedestal)
+        return;
+    new_pair(a, base);
+    for (int plane = 0; plane < 2; plane++) {
+        const int place = base[plane].place[0];
+        add_at(a->M, a->size, place, d->pedestal_mass);
+        add_at(a->K, a->size, place, d->pedestal_stiffness);
+        add_at(a->C, a->size, place, d->pedestal_damping);
+    }
+}
+
+static void scaled(const double in[4], double factor, double out[4])
+{
+    for (int k = 0; k < 4; k++)
+        out[k] = factor * in[k];
+}
+
+/* Share of a bearing's deflection that is its own, where the element below it yields; see rotor/model.py. */
+static void own_share(const Assembly *a, double x, double stiffness[4], double shared_damping[4], double damping)
+{
+    const double f[2] = {local_flexibility(a->s, x, 1), local_flexibility(a->s, x, 2)};
+    double yield[4], share[4], product[4];
+    for (int k = 0; k < 4; k++)
+        yield[k] = (k % 3 == 0) + stiffness[k] * f[k % 2];
+    const double det = yield[0] * yield[3] - yield[1] * yield[2];
+    share[0] = yield[3] / det;
+    share[1] = -yield[1] / det;
+    share[2] = -yield[2] / det;
+    share[3] = yield[0] / det;
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++) {
+            product[2 * i + j] = share[2 * i] * stiffness[j] + share[2 * i + 1] * stiffness[2 + j];
+            shared_damping[2 * i + j] =
+                damping * (share[2 * i] * share[2 * j] + share[2 * i + 1] * share[2 * j + 1]);
+        }
+    memcpy(stiffness, product, sizeof product);
+}
+
+static const char *add_bearing(Assembly *a, double x, int side, double tilt)
+{
+    const Design *d = a->d;
+    Pattern shaft[2], slope[2], base[2], joint[2], end[2], spring[2], dashpot[2];
+    const double at = x - side * d->offset, half = d->anisotropy / 2;
+    const double c = cos(2 * d->anisotropy_angle), s = sin(2 * d->anisotropy_angle);
+    const double k = d->k_b * (1 - side * d->asymmetry);
+    double stiffness[4] = {k * (1 + half * c), k * (half * s), k * (half * s), k * (1 - half * c)};
+    double damping[4], relative[4];
+    for (int plane = 0; plane < 2; plane++)
+        shaft_point(a->s, at, plane + 1, &shaft[plane], &slope[plane]);
+    tilt += d->tilt_stiffness;
+    for (int plane = 0; plane < 2; plane++) {
+        if (isinf(tilt)) {
+            if (slope[plane].count > 1)
+                return "a bearing that holds the shaft's tilt rigidly can do so at a node only: leave bearing_offset out";
+            a->held[slope[plane].place[0]] = 1;
+        } else if (tilt != 0) {
+            const Pattern one[2] = {slope[plane], {0, {0}, {0}}};
+            const double value[4] = {tilt, 0, 0, 0};
+            join(a, a->K, one, value);
+        }
+    }
+    add_pedestal(a, base);
+    for (int plane = 0; plane < 2; plane++)
+        joint[plane] = difference(&shaft[plane], &base[plane]);
+    own_share(a, at, stiffness, damping, d->bearing_damping);
+    join(a, a->K, joint, stiffness);
+    join(a, a->C, joint, damping);
+    if (d->branch_strength != 0) {
+        new_pair(a, end);
+        for (int plane = 0; plane < 2; plane++) {
+            spring[plane] = difference(&shaft[plane], &end[plane]);
+            dashpot[plane] = difference(&end[plane], &base[plane]);
+        }
+        scaled(stiffness, d->branch_strength, relative);
+        join(a, a->K, spring, relative);
+        scaled(stiffness, d->branch_strength * d->branch_time, relative);
+        join(a, a->C, dashpot, relative);
+    }
+    for (int law = 0; law < d->n_bearing_laws; law++)
+        add_force(a, joint, &d->bearing_laws[law]);
+    return 0;
+}
+
+static const char *add_bearings(Assembly *a)
+{
+    const Structure *s = a->s;
+    double least = INFINITY, most = -INFINITY;
+    if (a->d->rigid_support)
+        return 0;
+    for (int k = 0; k < s->n_supports; k++)
+        if (is_bearing(s, k)) {
+            least = fmin(least, s->x[s->support_node[k]]);
+            most = fmax(most, s->x[s->support_node[k]]);
+        }
+    for (int k = 0; k < s->n_supports; k++) {
+        if (!is_bearing(s, k))
+            continue;
+        const double x = s->x[s->support_node[k]], beside = x - (least + most) / 2;
+        const char *wrong = add_bearing(a, x, (beside > 0) - (beside < 0), s->support_tilt_stiffness[k]);
+        if (wrong)
+            return wrong;
+    }
+    return 0;
+}
+
+static void add_at_nodes(Assembly *a)
+{
+    const Design *d = a->d;
+    Pattern contact[2] = {{0, {0}, {0}}, {0, {0}, {0}}};
+    const int drive = structure_dof(a->s, d->excitation_node, d->excitation_plane);
+    add_at(a->K, a->size, drive, d->ground_stiffness);
+    add_at(a->C, a->size, drive, d->ground_damping);
+    if (!d->has_contact)
+        return;
+    for (int plane = 0; plane < 2; plane++)
+        put(&contact[plane], structure_dof(a->s, d->contact_node, plane + 1), 1);
+    add_force(a, contact, &d->contact);
+}
+
+/* -- all together ------------------------------------------------------------------------------------------------ */
+
+int system_most(const Structure *structure)
+{
+    return DOF * structure->n_mesh + 4 * n_bearings(structure); /* a pedestal and a Maxwell branch each */
+}
+
+static int most_forces(const Structure *structure)
+{
+    return MOST_LAWS * n_bearings(structure) + 1;
+}
+
+void system_memory(const Structure *structure, int *doubles, int *ints)
+{
+    const int size = system_most(structure);
+    *doubles = 5 * size * size + 2 * most_forces(structure) * size;
+    *ints = 3 * size;
+}
+
+/* Rows and columns that are free, moved together in place. */
+static void compress(double *matrix, int rows, int size, const int *free, int n, int both)
+{
+    for (int i = 0; i < (both ? n : rows); i++)
+        for (int k = 0; k < n; k++)
+            matrix[i * n + k] = matrix[(both ? free[i] : i) * size + free[k]];
+}
+
+static void keep_free(System *system, Assembly *a)
+{
+    double *matrices[5] = {a->M, a->K, a->C, a->G, a->K_shaft};
+    system->n = 0;
+    system->n_all = a->size;
+    for (int place = 0; place < a->size; place++)
+        if (!a->held[place]) {
+            const int along = place < a->n ? place % DOF : (place - a->n) % 2 * 1;
+            system->plane[system->n] = place < a->n ? (along == 0 || along == 3 ? 1 : 2) : along + 1;
+            system->free[system->n++] = place;
+        }
+    for (int k = 0; k < 5; k++)
+        compress(matrices[k], a->size, a->size, system->free, system->n, 1);
+    compress(a->patterns, 2 * a->n_forces, a->size, system->free, system->n, 0);
+    for (int k = 0; k < a->n_forces; k++) {
+        a->forces[k].y = a->patterns + 2 * k * system->n;
+        a->forces[k].z = a->forces[k].y + system->n;
+    }
+}
+
+const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints)
+{
+    const int bearings = design->rigid_support ? 0 : n_bearings(structure), n = DOF * structure->n_mesh;
+    const int size = n + 2 * bearings * ((design->has_pedestal != 0) + (design->branch_strength != 0));
+    Assembly a = {structure, design, n, size, n, 0, 0, 0, 0, 0, 0, system->forces, 0, 0};
+    memset(doubles, 0, 5 * (size_t)size * size * sizeof *doubles);
+    a.M = system->M = doubles;
+    a.K = system->K = a.M + size * size;
+    a.C = system->C = a.K + size * size;
+    a.G = system->G = a.C + size * size;
+    a.K_shaft = system->K_shaft = a.G + size * size;
+    a.patterns = a.K_shaft + size * size;
+    system->free = ints;
+    system->plane = ints + size;
+    a.held = ints + 2 * size;
+    memset(a.held, 0, (size_t)size * sizeof *a.held);
+    add_shaft(&a);
+    add_bodies(&a);
+    add_fixed_supports(&a);
+    const char *wrong = add_bearings(&a);
+    if (wrong)
+        return wrong;
+    add_at_nodes(&a);
+    keep_free(system, &a);
+    system->n_forces = a.n_forces;
+    return 0;
+}

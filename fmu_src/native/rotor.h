@@ -1,0 +1,83 @@
+/* The rotor: what it consists of, and the matrices that follow. Mirrors rotor/design.py and rotor/model.py. */
+#ifndef RIGTWIN_ROTOR_H
+#define RIGTWIN_ROTOR_H
+
+/* Free-free rotor, degrees of freedom node by node as (y, z, theta_y, theta_z); see rotor/structure.py. */
+typedef struct {
+    int n_mesh, n_nodes, n_disks, n_supports;
+    const double *M, *K, *G, *K_tension;  /* (n, n), n = 4 n_mesh */
+    const double *x;                      /* (n_mesh) */
+    const int *stations;                  /* (n_nodes) mesh node of each rig node */
+    const double *bending, *shear;        /* (n_mesh - 1, 2) E I and kappa G A in y and z */
+    const double *diameter;               /* (n_mesh - 1) */
+    const int *disk_node;                 /* (n_disks) */
+    const double *disk_mass, *disk_thickness, *disk_lumped_diametral, *disk_lumped_polar;
+    const int *support_node;              /* (n_supports) */
+    const double *support_stiffness;      /* nan: k_b; inf: rigid */
+    const double *support_tilt_stiffness; /* inf: rigid */
+    const double *support_damping;
+} Structure;
+
+/* A force law at a joint: its number in laws.h, its coefficients, the static displacement in y. */
+typedef struct {
+    int law;
+    double coefficients[4], offset;
+} JointLaw;
+
+#define MOST_LAWS 4
+
+/* The rotor with its effects. What is not there is zero, unless said otherwise. */
+typedef struct {
+    double k_b, bearing_damping, shaft_damping_ratio, spin_speed;
+    int rigid_support, excitation_node, excitation_plane; /* nodes from 1; plane 1 = y, 2 = z */
+    double modulus_factor, hub_factor;                    /* 1: as drawn */
+    double crack_position, crack_lost;
+    double tension;
+    double disk_mass_change, disk_inertia_factor, gyroscopic_factor;
+    int mass_node;
+    double mass;
+    double ground_stiffness, ground_damping; /* where the exciter acts */
+    double rigid_stiffness;                  /* inf: rigid */
+    double tilt_stiffness;                   /* added to every bearing's own */
+    int has_pedestal;
+    double pedestal_stiffness, pedestal_mass, pedestal_damping;
+    double asymmetry, offset, anisotropy, anisotropy_angle;
+    double branch_strength, branch_time;
+    int unbalance_node;
+    double unbalance_moment, unbalance_phase;
+    JointLaw bearing_laws[MOST_LAWS]; /* coefficient 0 of a law in place of k_b is filled in for every bearing */
+    int n_bearing_laws;
+    JointLaw contact;
+    int has_contact, contact_node;
+} Design;
+
+/* A local force between the rotor and the ground. */
+typedef struct {
+    JointLaw law;
+    double *y, *z; /* (n_free) patterns */
+} LocalForce;
+
+/* M q'' + (C + Omega G) q' + K q = f on the n degrees of freedom that are free to move. */
+typedef struct {
+    int n, n_all;
+    double *M, *K, *C, *G, *K_shaft; /* (n, n) */
+    int *free, *plane;               /* (n) */
+    LocalForce *forces;
+    int n_forces;
+} System;
+
+void design_nominal(Design *design);
+
+/* Most degrees of freedom that a structure's system can have. */
+int system_most(const Structure *structure);
+
+/* Doubles and ints of memory that system_build needs. */
+void system_memory(const Structure *structure, int *doubles, int *ints);
+
+/* Put the rotor on its supports. Returns a sentence where that is impossible, or 0. */
+const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints);
+
+/* Full index of a rig node's deflection. */
+int structure_dof(const Structure *structure, int node, int plane);
+
+#endif

@@ -1,0 +1,316 @@
+#include "simulator.h"
+
+#include "states.h"
+#include "stepper.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TICKS_PER_SECOND 68719476736.0 /* 2^36: times add up exactly */
+#define SAME_TIME 1e-6
+#define LAST_TIME 1e9
+#define SCALARS 6 /* of a snapshot, before the state */
+
+static const double TWO_PI = 6.283185307179586;
+
+/* Everything that follows from a design. Two of them: one is used while the other is built. */
+typedef struct {
+    Design design;
+    System system;
+    LocalForce forces[64];
+    States states;
+    Stepper stepper;
+    int n_inputs;
+    double *B, *output, *feedthrough;            /* (n_states, n_inputs), (n_out, n_states), (n_out, n_inputs) */
+    double spin_re[MOST_INPUTS], spin_im[MOST_INPUTS]; /* forces that turn with the rotor */
+    double *system_doubles, *states_doubles, *stepper_doubles;
+    int *system_ints, *states_ints, *stepper_ints;
+} Rotor;
+
+struct Simulator {
+    Structure structure;
+    int n_out;
+    double ticks, cycles, turns, force, amplitude, frequency;
+    Rotor rotors[2];
+    Rotor *rotor;
+    double *x, *q, *v, *work;
+    double *doubles;
+    int *ints;
+};
+
+/* -- memory ------------------------------------------------------------------------------------------------------ */
+
+typedef struct {
+    int system, states, stepper;
+} Sizes;
+
+static void measure(const Structure *structure, Sizes *doubles, Sizes *ints)
+{
+    const int n = system_most(structure);
+    system_memory(structure, &doubles->system, &ints->system);
+    states_memory(n, &doubles->states, &ints->states);
+    stepper_memory(2 * n, &doubles->stepper, &ints->stepper);
+}
+
+Simulator *simulator_new(const Structure *structure)
+{
+    Sizes d, i;
+    const int n = system_most(structure), N = 2 * n, n_out = 2 * structure->n_nodes;
+    const int own = N * MOST_INPUTS + n_out * N + n_out * MOST_INPUTS;
+    measure(structure, &d, &i);
+    Simulator *s = calloc(1, sizeof *s);
+    if (!s)
+        return 0;
+    s->doubles = calloc(2 * ((size_t)d.system + d.states + d.stepper + own) + N + 2 * n + 4 * N, sizeof(double));
+    s->ints = calloc(2 * ((size_t)i.system + i.states + i.stepper), sizeof(int));
+    if (!s->doubles || !s->ints) {
+        simulator_free(s);
+        return 0;
+    }
+    s->structure = *structure;
+    s->n_out = n_out;
+    double *at = s->doubles;
+    int *ints = s->ints;
+    for (int k = 0; k < 2; k++) {
+        Rotor *r = s->rotors + k;
+        r->system_doubles = at, at += d.system;
+        r->states_doubles = at, at += d.states;
+        r->stepper_doubles = at, at += d.stepper;
+        r->B = at, at += N * MOST_INPUTS;
+        r->output = at, at += n_out * N;
+        r->feedthrough = at, at += n_out * MOST_INPUTS;
+        r->system_ints = ints, ints += i.system;
+        r->states_ints = ints, ints += i.states;
+        r->stepper_ints = ints, ints += i.stepper;
+        r->system.forces = r->forces;
+    }
+    s->x = at, at += N;
+    s->q = at, at += n;
+    s->v = at, at += n;
+    s->work = at;
+    return s;
+}
+
+void simulator_free(Simulator *s)
+{
+    if (!s)
+        return;
+    free(s->doubles);
+    free(s->ints);
+    free(s);
+}
+
+/* -- from a design to matrices ----------------------------------------------------------------------------------- */
+
+/* Unit vector (n) of a rig node's deflection; zero where it is held. */
+static void unit(const Simulator *s, const System *system, int node, int plane, double *vector)
+{
+    const int place = structure_dof(&s->structure, node, plane);
+    for (int i = 0; i < system->n; i++)
+        vector[i] = system->free[i] == place;
+}
+
+static void add_input(Simulator *s, Rotor *r, int node, int plane)
+{
+    double *pattern = s->work, *column = pattern + r->system.n;
+    unit(s, &r->system, node, plane, pattern);
+    states_input(&r->states, pattern, column);
+    for (int i = 0; i < r->states.n_states; i++)
+        r->B[i * MOST_INPUTS + r->n_inputs] = column[i];
+    r->n_inputs++;
+}
+
+static void make_inputs(Simulator *s, Rotor *r)
+{
+    const Design *d = &r->design;
+    const int N = r->states.n_states;
+    r->n_inputs = 0;
+    memset(r->spin_re, 0, sizeof r->spin_re);
+    memset(r->spin_im, 0, sizeof r->spin_im);
+    add_input(s, r, d->excitation_node, d->excitation_plane);
+    if (d->unbalance_moment != 0) {
+        const double pull = d->unbalance_moment * (d->spin_speed * d->spin_speed);
+        const double c = pull * cos(d->unbalance_phase), sn = pull * sin(d->unbalance_phase);
+        add_input(s, r, d->unbalance_node, 1);
+        add_input(s, r, d->unbalance_node, 2);
+        r->spin_re[1] = -sn, r->spin_im[1] = c; /* cosine along y */
+        r->spin_re[2] = c, r->spin_im[2] = sn;  /* sine along z */
+    }
+    for (int i = 0; i < N; i++) /* rows as close as the inputs are many */
+        memmove(r->B + i * r->n_inputs, r->B + i * MOST_INPUTS, (size_t)r->n_inputs * sizeof *r->B);
+}
+
+static void make_outputs(Simulator *s, Rotor *r)
+{
+    const int N = r->states.n_states, n_nodes = s->structure.n_nodes;
+    double *pattern = s->work, *row = pattern + r->system.n, *rate = row + N;
+    for (int k = 0; k < s->n_out; k++) {
+        unit(s, &r->system, k % n_nodes + 1, k / n_nodes + 1, pattern);
+        states_displacement(&r->states, pattern, row, rate);
+        states_rate(&r->states, row, rate);
+        states_rate(&r->states, rate, r->output + k * N);
+        for (int c = 0; c < r->n_inputs; c++) {
+            double sum = 0;
+            for (int i = 0; i < N; i++)
+                sum += rate[i] * r->B[i * r->n_inputs + c];
+            r->feedthrough[k * r->n_inputs + c] = sum;
+        }
+    }
+}
+
+static const char *build(Simulator *s, Rotor *r, const Design *design)
+{
+    r->design = *design;
+    const char *wrong = system_build(&r->system, &s->structure, design, r->system_doubles, r->system_ints);
+    if (!wrong)
+        wrong = states_build(&r->states, &r->system, design->shaft_damping_ratio, design->spin_speed, r->states_doubles,
+                             r->states_ints);
+    if (wrong)
+        return wrong;
+    make_inputs(s, r);
+    make_outputs(s, r);
+    stepper_build(&r->stepper, r->states.n_states, r->n_inputs, r->states.A, r->B, r->stepper_doubles, r->stepper_ints);
+    return 0;
+}
+
+static int same_freedom(const System *a, const System *b)
+{
+    return a->n == b->n && !memcmp(a->free, b->free, (size_t)a->n * sizeof *a->free);
+}
+
+static int at_rest(const Simulator *s)
+{
+    for (int i = 0; i < s->rotor->states.n_states; i++)
+        if (s->x[i] != 0)
+            return 0;
+    return s->ticks == 0;
+}
+
+const char *simulator_configure(Simulator *s, const Design *design)
+{
+    Rotor *next = s->rotor == s->rotors ? s->rotors + 1 : s->rotors;
+    const char *wrong = build(s, next, design);
+    if (wrong)
+        return wrong;
+    if (s->rotor && same_freedom(&s->rotor->system, &next->system)) {
+        states_motion(&s->rotor->states, s->x, s->q, s->v, s->work);
+        states_of(&next->states, s->q, s->v, s->x);
+    } else if (s->rotor && !at_rest(s)) {
+        return "this changes the degrees of freedom (rigid_support, or an effect with masses or states of its own): "
+               "set it before the simulation starts";
+    } else {
+        memset(s->x, 0, (size_t)next->states.n_states * sizeof *s->x);
+    }
+    s->rotor = next;
+    return 0;
+}
+
+/* -- time -------------------------------------------------------------------------------------------------------- */
+
+void simulator_drive(Simulator *s, double force, double amplitude, double frequency)
+{
+    s->force = force, s->amplitude = amplitude, s->frequency = frequency;
+}
+
+const char *simulator_start_at(Simulator *s, double time)
+{
+    if (!(fabs(time) <= LAST_TIME))
+        return "the start time must lie within 1e9 s of zero";
+    s->ticks = rint(time * TICKS_PER_SECOND);
+    return 0;
+}
+
+double simulator_time(const Simulator *s)
+{
+    return s->ticks / TICKS_PER_SECOND;
+}
+
+static double advanced(double periods, double frequency, double h)
+{
+    return fmod(periods + fmod(frequency * h, 1), 1);
+}
+
+static int make_tones(const Simulator *s, double cycles, double turns, Tone tones[2])
+{
+    const Rotor *r = s->rotor;
+    int count = 0;
+    if (s->amplitude != 0) {
+        Tone sine = {TWO_PI * s->frequency, TWO_PI * s->cycles, TWO_PI * cycles, {s->amplitude}, {0}};
+        tones[count++] = sine;
+    }
+    if (r->n_inputs > 1 && r->design.spin_speed != 0) {
+        Tone spin = {r->design.spin_speed, TWO_PI * s->turns, TWO_PI * turns, {0}, {0}};
+        memcpy(spin.re, r->spin_re, sizeof spin.re);
+        memcpy(spin.im, r->spin_im, sizeof spin.im);
+        tones[count++] = spin;
+    }
+    return count;
+}
+
+const char *simulator_advance(Simulator *s, double time, double step)
+{
+    if (!isfinite(time) || !isfinite(step))
+        return "the communication step must be finite";
+    if (step <= 0)
+        return "the communication step must be positive";
+    if (fmax(fabs(time), fabs(time + step)) > LAST_TIME)
+        return "the step leaves the clock's range of 1e9 s";
+    if (fabs(time - simulator_time(s)) > SAME_TIME * step + 1e-9 * fmax(1, fabs(time)))
+        return "a step was asked for from another time than the rotor stands at";
+    const double end = rint((time + step) * TICKS_PER_SECOND);
+    if (end <= s->ticks)
+        return "the communication step is below the clock's resolution";
+    const double h = (end - s->ticks) / TICKS_PER_SECOND;
+    const double cycles = advanced(s->cycles, s->frequency, h);
+    const double turns = advanced(s->turns, s->rotor->design.spin_speed / TWO_PI, h);
+    Tone tones[2];
+    const int n_tones = make_tones(s, cycles, turns, tones);
+    stepper_step(&s->rotor->stepper, s->x, s->force, tones, n_tones, h);
+    s->cycles = cycles, s->turns = turns, s->ticks = end;
+    return 0;
+}
+
+double simulator_force(const Simulator *s)
+{
+    return s->force + s->amplitude * sin(TWO_PI * s->cycles);
+}
+
+void simulator_accelerations(const Simulator *s, double *accelerations)
+{
+    const Rotor *r = s->rotor;
+    const int N = r->states.n_states, k = r->n_inputs;
+    double forces[MOST_INPUTS] = {simulator_force(s)};
+    const double c = cos(TWO_PI * s->turns), sn = sin(TWO_PI * s->turns);
+    for (int input = 1; input < k; input++)
+        forces[input] = r->spin_re[input] * sn + r->spin_im[input] * c;
+    for (int out = 0; out < s->n_out; out++) {
+        double sum = 0;
+        for (int i = 0; i < N; i++)
+            sum += r->output[out * N + i] * s->x[i];
+        for (int input = 0; input < k; input++)
+            sum += r->feedthrough[out * k + input] * forces[input];
+        accelerations[out] = sum;
+    }
+}
+
+/* -- snapshots --------------------------------------------------------------------------------------------------- */
+
+int simulator_snapshot_size(const Simulator *s)
+{
+    return SCALARS + s->rotor->states.n_states;
+}
+
+void simulator_save(const Simulator *s, double *snapshot)
+{
+    const double scalars[SCALARS] = {s->ticks, s->cycles, s->turns, s->force, s->amplitude, s->frequency};
+    memcpy(snapshot, scalars, sizeof scalars);
+    memcpy(snapshot + SCALARS, s->x, (size_t)s->rotor->states.n_states * sizeof *s->x);
+}
+
+void simulator_restore(Simulator *s, const double *snapshot)
+{
+    s->ticks = snapshot[0], s->cycles = snapshot[1], s->turns = snapshot[2];
+    s->force = snapshot[3], s->amplitude = snapshot[4], s->frequency = snapshot[5];
+    memcpy(s->x, snapshot + SCALARS, (size_t)s->rotor->states.n_states * sizeof *s->x);
+}

@@ -1,0 +1,37 @@
+/* The rotor as something that lives in time. Mirrors rotor/simulator.py. */
+#ifndef RIGTWIN_SIMULATOR_H
+#define RIGTWIN_SIMULATOR_H
+
+#include "rotor.h"
+
+typedef struct Simulator Simulator;
+
+/* A rotor at rest, or 0 without memory; all memory that it will ever need is taken here. */
+Simulator *simulator_new(const Structure *structure);
+void simulator_free(Simulator *simulator);
+
+/* Change what the rotor consists of; deflections and velocities stay continuous. Returns a sentence where that is
+   impossible, and nothing is changed then; 0 otherwise. */
+const char *simulator_configure(Simulator *simulator, const Design *design);
+
+/* The held force [N] and the built-in sine [N, Hz]. */
+void simulator_drive(Simulator *simulator, double force, double amplitude, double frequency);
+
+/* The clock [s] of a rotor that has not moved yet. */
+const char *simulator_start_at(Simulator *simulator, double time);
+
+/* Integrate from a time over a step [s]. */
+const char *simulator_advance(Simulator *simulator, double time, double step);
+
+double simulator_time(const Simulator *simulator);
+double simulator_force(const Simulator *simulator);
+
+/* (2 n_nodes) y of every node, then z. */
+void simulator_accelerations(const Simulator *simulator, double *accelerations);
+
+/* Everything that is needed to go on from here under the same design, as doubles. */
+int simulator_snapshot_size(const Simulator *simulator);
+void simulator_save(const Simulator *simulator, double *snapshot);
+void simulator_restore(Simulator *simulator, const double *snapshot);
+
+#endif

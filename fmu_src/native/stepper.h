@@ -1,0 +1,52 @@
+/* Exact time stepping of the linear rotor under tones and a held force. Mirrors rotor/stepper.py. */
+#ifndef RIGTWIN_STEPPER_H
+#define RIGTWIN_STEPPER_H
+
+#define MOST_INPUTS 3   /* the exciter, an unbalance in y and in z */
+#define MOST_BLOCKS 128 /* groups of states that do not act on each other */
+#define REMEMBERED 8    /* propagators, and steady states */
+
+/* Forces (inputs) Im[F e^{i phase}] at omega [rad/s], the phase going from start to stop during the step. */
+typedef struct {
+    double omega, start, stop, re[MOST_INPUTS], im[MOST_INPUTS];
+} Tone;
+
+/* e^{hA} and int_0^h e^{sA} ds b of every block that has been asked for. */
+typedef struct {
+    double h;
+    long last_used;
+    int made[MOST_BLOCKS];
+    double *free, *held;
+} Propagator;
+
+/* Phasors of the steady state under unit tones; found is -1 where a block has none. */
+typedef struct {
+    double omega;
+    long last_used;
+    int found[MOST_BLOCKS];
+    double *re, *im; /* (n_states, MOST_INPUTS) block by block */
+} Steady;
+
+typedef struct {
+    int n, n_inputs, n_blocks;
+    int first[MOST_BLOCKS + 1]; /* of each block in ``places`` */
+    int *places;                /* (n) states block by block */
+    const double *A;            /* (n, n) */
+    double *B;                  /* (n, n_inputs) */
+    Propagator propagators[REMEMBERED];
+    Steady steady[REMEMBERED];
+    long clock;
+    double *work;
+    int *rows;
+} Stepper;
+
+/* Doubles and ints of memory for at most n states. */
+void stepper_memory(int n, int *doubles, int *ints);
+
+/* A (n, n) stays where it is; B is copied. */
+void stepper_build(Stepper *stepper, int n, int n_inputs, const double *A, const double *B, double *doubles, int *ints);
+
+/* x (n) after h seconds, in place. */
+void stepper_step(Stepper *stepper, double *x, double held, const Tone *tones, int n_tones, double h);
+
+#endif

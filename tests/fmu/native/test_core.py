@@ -1,0 +1,129 @@
+"""The C core against the Python rotor: matrices, motion, and what changes while it runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rotor.assembly import assemble
+from rotor.condition import Condition
+from rotor.effects import EFFECTS, AxialLoad, PedestalFlexibility
+from rotor.model import build_system
+from rotor.rig import load_rig
+from rotor.simulator import RotorSimulator
+from tests.fmu.native.core import PLACES, Core, Rotor, compiled
+
+CONDITION = Condition(k_b=3.3e6, bearing_damping=17.0, shaft_damping_ratio=0.0013, excitation_node=3)
+COMBINATIONS = [(), *((name,) for name in PLACES), ("unbalance", "gyroscopic", "plane_anisotropy"), tuple(PLACES)]
+STRUCTURE = assemble(load_rig("nit-rourkela"))
+
+# Of a channel's peak, over a simulation.
+SAME_MOTION = 1e-9
+
+
+@pytest.fixture(scope="module")
+def core(tmp_path_factory) -> Core:
+    return Core(compiled(tmp_path_factory.mktemp("core")), STRUCTURE)
+
+
+def effects_of(names):
+    return [EFFECTS[name]() for name in names]
+
+
+@pytest.mark.parametrize("rigid", [False, True], ids=["bearings", "rigid"])
+@pytest.mark.parametrize("names", COMBINATIONS, ids="+".join)
+def test_the_matrices_are_those_of_the_python_rotor_to_the_last_digit(core, names, rigid):
+    condition, effects = replace(CONDITION, rigid_support=rigid), effects_of(names)
+    expected = build_system(STRUCTURE, condition, effects)
+    found = core.system(core.design(condition, effects))
+    assert np.array_equal(found["free"], expected.free)
+    assert np.array_equal(found["plane"], expected.plane)
+    for name, matrix in (("C", expected.C_support), *((k, getattr(expected, k)) for k in ("M", "K", "G", "K_shaft"))):
+        assert np.abs(found[name] - matrix).max() <= 4e-16 * np.abs(matrix).max(), name
+
+
+def moved(rotor, steps, force=0.5, amplitude=2.0, frequency=61.3):
+    """(n_steps, 2 n_nodes) accelerations after each step."""
+    found = []
+    rotor.drive(force=force, force_amplitude=amplitude, force_frequency=frequency)
+    for step in steps:
+        rotor.advance(rotor.time, step)
+        found.append(rotor.accelerations())
+    return np.array(found)
+
+
+def assert_same_motion(found, expected):
+    peak = np.abs(expected).max(axis=0)
+    assert peak.max() > 0
+    assert (np.abs(found - expected).max(axis=0) <= SAME_MOTION * peak).all()
+
+
+@pytest.mark.parametrize("rigid", [False, True], ids=["bearings", "rigid"])
+@pytest.mark.parametrize("names", COMBINATIONS[:-1], ids="+".join)
+def test_the_rotor_moves_as_the_python_rotor_does(core, names, rigid):
+    spin = 100.0 if {"unbalance", "gyroscopic"} & set(names) else 0.0
+    condition, effects = replace(CONDITION, rigid_support=rigid, spin_speed=spin), effects_of(names)
+    steps = 1e-3 * (1 + np.arange(500) % 2)
+    found = moved(Rotor(core, condition, effects), steps)
+    assert_same_motion(found, moved(RotorSimulator(STRUCTURE, condition, effects), steps))
+
+
+def test_stiffness_and_effects_change_while_the_rotor_moves(core):
+    rotors = Rotor(core, CONDITION), RotorSimulator(STRUCTURE, CONDITION)
+    parts = []
+    for rotor in rotors:
+        first = moved(rotor, [1e-3] * 100)
+        rotor.configure(replace(CONDITION, k_b=5e6), [AxialLoad(force=3000.0)])
+        parts.append(np.concatenate([first, moved(rotor, [1e-3] * 200, frequency=80.0)]))
+    assert_same_motion(*parts)
+
+
+def test_an_undamped_rotor_driven_at_resonance_grows_as_the_python_rotor_does(core):
+    still = Condition(k_b=1e6, shaft_damping_ratio=0.0)
+    resonance = float(build_system(STRUCTURE, still).modes.omega[0]) / (2 * np.pi)
+    steps = [0.01] * 60
+    found, expected = (
+        moved(rotor, steps, force=0.0, frequency=resonance)
+        for rotor in (Rotor(core, still), RotorSimulator(STRUCTURE, still))
+    )
+    assert np.abs(expected[-1]).max() > 5 * np.abs(expected[5]).max()
+    assert_same_motion(found, expected)
+
+
+def test_a_snapshot_replays_to_the_last_bit(core):
+    rotor = Rotor(core, CONDITION, [PedestalFlexibility()])
+    moved(rotor, [1e-3] * 50)
+    kept = rotor.snapshot()
+    first = moved(rotor, [7e-4] * 50)
+    rotor.restore(kept)
+    assert np.array_equal(moved(rotor, [7e-4] * 50), first)
+
+
+def test_two_rotors_do_not_know_each_other(core):
+    alone = moved(Rotor(core, CONDITION), [1e-3] * 50)
+    one, other = Rotor(core, CONDITION), Rotor(core, replace(CONDITION, k_b=1e6), [PedestalFlexibility()])
+    found = []
+    for _ in range(50):
+        found.append(moved(one, [1e-3])[0])
+        moved(other, [3e-4], frequency=333.0)
+    assert np.array_equal(np.array(found), alone)
+
+
+def test_what_is_impossible_is_refused_in_a_sentence_and_changes_nothing(core):
+    rotor = Rotor(core, CONDITION)
+    moved(rotor, [1e-3] * 20)
+    kept = rotor.snapshot()
+    for condition, effects, words in (
+        (CONDITION, [AxialLoad(force=-1e7)], "buckles"),
+        (CONDITION, [PedestalFlexibility()], "degrees of freedom"),
+        (replace(CONDITION, rigid_support=True), [], "degrees of freedom"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            rotor.configure(condition, effects)
+    for time, step in ((0.5, 1e-3), (rotor.time, -1e-3), (rotor.time, float("nan")), (rotor.time, 1e-13)):
+        with pytest.raises(ValueError, match="step"):
+            rotor.advance(time, step)
+    assert np.array_equal(rotor.snapshot(), kept)
+    assert_same_motion(moved(rotor, [1e-3] * 20), moved(RotorSimulator(STRUCTURE, CONDITION), [1e-3] * 40)[20:])

@@ -247,8 +247,9 @@ static void add_bodies(Assembly *a)
         a->G[tilt * a->size + tilt + 1] += polar;
         a->G[(tilt + 1) * a->size + tilt] -= polar;
     }
-    for (int plane = 1; d->mass != 0 && plane <= 2; plane++)
-        add_at(a->M, a->size, structure_dof(s, d->mass_node, plane), d->mass);
+    for (int k = 0; k < 2; k++)
+        for (int plane = 1; d->mass[k] != 0 && plane <= 2; plane++)
+            add_at(a->M, a->size, structure_dof(s, d->mass_node[k], plane), d->mass[k]);
 }
 
 /* -- the supports ------------------------------------------------------------------------------------------------ */
@@ -521,4 +522,20 @@ const char *system_build(System *system, const Structure *structure, const Desig
     keep_free(system, &a);
     system->n_forces = a.n_forces;
     return 0;
+}
+
+void system_sensor(const System *system, const Structure *s, const Design *d, int node, int plane, double *pattern)
+{
+    const int beside = d->sensor_offset != 0 && (d->sensor_node == 0 || d->sensor_node == node);
+    Pattern w = {0, {0}, {0}}, slope;
+    if (beside)
+        shaft_point(s, s->x[s->stations[node - 1]] + d->sensor_offset, plane, &w, &slope);
+    else
+        put(&w, structure_dof(s, node, plane), 1);
+    for (int i = 0; i < system->n; i++) {
+        pattern[i] = 0;
+        for (int k = 0; k < w.count; k++)
+            if (system->free[i] == w.place[k])
+                pattern[i] = w.weight[k];
+    }
 }

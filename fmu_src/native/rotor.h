@@ -34,8 +34,10 @@ typedef struct {
     double crack_position, crack_lost;
     double tension;
     double disk_mass_change, disk_inertia_factor, gyroscopic_factor;
-    int mass_node;
-    double mass;
+    int mass_node[2];
+    double mass[2]; /* attached, of an accelerometer */
+    int sensor_node; /* whose accelerometer sits beside its node, 0: all */
+    double sensor_offset;
     double ground_stiffness, ground_damping; /* where the exciter acts */
     double rigid_stiffness;                  /* inf: rigid */
     double tilt_stiffness;                   /* added to every bearing's own */
@@ -76,6 +78,10 @@ void system_memory(const Structure *structure, int *doubles, int *ints);
 
 /* Put the rotor on its supports. Returns a sentence where that is impossible, or 0. */
 const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints);
+
+/* Pattern (n) of the deflection that a node's accelerometer sees. */
+void system_sensor(const System *system, const Structure *structure, const Design *design, int node, int plane,
+                   double *pattern);
 
 /* Full index of a rig node's deflection. */
 int structure_dof(const Structure *structure, int node, int plane);

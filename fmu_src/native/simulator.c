@@ -146,7 +146,7 @@ static void make_outputs(Simulator *s, Rotor *r)
     const int N = r->states.n_states, n_nodes = s->structure.n_nodes;
     double *pattern = s->work, *row = pattern + r->system.n, *rate = row + N;
     for (int k = 0; k < s->n_out; k++) {
-        unit(s, &r->system, k % n_nodes + 1, k / n_nodes + 1, pattern);
+        system_sensor(&r->system, &s->structure, &r->design, k % n_nodes + 1, k / n_nodes + 1, pattern);
         states_displacement(&r->states, pattern, row, rate);
         states_rate(&r->states, row, rate);
         states_rate(&r->states, rate, r->output + k * N);

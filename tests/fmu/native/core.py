@@ -77,8 +77,10 @@ class Design(ct.Structure):
         *_fields(ct.c_int, "rigid_support excitation_node excitation_plane"),
         *_fields(ct.c_double, "modulus_factor hub_factor crack_position crack_lost tension"),
         *_fields(ct.c_double, "disk_mass_change disk_inertia_factor gyroscopic_factor"),
-        *_fields(ct.c_int, "mass_node"),
-        *_fields(ct.c_double, "mass ground_stiffness ground_damping rigid_stiffness tilt_stiffness"),
+        *_fields(ct.c_int * 2, "mass_node"),
+        *_fields(ct.c_double * 2, "mass"),
+        *_fields(ct.c_int, "sensor_node"),
+        *_fields(ct.c_double, "sensor_offset ground_stiffness ground_damping rigid_stiffness tilt_stiffness"),
         *_fields(ct.c_int, "has_pedestal"),
         *_fields(ct.c_double, "pedestal_stiffness pedestal_mass pedestal_damping"),
         *_fields(ct.c_double, "asymmetry offset anisotropy anisotropy_angle branch_strength branch_time"),
@@ -109,9 +111,11 @@ class System(ct.Structure):
     ]
 
 
-# Field of ``Design`` for each parameter of the linear effects.
+# Effects that are a mass at a node, in the order of ``Design``.
+MASSES = ("attached_mass", "sensor_mass")
+
+# Field of ``Design`` for each parameter of the other linear effects.
 PLACES = {
-    "attached_mass": {"mass": "mass", "node": "mass_node"},
     "exciter_suspension": {"stiffness": "ground_stiffness", "damping": "ground_damping"},
     "disk_mass": {"change": "disk_mass_change"},
     "disk_inertia": {"factor": "disk_inertia_factor"},
@@ -133,6 +137,7 @@ PLACES = {
     "plane_anisotropy": {"anisotropy": "anisotropy", "angle": "anisotropy_angle"},
     "viscoelastic_support": {"strength": "branch_strength", "relaxation_time": "branch_time"},
     "gyroscopic": {"factor": "gyroscopic_factor"},
+    "sensor_position": {"offset": "sensor_offset", "node": "sensor_node"},
     "unbalance": {"node": "unbalance_node", "moment": "unbalance_moment", "phase": "unbalance_phase"},
 }
 
@@ -173,6 +178,10 @@ class Core:
             setattr(design, name, getattr(condition, name))
         design.excitation_node, design.excitation_plane = condition.excitation_node, condition.excitation_plane
         for effect in effects:
+            if effect.id in MASSES:
+                place = MASSES.index(effect.id)
+                design.mass_node[place], design.mass[place] = effect.node, effect.mass if effect.node else 0.0
+                continue
             for parameter, place in PLACES[effect.id].items():
                 setattr(design, place, getattr(effect, parameter))
             design.has_pedestal |= effect.id == "pedestal_flexibility"

@@ -13,10 +13,11 @@ from rotor.effects import EFFECTS, AxialLoad, PedestalFlexibility
 from rotor.model import build_system
 from rotor.rig import load_rig
 from rotor.simulator import RotorSimulator
-from tests.fmu.native.core import PLACES, Core, Rotor, compiled
+from tests.fmu.native.core import MASSES, PLACES, Core, Rotor, compiled
 
 CONDITION = Condition(k_b=3.3e6, bearing_damping=17.0, shaft_damping_ratio=0.0013, excitation_node=3)
-COMBINATIONS = [(), *((name,) for name in PLACES), ("unbalance", "gyroscopic", "plane_anisotropy"), tuple(PLACES)]
+LINEAR = (*MASSES, *PLACES)
+COMBINATIONS = [(), *((name,) for name in LINEAR), ("unbalance", "gyroscopic", "plane_anisotropy"), LINEAR]
 STRUCTURE = assemble(load_rig("nit-rourkela"))
 
 # Of a channel's peak, over a simulation.
@@ -42,6 +43,11 @@ def test_the_matrices_are_those_of_the_python_rotor_to_the_last_digit(core, name
     assert np.array_equal(found["plane"], expected.plane)
     for name, matrix in (("C", expected.C_support), *((k, getattr(expected, k)) for k in ("M", "K", "G", "K_shaft"))):
         assert np.abs(found[name] - matrix).max() <= 4e-16 * np.abs(matrix).max(), name
+
+
+def test_the_core_knows_every_linear_effect_of_the_fmu():
+    linear = {name for name, effect in EFFECTS.items() if effect.in_fmu and effect.family != "nonlinear"}
+    assert set(LINEAR) == linear
 
 
 def moved(rotor, steps, force=0.5, amplitude=2.0, frequency=61.3):

@@ -3,7 +3,7 @@
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects   the figures in docs/, measured again
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
-# make laws   print the force laws anew after a change of rotor/force_laws.py
+# make laws   print the force laws anew, for Python and for C, after a change of rotor/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
 PYTHON := $(VENV)/bin/python

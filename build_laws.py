@@ -1,8 +1,8 @@
-"""Print the force laws: ``python build_laws.py`` writes ``rotor/printed_laws.py``.
+"""Print the force laws: ``python build_laws.py`` writes ``rotor/printed_laws.py`` and ``fmu_src/native/laws.[hc]``.
 
 Each law of ``rotor/force_laws.py`` is an expression; sympy differentiates it and prints force and
-derivatives together, with common subexpressions computed once, for Python floats and for numpy
-arrays. ``print_c`` prints the same for C.
+derivatives together, with common subexpressions computed once, for Python floats, for numpy arrays
+and for C.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from rotor.force_laws import LAWS, ForceLaw
 
-TARGET = Path(__file__).resolve().parent / "rotor" / "printed_laws.py"
+ROOT = Path(__file__).resolve().parent
 
 _HEADER = '''"""Printed by ``python build_laws.py`` from ``force_laws.py``; do not edit.
 
@@ -98,15 +98,85 @@ def print_c(law: ForceLaw) -> str:
     return "\n".join([*lines, f"    return {printer.doprint(results[0])};", "}"])
 
 
+_C_REMARK = "/* Printed by python build_laws.py from rotor/force_laws.py; do not edit. */"
+
+
+def print_c_header() -> str:
+    """Source of ``laws.h``: numbers of the laws, and what they are."""
+    numbers = ", ".join(f"LAW_{law.name.upper()}" for law in LAWS)
+    return f"""{_C_REMARK}
+#ifndef RIGTWIN_LAWS_H
+#define RIGTWIN_LAWS_H
+
+enum {{ {numbers}, N_LAWS }};
+
+typedef struct {{
+    const char *name;
+    int memory, radial, in_place;
+}} Law;
+
+extern const Law LAWS[N_LAWS];
+
+/* Force [N] of a law and its derivatives by its variables: x, or x, x_before, force_before of one with memory. */
+double law_force(int law, const double *variables, const double *coefficients, double *derivatives);
+
+#endif
+"""
+
+
+def print_c_source() -> str:
+    """Source of ``laws.c``."""
+    rows = [f'    {{"{law.name}", {law.memory:d}, {law.radial:d}, {law.in_place:d}}},' for law in LAWS]
+    return "\n".join(
+        [
+            _C_REMARK,
+            '#include "laws.h"',
+            "",
+            "#include <math.h>",
+            "",
+            "const Law LAWS[N_LAWS] = {",
+            *rows,
+            "};",
+            "",
+            *(f"{print_c(law)}\n" for law in LAWS),
+            "double law_force(int law, const double *variables, const double *coefficients, double *derivatives)",
+            "{",
+            "    switch (law) {",
+            *(line for law in LAWS for line in _c_case(law)),
+            "    }",
+            "    return NAN;",
+            "}",
+            "",
+        ]
+    )
+
+
+def _c_case(law: ForceLaw) -> list[str]:
+    arguments = [f"variables[{k}]" for k in range(len(law.variables))]
+    arguments += [f"coefficients[{k}]" for k in range(len(law.coefficients))]
+    return [f"    case LAW_{law.name.upper()}:", f"        return {law.name}({', '.join(arguments)}, derivatives);"]
+
+
+def printed() -> dict[Path, str]:
+    """Every printed file with its text."""
+    native = ROOT / "fmu_src" / "native"
+    return {
+        ROOT / "rotor" / "printed_laws.py": print_python(),
+        native / "laws.h": print_c_header(),
+        native / "laws.c": print_c_source(),
+    }
+
+
 def main() -> int:
-    """Write ``printed_laws.py`` beside its place and rename."""
-    beside = TARGET.with_name(f".{TARGET.name}.{os.getpid()}")
-    try:
-        beside.write_text(print_python(), encoding="utf-8")
-        os.replace(beside, TARGET)
-    finally:
-        beside.unlink(missing_ok=True)
-    print(TARGET)
+    """Write every file beside its place and rename."""
+    for target, text in printed().items():
+        beside = target.with_name(f".{target.name}.{os.getpid()}")
+        try:
+            beside.write_text(text, encoding="utf-8")
+            os.replace(beside, target)
+        finally:
+            beside.unlink(missing_ok=True)
+        print(target)
     return 0
 
 

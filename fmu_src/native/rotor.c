@@ -1,10 +1,14 @@
 #include "rotor.h"
 
+#include "laws.h"
+
 #include <math.h>
 #include <string.h>
 
 #define DOF 4
 #define CRACK_LENGTH 0.8
+#define SHARP 1e-6         /* length over which a law's corner is rounded, over the law's own length */
+#define SHARP_LENGTH 1e-12 /* the same for a law without a length [m] */
 #define MOST_ENTRIES 16 /* of a pattern: two points of the shaft, or one and a base */
 
 /* Where a plane's (w, slope) at both ends of an element are among its eight degrees of freedom, with their signs. */
@@ -32,7 +36,8 @@ void design_nominal(Design *design)
 {
     memset(design, 0, sizeof *design);
     design->modulus_factor = design->hub_factor = 1;
-    design->rigid_stiffness = INFINITY;
+    design->rigid_stiffness = design->hertz_preload = INFINITY;
+    design->bilinear_ratio = 1;
     design->excitation_node = design->excitation_plane = 1;
 }
 
@@ -313,7 +318,7 @@ static void new_pair(Assembly *a, Pattern pair[2])
     }
 }
 
-static void add_force(Assembly *a, const Pattern joint[2], const JointLaw *law)
+static void add_force(Assembly *a, const Pattern joint[2], int law, double c0, double c1, double c2, double offset)
 {
     LocalForce *force = a->forces + a->n_forces;
     double *rows = a->patterns + 2 * a->n_forces++ * a->size;
@@ -321,9 +326,40 @@ static void add_force(Assembly *a, const Pattern joint[2], const JointLaw *law)
     for (int plane = 0; plane < 2; plane++)
         for (int k = 0; k < joint[plane].count; k++)
             rows[plane * a->size + joint[plane].place[k]] = joint[plane].weight[k];
-    force->law = *law;
+    force->law = law;
+    force->coefficients[0] = c0, force->coefficients[1] = c1, force->coefficients[2] = c2;
+    force->offset = offset;
     force->y = rows;
     force->z = rows + a->size;
+}
+
+/* The laws at a bearing's joint, whose linear stiffness is k. */
+static void add_bearing_laws(Assembly *a, const Pattern joint[2], double k)
+{
+    const Design *d = a->d;
+    if (d->cubic_stiffness != 0)
+        add_force(a, joint, LAW_CUBIC, d->cubic_stiffness, 0, 0, 0);
+    if (!isinf(d->hertz_preload))
+        add_force(a, joint, LAW_HERTZ, k, d->hertz_preload, SHARP * d->hertz_preload, 0);
+    if (d->clearance_gap != 0)
+        add_force(a, joint, LAW_CLEARANCE, k, d->clearance_gap, SHARP * d->clearance_gap,
+                  d->clearance_preload != 0 ? d->clearance_gap + d->clearance_preload / k : 0);
+    if (d->friction_force != 0)
+        add_force(a, joint, LAW_JENKINS, d->friction_stiffness, d->friction_force, 0, 0);
+    if (d->bilinear_ratio != 1)
+        add_force(a, joint, LAW_BILINEAR, k, d->bilinear_ratio, SHARP_LENGTH, 0);
+}
+
+/* A law in place of the linear stiffness stands for all of it, the same in every direction. */
+static const char *check_laws(const Design *d)
+{
+    const int hertz = !isinf(d->hertz_preload), clearance = d->clearance_gap != 0;
+    if (hertz && clearance)
+        return "bearing_hertz and bearing_clearance both take the place of k_b; switch one of them on";
+    if ((hertz || clearance) && d->anisotropy != 0)
+        return "bearing_hertz and bearing_clearance take the place of k_b in every direction alike; they do not go with "
+               "plane_anisotropy";
+    return 0;
 }
 
 static void add_pedestal(Assembly *a, Pattern base[2])
@@ -408,8 +444,7 @@ static const char *add_bearing(Assembly *a, double x, int side, double tilt)
         scaled(stiffness, d->branch_strength * d->branch_time, relative);
         join(a, a->C, dashpot, relative);
     }
-    for (int law = 0; law < d->n_bearing_laws; law++)
-        add_force(a, joint, &d->bearing_laws[law]);
+    add_bearing_laws(a, joint, (stiffness[0] + stiffness[3]) / 2);
     return 0;
 }
 
@@ -417,8 +452,9 @@ static const char *add_bearings(Assembly *a)
 {
     const Structure *s = a->s;
     double least = INFINITY, most = -INFINITY;
-    if (a->d->rigid_support)
-        return 0;
+    const char *wrong = check_laws(a->d);
+    if (a->d->rigid_support || wrong)
+        return a->d->rigid_support ? 0 : wrong;
     for (int k = 0; k < s->n_supports; k++)
         if (is_bearing(s, k)) {
             least = fmin(least, s->x[s->support_node[k]]);
@@ -428,7 +464,7 @@ static const char *add_bearings(Assembly *a)
         if (!is_bearing(s, k))
             continue;
         const double x = s->x[s->support_node[k]], beside = x - (least + most) / 2;
-        const char *wrong = add_bearing(a, x, (beside > 0) - (beside < 0), s->support_tilt_stiffness[k]);
+        wrong = add_bearing(a, x, (beside > 0) - (beside < 0), s->support_tilt_stiffness[k]);
         if (wrong)
             return wrong;
     }
@@ -442,11 +478,11 @@ static void add_at_nodes(Assembly *a)
     const int drive = structure_dof(a->s, d->excitation_node, d->excitation_plane);
     add_at(a->K, a->size, drive, d->ground_stiffness);
     add_at(a->C, a->size, drive, d->ground_damping);
-    if (!d->has_contact)
+    if (d->rub_stiffness == 0)
         return;
     for (int plane = 0; plane < 2; plane++)
-        put(&contact[plane], structure_dof(a->s, d->contact_node, plane + 1), 1);
-    add_force(a, contact, &d->contact);
+        put(&contact[plane], structure_dof(a->s, d->rub_node, plane + 1), 1);
+    add_force(a, contact, LAW_CONTACT, d->rub_stiffness, d->rub_gap, SHARP * d->rub_gap, 0);
 }
 
 /* -- all together ------------------------------------------------------------------------------------------------ */

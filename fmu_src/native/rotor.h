@@ -18,13 +18,7 @@ typedef struct {
     const double *support_damping;
 } Structure;
 
-/* A force law at a joint: its number in laws.h, its coefficients, the static displacement in y. */
-typedef struct {
-    int law;
-    double coefficients[4], offset;
-} JointLaw;
-
-#define MOST_LAWS 4
+#define MOST_LAWS 5 /* at a bearing */
 
 /* The rotor with its effects. What is not there is zero, unless said otherwise. */
 typedef struct {
@@ -47,16 +41,20 @@ typedef struct {
     double branch_strength, branch_time;
     int unbalance_node;
     double unbalance_moment, unbalance_phase;
-    JointLaw bearing_laws[MOST_LAWS]; /* coefficient 0 of a law in place of k_b is filled in for every bearing */
-    int n_bearing_laws;
-    JointLaw contact;
-    int has_contact, contact_node;
+    double cubic_stiffness;
+    double hertz_preload; /* inf: none */
+    double clearance_gap, clearance_preload;
+    double friction_force, friction_stiffness;
+    double bilinear_ratio; /* 1: none */
+    int rub_node;
+    double rub_stiffness, rub_gap;
 } Design;
 
-/* A local force between the rotor and the ground. */
+/* A force -pattern F(pattern q) of a law in laws.h, beyond the joint's linear stiffness. */
 typedef struct {
-    JointLaw law;
-    double *y, *z; /* (n_free) patterns */
+    int law;
+    double coefficients[3], offset; /* static displacement in y */
+    double *y, *z;                  /* (n) patterns */
 } LocalForce;
 
 /* M q'' + (C + Omega G) q' + K q = f on the n degrees of freedom that are free to move. */

@@ -166,6 +166,8 @@ static const char *build(Simulator *s, Rotor *r, const Design *design)
     if (!wrong)
         wrong = states_build(&r->states, &r->system, design->shaft_damping_ratio, design->spin_speed, r->states_doubles,
                              r->states_ints);
+    if (!wrong && r->system.n_forces)
+        wrong = "the core steps linear rotors only";
     if (wrong)
         return wrong;
     make_inputs(s, r);

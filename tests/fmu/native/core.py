@@ -63,12 +63,6 @@ class Structure(ct.Structure):
     ]
 
 
-class JointLaw(ct.Structure):
-    """``JointLaw`` of rotor.h."""
-
-    _fields_ = [("law", ct.c_int), ("coefficients", ct.c_double * 4), ("offset", ct.c_double)]
-
-
 class Design(ct.Structure):
     """``Design`` of rotor.h."""
 
@@ -86,17 +80,22 @@ class Design(ct.Structure):
         *_fields(ct.c_double, "asymmetry offset anisotropy anisotropy_angle branch_strength branch_time"),
         *_fields(ct.c_int, "unbalance_node"),
         *_fields(ct.c_double, "unbalance_moment unbalance_phase"),
-        ("bearing_laws", JointLaw * 4),
-        *_fields(ct.c_int, "n_bearing_laws"),
-        ("contact", JointLaw),
-        *_fields(ct.c_int, "has_contact contact_node"),
+        *_fields(ct.c_double, "cubic_stiffness hertz_preload clearance_gap clearance_preload"),
+        *_fields(ct.c_double, "friction_force friction_stiffness bilinear_ratio"),
+        *_fields(ct.c_int, "rub_node"),
+        *_fields(ct.c_double, "rub_stiffness rub_gap"),
     ]
 
 
 class LocalForce(ct.Structure):
     """``LocalForce`` of rotor.h."""
 
-    _fields_ = [("law", JointLaw), *_fields(DOUBLES, "y z")]
+    _fields_ = [
+        *_fields(ct.c_int, "law"),
+        *_fields(ct.c_double * 3, "coefficients"),
+        *_fields(ct.c_double, "offset"),
+        *_fields(DOUBLES, "y z"),
+    ]
 
 
 class System(ct.Structure):
@@ -114,7 +113,7 @@ class System(ct.Structure):
 # Effects that are a mass at a node, in the order of ``Design``.
 MASSES = ("attached_mass", "sensor_mass")
 
-# Field of ``Design`` for each parameter of the other linear effects.
+# Field of ``Design`` for each parameter of the other effects.
 PLACES = {
     "exciter_suspension": {"stiffness": "ground_stiffness", "damping": "ground_damping"},
     "disk_mass": {"change": "disk_mass_change"},
@@ -138,6 +137,12 @@ PLACES = {
     "viscoelastic_support": {"strength": "branch_strength", "relaxation_time": "branch_time"},
     "gyroscopic": {"factor": "gyroscopic_factor"},
     "sensor_position": {"offset": "sensor_offset", "node": "sensor_node"},
+    "bearing_cubic": {"stiffness": "cubic_stiffness"},
+    "bearing_hertz": {"preload": "hertz_preload"},
+    "bearing_clearance": {"gap": "clearance_gap", "preload": "clearance_preload"},
+    "bearing_friction": {"force": "friction_force", "stiffness": "friction_stiffness"},
+    "bilinear_support": {"ratio": "bilinear_ratio"},
+    "rub": {"stiffness": "rub_stiffness", "gap": "rub_gap", "node": "rub_node"},
     "unbalance": {"node": "unbalance_node", "moment": "unbalance_moment", "phase": "unbalance_phase"},
 }
 
@@ -171,7 +176,7 @@ class Core:
         return self._kept[-1].ctypes.data_as(INTS)
 
     def design(self, condition: Condition, effects: Sequence[Effect]) -> Design:
-        """The C core's words for a condition and linear effects."""
+        """The C core's words for a condition and effects."""
         design = Design()
         self.library.design_nominal(ct.byref(design))
         for name in ("k_b", "bearing_damping", "shaft_damping_ratio", "spin_speed", "rigid_support"):
@@ -187,8 +192,8 @@ class Core:
             design.has_pedestal |= effect.id == "pedestal_flexibility"
         return design
 
-    def system(self, design: Design) -> dict[str, FloatArray | IntArray]:
-        """The matrices of a design, and which degrees of freedom they stand for."""
+    def system(self, design: Design) -> dict[str, Any]:
+        """The matrices of a design, which degrees of freedom they stand for, and the local forces' numbers."""
         n_doubles, n_ints = ct.c_int(), ct.c_int()
         self.library.system_memory(ct.byref(self.structure), ct.byref(n_doubles), ct.byref(n_ints))
         doubles, ints = np.zeros(n_doubles.value), np.zeros(n_ints.value, dtype=np.int32)
@@ -201,7 +206,12 @@ class Core:
         assert wrong is None, wrong
         n = system.n
         found = {k: np.ctypeslib.as_array(getattr(system, k), (n, n)).copy() for k in ("M", "K", "C", "G", "K_shaft")}
-        return found | {k: np.ctypeslib.as_array(getattr(system, k), (n,)).copy() for k in ("free", "plane")}
+        found |= {k: np.ctypeslib.as_array(getattr(system, k), (n,)).copy() for k in ("free", "plane")}
+        found["forces"] = [
+            (f.law, tuple(f.coefficients), f.offset, np.array([np.ctypeslib.as_array(row, (n,)) for row in (f.y, f.z)]))
+            for f in forces[: system.n_forces]
+        ]
+        return found
 
 
 class Rotor:

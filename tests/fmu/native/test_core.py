@@ -6,17 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from rotor.assembly import assemble
 from rotor.condition import Condition
-from rotor.effects import EFFECTS, AxialLoad, PedestalFlexibility
-from rotor.model import build_system
+from rotor.effects import EFFECTS, AxialLoad, PedestalFlexibility, Rub
+from rotor.force_laws import LAWS
+from rotor.model import build_model, build_system
 from rotor.rig import load_rig
 from rotor.simulator import RotorSimulator
 from tests.fmu.native.core import MASSES, PLACES, Core, Rotor, compiled
 
 CONDITION = Condition(k_b=3.3e6, bearing_damping=17.0, shaft_damping_ratio=0.0013, excitation_node=3)
-LINEAR = (*MASSES, *PLACES)
+KNOWN = (*MASSES, *PLACES)
+LINEAR = tuple(name for name in KNOWN if EFFECTS[name].family != "nonlinear")
 COMBINATIONS = [(), *((name,) for name in LINEAR), ("unbalance", "gyroscopic", "plane_anisotropy"), LINEAR]
 STRUCTURE = assemble(load_rig("nit-rourkela"))
 
@@ -45,9 +48,26 @@ def test_the_matrices_are_those_of_the_python_rotor_to_the_last_digit(core, name
         assert np.abs(found[name] - matrix).max() <= 4e-16 * np.abs(matrix).max(), name
 
 
-def test_the_core_knows_every_linear_effect_of_the_fmu():
-    linear = {name for name, effect in EFFECTS.items() if effect.in_fmu and effect.family != "nonlinear"}
-    assert set(LINEAR) == linear
+def test_the_core_knows_every_effect_of_the_fmu():
+    assert set(KNOWN) == {name for name, effect in EFFECTS.items() if effect.in_fmu}
+
+
+@pytest.mark.parametrize(
+    "beside", [(), ("bearing_asymmetry",), ("pedestal_flexibility", "bearing_offset")], ids="+".join
+)
+@pytest.mark.parametrize("name", sorted(set(KNOWN) - set(LINEAR)))
+def test_the_local_forces_are_those_of_the_python_rotor(core, name, beside):
+    preloaded = [EFFECTS[name](preload=20.0)] if name == "bearing_clearance" else []
+    for law in (EFFECTS[name](), *preloaded):
+        effects = [*effects_of(beside), law]
+        expected = build_model(STRUCTURE, CONDITION, effects).forces
+        found = core.system(core.design(CONDITION, effects))["forces"]
+        assert len(found) == len(expected) == (1 if name == "rub" else 2)
+        for (number, coefficients, offset, patterns), force in zip(found, expected, strict=True):
+            assert LAWS[number] is force.law
+            assert_allclose(coefficients[: len(force.coefficients)], force.coefficients, rtol=1e-15)
+            assert_allclose(offset, force.offset, rtol=1e-15)
+            assert_allclose(patterns, force.patterns, rtol=1e-15)
 
 
 def moved(rotor, steps, force=0.5, amplitude=2.0, frequency=61.3):
@@ -124,6 +144,7 @@ def test_what_is_impossible_is_refused_in_a_sentence_and_changes_nothing(core):
     for condition, effects, words in (
         (CONDITION, [AxialLoad(force=-1e7)], "buckles"),
         (CONDITION, [PedestalFlexibility()], "degrees of freedom"),
+        (CONDITION, [Rub()], "linear rotors"),
         (replace(CONDITION, rigid_support=True), [], "degrees of freedom"),
     ):
         with pytest.raises(ValueError, match=words):

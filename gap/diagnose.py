@@ -63,6 +63,16 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class _Standing:
+    """The fits that count, best first, and how far the first one is to be believed."""
+
+    fits: Sequence[Fit]
+    quality: Adequacy  # of the first
+    excess: float  # of what it leaves: 1 at the threshold
+    other_form: bool = False  # whether it is believed for leaving a small share of what anything else leaves
+
+
+@dataclass(frozen=True)
 class _Ranked:
     """All candidates with their probabilities, the nominal model among them."""
 
@@ -118,14 +128,13 @@ def diagnose(
         laws=candidates(campaign.runs, problem.forward.structure, exclude, nonlinear=True),
     )
     problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
-    fits, excess = _standing(problem, nominal, fits)
+    standing = _standing(problem, nominal, fits)
     clock.lap("form")
-    quality = judge(problem, fits[0])
-    ranked = _rank(problem, nominal, fits, quality)
-    verdict = _verdict(problem, nominal, ranked, excess)
-    if verdict in ("cause", "ambiguous"):
-        findings = (*findings, *_form_finding(problem, ranked.fits[0], quality))
-    return _report(campaign, problem, nominal, ranked, quality, excess, verdict, findings, exclude, confirm, clock)
+    ranked = _rank(problem, nominal, standing)
+    verdict = _verdict(problem, nominal, ranked, standing)
+    if standing.other_form and verdict in ("cause", "ambiguous"):
+        findings = (*findings, _form_finding(ranked.fits[0], standing))
+    return _report(campaign, problem, nominal, ranked, standing, verdict, findings, exclude, confirm, clock)
 
 
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
@@ -284,19 +293,22 @@ def _excess(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     )
 
 
-def _standing(problem: Problem, nominal: Fit, fits: Sequence[Fit]) -> tuple[Sequence[Fit], float]:
-    """The fits that count, best first, and how far the first one is from being believed: 1 at the threshold.
+def _standing(problem: Problem, nominal: Fit, fits: Sequence[Fit]) -> _Standing:
+    """How far the best fit is to be believed.
 
     An effect whose law or shape is not quite the library's leaves more than noise, and yet a small share of what
     anything else leaves. It is believed then, unless one of its numbers would leave its range, and pairs that patch
     it up are no answer.
     """
-    excess = _excess(problem, fits[0], judge(problem, fits[0]))
+    quality = judge(problem, fits[0])
+    excess = _excess(problem, fits[0], quality)
     singles = [fit for fit in fits if len(fit.hypothesis.terms) == 1]
     if excess < 1 or not singles or singles[0].wants_more:
-        return fits, excess
+        return _Standing(fits, quality, excess)
     beside = _beside_rivals(problem, nominal, singles)
-    return (singles, beside) if beside < 1 else (fits, min(excess, beside))
+    if beside < 1:
+        return _Standing(singles, judge(problem, singles[0]), beside, other_form=True)
+    return _Standing(fits, quality, min(excess, beside))
 
 
 def _beside_rivals(problem: Problem, nominal: Fit, singles: Sequence[Fit]) -> float:
@@ -313,9 +325,9 @@ def _left(fit: Fit) -> float:
     return (max(fit.chi2 - fit.n_data, 0.0) + fit.penalty) / fit.n_data
 
 
-def _rank(problem: Problem, nominal: Fit, fits: Sequence[Fit], quality: Adequacy) -> _Ranked:
+def _rank(problem: Problem, nominal: Fit, standing: _Standing) -> _Ranked:
     """Probabilities by evidence; the nominal model has its own prior."""
-    scale = _scale(quality)
+    scale, fits = _scale(standing.quality), standing.fits
     single = [fit.log_evidence(scale) + np.log(fit.hypothesis.prior * (1 - NO_GAP_PRIOR)) for fit in fits]
     every = np.array([*single, nominal.log_evidence(scale) + np.log(NO_GAP_PRIOR)])
     share = np.exp(every - logsumexp(every))
@@ -323,10 +335,10 @@ def _rank(problem: Problem, nominal: Fit, fits: Sequence[Fit], quality: Adequacy
     return _Ranked(tuple(fits[k] for k in order), tuple(float(share[k]) for k in order), float(share[-1]))
 
 
-def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, excess: float) -> Verdict:
+def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, standing: _Standing) -> Verdict:
     if ranked.no_gap > 0.5:
         return "no_gap" if _adequate(problem, nominal, judge(problem, nominal)) else "unknown"
-    if excess >= 1:
+    if standing.excess >= 1:
         return "unknown"
     by_name = _by_name(ranked)
     top = max(by_name.values()) / max(sum(by_name.values()), 1e-300)
@@ -350,15 +362,14 @@ def _report(
     problem: Problem,
     nominal: Fit,
     ranked: _Ranked,
-    quality: Adequacy,
-    excess: float,
+    standing: _Standing,
     verdict: Verdict,
     findings: tuple[Finding, ...],
     exclude: Sequence[str],
     confirm: Confirm | None,
     clock: _Clock,
 ) -> Outcome:
-    scale = _scale(quality)
+    scale, excess = _scale(standing.quality), standing.excess
     raster = _coarse_raster(findings, exclude, ranked.no_gap) if verdict == "no_gap" else None
     doubt = excess**2 / (1 + excess**2)  # 0 where nothing but noise is left, 1/2 at the threshold
     causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
@@ -399,7 +410,7 @@ def _report(
         if len(rivals) > 1
         else wording.next_test(verdict, campaign, causes, equivalent),
         shrink=shrink,
-        audit=(*findings, *_noise_finding(problem, quality)),
+        audit=(*findings, *_noise_finding(problem, standing.quality)),
         excluded=tuple(exclude),
         unknown_score=doubt,
         calibration=calibration(problem, best),
@@ -504,15 +515,14 @@ def _coarse_raster(findings: Sequence[Finding], exclude: Sequence[str], no_gap: 
     return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, 0.0, locations=(Location("raster"),))
 
 
-def _form_finding(problem: Problem, fit: Fit, quality: Adequacy) -> tuple[Finding, ...]:
+def _form_finding(fit: Fit, standing: _Standing) -> Finding:
     """That a cause leaves more than noise, though far less than anything else."""
-    if _adequate(problem, fit, quality):
-        return ()
     words = (
-        f"{' and '.join(fit.hypothesis.ids)} leaves {quality.misfit:.2g} times the noise, far less than anything else "
-        "leaves: on this rig it acts in a form that differs from the library's, or something small acts beside it"
+        f"{' and '.join(fit.hypothesis.ids)} leaves {standing.quality.misfit:.2g} times the noise, far less than "
+        "anything else leaves: on this rig it acts in a form that differs from the library's, or something small acts "
+        "beside it"
     )
-    return (Finding("form", "warning", words, "", quality.misfit, ADEQUATE_MISFIT),)
+    return Finding("form", "warning", words, "", standing.quality.misfit, ADEQUATE_MISFIT)
 
 
 def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:

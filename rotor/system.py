@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import eigh, solve_triangular
 
 from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 
@@ -153,17 +153,20 @@ def undamped_modes(system: LinearSystem) -> Modes:
 def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Squares of the natural frequencies, ascending, and mass-normalised shapes.
 
-    Round-off is relative to the largest eigenvalue. So the lowest modes are those of M phi = K phi / omega^2, right to
-    1e-13 where K phi = omega^2 M phi gives 1e-11, and the highest modes those of the latter. A rotor that floats has no
-    inverse.
+    The problem is solved upside down, M phi = K phi / omega^2: round-off is relative to the largest eigenvalue, so that
+    the lowest frequencies are right to 1e-13, not 1e-11. What the highest modes lose is given back: orthogonality from
+    the lowest up, and frequencies by Rayleigh's quotient. A rotor that floats has no inverse.
     """
-    squares, shapes = eigh(K, M)
-    middle = max(int(np.searchsorted(squares, np.sqrt(abs(squares[0]) * squares[-1]))), 1)
-    if squares[0] <= _RIGID_BODY**2 * squares[-1]:
-        return squares, shapes
-    inverse, upside_down = eigh(M, K, subset_by_index=(len(K) - middle, len(K) - 1))
-    low = (upside_down / np.sqrt(inverse))[:, ::-1]
-    return np.concatenate([1 / inverse[::-1], squares[middle:]]), np.hstack([low, shapes[:, middle:]])
+    try:
+        inverse, shapes = eigh(M, K)
+    except np.linalg.LinAlgError:
+        return eigh(K, M)
+    if inverse[0] <= _RIGID_BODY**2 * inverse[-1]:
+        return eigh(K, M)
+    inverse, shapes = inverse[::-1], shapes[:, ::-1] / np.sqrt(inverse[::-1])
+    shapes = solve_triangular(np.linalg.cholesky(shapes.T @ M @ shapes), shapes.T, lower=True, check_finite=False).T
+    high = inverse < np.sqrt(inverse[0] * inverse[-1])
+    return np.where(high, np.einsum("im,im->m", shapes, K @ shapes), 1 / inverse), shapes
 
 
 def shaft_damping(system: LinearSystem) -> FloatArray:

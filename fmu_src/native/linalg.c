@@ -105,24 +105,19 @@ static void rotate(int n, double *A, double *V, int p, int q)
     }
 }
 
-static void sort_columns(int n, double *w, double *V)
+void la_sort_columns(int m, int n, double *w, double *V)
 {
-    for (int i = 0; i < n - 1; i++) {
-        int least = i;
-        for (int j = i + 1; j < n; j++)
-            if (w[j] < w[least])
-                least = j;
-        if (least == i)
-            continue;
-        double kept = w[i];
-        w[i] = w[least];
-        w[least] = kept;
-        for (int k = 0; k < n; k++) {
-            kept = V[k * n + i];
-            V[k * n + i] = V[k * n + least];
-            V[k * n + least] = kept;
+    for (int i = 1; i < n; i++)
+        for (int j = i; j > 0 && w[j] < w[j - 1]; j--) {
+            double kept = w[j];
+            w[j] = w[j - 1];
+            w[j - 1] = kept;
+            for (int k = 0; k < m; k++) {
+                kept = V[k * n + j];
+                V[k * n + j] = V[k * n + j - 1];
+                V[k * n + j - 1] = kept;
+            }
         }
-    }
 }
 
 /* Cyclic Jacobi: of a positive definite matrix it finds small eigenvalues as exactly as its entries say them
@@ -147,7 +142,7 @@ void la_symmetric_eigen(int n, double *A, double *w, double *V)
     }
     for (int i = 0; i < n; i++)
         w[i] = A[i * n + i];
-    sort_columns(n, w, V);
+    la_sort_columns(n, n, w, V);
 }
 
 /* With M = L L', the eigenvectors of L^-1 K L^-T are L' Phi. */
@@ -200,6 +195,17 @@ static double norm_1(int n, const double *A)
     return largest;
 }
 
+/* Sum = X6 (b[12] X6 + b[10] X4 + b[8] X2) + b[6] X6 + b[4] X4 + b[2] X2 + b[0] of powers X2, X4, X6; work: n^2. */
+static void half_of_pade(int n, const double *b, const double *X2, const double *X4, const double *X6, double *sum,
+                         double *work)
+{
+    for (int i = 0; i < n * n; i++)
+        work[i] = b[12] * X6[i] + b[10] * X4[i] + b[8] * X2[i];
+    la_multiply(n, n, n, X6, work, sum);
+    for (int i = 0; i < n * n; i++)
+        sum[i] += b[6] * X6[i] + b[4] * X4[i] + b[2] * X2[i] + (i % (n + 1) ? 0 : b[0]);
+}
+
 /* Scaling and squaring with the Pade approximant of degree 13 (Higham 2005). */
 void la_exponential(int n, const double *A, double *E, double *work, int *rows)
 {
@@ -218,17 +224,9 @@ void la_exponential(int n, const double *A, double *E, double *work, int *rows)
     la_multiply(n, n, n, X, X, X2);
     la_multiply(n, n, n, X2, X2, X4);
     la_multiply(n, n, n, X4, X2, X6);
-    for (int i = 0; i < nn; i++)
-        W[i] = b[13] * X6[i] + b[11] * X4[i] + b[9] * X2[i];
-    la_multiply(n, n, n, X6, W, V);
-    for (int i = 0; i < nn; i++)
-        V[i] += b[7] * X6[i] + b[5] * X4[i] + b[3] * X2[i] + (i % (n + 1) ? 0 : b[1]);
+    half_of_pade(n, b + 1, X2, X4, X6, V, W);
     la_multiply(n, n, n, X, V, U);
-    for (int i = 0; i < nn; i++)
-        W[i] = b[12] * X6[i] + b[10] * X4[i] + b[8] * X2[i];
-    la_multiply(n, n, n, X6, W, V);
-    for (int i = 0; i < nn; i++)
-        V[i] += b[6] * X6[i] + b[4] * X4[i] + b[2] * X2[i] + (i % (n + 1) ? 0 : b[0]);
+    half_of_pade(n, b, X2, X4, X6, V, W);
     for (int i = 0; i < nn; i++) {
         W[i] = V[i] - U[i];
         E[i] = V[i] + U[i];

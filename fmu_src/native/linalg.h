@@ -14,6 +14,9 @@ void la_lu_solve(int n, const double *LU, const int *rows, int k, double *B);
 /* C (n, k) = A (n, m) B (m, k). */
 void la_multiply(int n, int m, int k, const double *A, const double *B, double *C);
 
+/* Values w (n) ascending, with the columns of V (m, n) that belong to them; equal ones keep their order. */
+void la_sort_columns(int m, int n, double *w, double *V);
+
 /* Eigenvalues w (n), ascending, and orthonormal eigenvectors, columns of V (n, n), of a symmetric A, which is lost. */
 void la_symmetric_eigen(int n, double *A, double *w, double *V);
 

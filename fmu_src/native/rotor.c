@@ -9,7 +9,8 @@
 #define CRACK_LENGTH 0.8
 #define SHARP 1e-6         /* length over which a law's corner is rounded, over the law's own length */
 #define SHARP_LENGTH 1e-12 /* the same for a law without a length [m] */
-#define MOST_ENTRIES 16 /* of a pattern: two points of the shaft, or one and a base */
+#define MOST_ENTRIES 8     /* of a pattern: a point between two mesh nodes, and a base */
+#define MOST_LAWS 5        /* at a bearing */
 
 /* Where a plane's (w, slope) at both ends of an element are among its eight degrees of freedom, with their signs. */
 static const int PLACES[2][4] = {{0, 3, 4, 7}, {1, 2, 5, 6}};
@@ -492,15 +493,11 @@ int system_most(const Structure *structure)
     return DOF * structure->n_mesh + 4 * n_bearings(structure); /* a pedestal and a Maxwell branch each */
 }
 
-static int most_forces(const Structure *structure)
-{
-    return MOST_LAWS * n_bearings(structure) + 1;
-}
-
-void system_memory(const Structure *structure, int *doubles, int *ints)
+void system_memory(const Structure *structure, int *doubles, int *ints, int *forces)
 {
     const int size = system_most(structure);
-    *doubles = 5 * size * size + 2 * most_forces(structure) * size;
+    *forces = MOST_LAWS * n_bearings(structure) + 1; /* and a rub */
+    *doubles = 5 * size * size + 2 * *forces * size;
     *ints = 3 * size;
 }
 
@@ -516,11 +513,10 @@ static void keep_free(System *system, Assembly *a)
 {
     double *matrices[5] = {a->M, a->K, a->C, a->G, a->K_shaft};
     system->n = 0;
-    system->n_all = a->size;
     for (int place = 0; place < a->size; place++)
         if (!a->held[place]) {
-            const int along = place < a->n ? place % DOF : (place - a->n) % 2 * 1;
-            system->plane[system->n] = place < a->n ? (along == 0 || along == 3 ? 1 : 2) : along + 1;
+            const int along = place < a->n ? place % DOF : (place - a->n) % 2; /* supports' own are pairs (y, z) */
+            system->plane[system->n] = along == 0 || along == 3 ? 1 : 2;
             system->free[system->n++] = place;
         }
     for (int k = 0; k < 5; k++)

@@ -18,8 +18,6 @@ typedef struct {
     const double *support_damping;
 } Structure;
 
-#define MOST_LAWS 5 /* at a bearing */
-
 /* The rotor with its effects. What is not there is zero, unless said otherwise. */
 typedef struct {
     double k_b, bearing_damping, shaft_damping_ratio, spin_speed;
@@ -59,7 +57,7 @@ typedef struct {
 
 /* M q'' + (C + Omega G) q' + K q = f on the n degrees of freedom that are free to move. */
 typedef struct {
-    int n, n_all;
+    int n;
     double *M, *K, *C, *G, *K_shaft; /* (n, n) */
     int *free, *plane;               /* (n) */
     LocalForce *forces;
@@ -71,10 +69,11 @@ void design_nominal(Design *design);
 /* Most degrees of freedom that a structure's system can have. */
 int system_most(const Structure *structure);
 
-/* Doubles and ints of memory that system_build needs. */
-void system_memory(const Structure *structure, int *doubles, int *ints);
+/* Doubles, ints and local forces of memory that system_build needs. */
+void system_memory(const Structure *structure, int *doubles, int *ints, int *forces);
 
-/* Put the rotor on its supports. Returns a sentence where that is impossible, or 0. */
+/* Put the rotor on its supports; its forces have their memory already. Returns a sentence where that is impossible,
+   or 0. */
 const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints);
 
 /* Pattern (n) of the deflection that a node's accelerometer sees. */

@@ -18,7 +18,6 @@ static const double TWO_PI = 6.283185307179586;
 typedef struct {
     Design design;
     System system;
-    LocalForce forces[64];
     States states;
     Stepper stepper;
     int n_inputs;
@@ -37,6 +36,7 @@ struct Simulator {
     double *x, *q, *v, *work;
     double *doubles;
     int *ints;
+    LocalForce *forces;
 };
 
 /* -- memory ------------------------------------------------------------------------------------------------------ */
@@ -45,10 +45,10 @@ typedef struct {
     int system, states, stepper;
 } Sizes;
 
-static void measure(const Structure *structure, Sizes *doubles, Sizes *ints)
+static void measure(const Structure *structure, Sizes *doubles, Sizes *ints, int *forces)
 {
     const int n = system_most(structure);
-    system_memory(structure, &doubles->system, &ints->system);
+    system_memory(structure, &doubles->system, &ints->system, forces);
     states_memory(n, &doubles->states, &ints->states);
     stepper_memory(2 * n, &doubles->stepper, &ints->stepper);
 }
@@ -56,15 +56,17 @@ static void measure(const Structure *structure, Sizes *doubles, Sizes *ints)
 Simulator *simulator_new(const Structure *structure)
 {
     Sizes d, i;
+    int forces;
     const int n = system_most(structure), N = 2 * n, n_out = 2 * structure->n_nodes;
     const int own = N * MOST_INPUTS + n_out * N + n_out * MOST_INPUTS;
-    measure(structure, &d, &i);
+    measure(structure, &d, &i, &forces);
     Simulator *s = calloc(1, sizeof *s);
     if (!s)
         return 0;
     s->doubles = calloc(2 * ((size_t)d.system + d.states + d.stepper + own) + N + 2 * n + 4 * N, sizeof(double));
     s->ints = calloc(2 * ((size_t)i.system + i.states + i.stepper), sizeof(int));
-    if (!s->doubles || !s->ints) {
+    s->forces = calloc(2 * (size_t)forces, sizeof *s->forces);
+    if (!s->doubles || !s->ints || !s->forces) {
         simulator_free(s);
         return 0;
     }
@@ -83,7 +85,7 @@ Simulator *simulator_new(const Structure *structure)
         r->system_ints = ints, ints += i.system;
         r->states_ints = ints, ints += i.states;
         r->stepper_ints = ints, ints += i.stepper;
-        r->system.forces = r->forces;
+        r->system.forces = s->forces + k * forces;
     }
     s->x = at, at += N;
     s->q = at, at += n;
@@ -98,6 +100,7 @@ void simulator_free(Simulator *s)
         return;
     free(s->doubles);
     free(s->ints);
+    free(s->forces);
     free(s);
 }
 

@@ -81,22 +81,6 @@ static const char *modes_of(States *s, const double *K, const double *M, const i
     return 0;
 }
 
-/* Lowest first; equal ones stay as they are. */
-static void sort_modes(int m, double *omega, double *shapes)
-{
-    for (int i = 1; i < m; i++)
-        for (int j = i; j > 0 && omega[j] < omega[j - 1]; j--) {
-            double kept = omega[j];
-            omega[j] = omega[j - 1];
-            omega[j - 1] = kept;
-            for (int k = 0; k < m; k++) {
-                kept = shapes[k * m + j];
-                shapes[k * m + j] = shapes[k * m + j - 1];
-                shapes[k * m + j - 1] = kept;
-            }
-        }
-}
-
 static const char *undamped_modes(States *s, const System *system, double *work, int *ints)
 {
     const int n = s->n, m = s->m;
@@ -120,7 +104,7 @@ static const char *undamped_modes(States *s, const System *system, double *work,
             return wrong;
         first += count;
     }
-    sort_modes(m, s->omega, s->Phi);
+    la_sort_columns(m, m, s->omega, s->Phi);
     memset(s->to_modal, 0, (size_t)m * m * sizeof *s->to_modal);
     for (int i = 0; i < m; i++)
         for (int c = 0; c < m; c++)

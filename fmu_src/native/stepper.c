@@ -14,7 +14,7 @@
 void stepper_memory(int n, int *doubles, int *ints)
 {
     const int wide = WIDE(n);
-    *doubles = n * MOST_INPUTS + REMEMBERED * (n * n + n + 2 * n * MOST_INPUTS) + 8 * wide * wide + 8 * n;
+    *doubles = REMEMBERED * (n * n + n + 2 * n * MOST_INPUTS) + 8 * wide * wide + 8 * n;
     *ints = 2 * n + wide;
 }
 
@@ -51,12 +51,10 @@ static void find_blocks(Stepper *s, int *group)
 
 void stepper_build(Stepper *s, int n, int n_inputs, const double *A, const double *B, double *doubles, int *ints)
 {
-    s->n = n, s->n_inputs = n_inputs, s->A = A, s->clock = 0;
-    s->B = doubles;
-    doubles += n * MOST_INPUTS;
-    memcpy(s->B, B, (size_t)n * n_inputs * sizeof *B);
+    s->n = n, s->n_inputs = n_inputs, s->A = A, s->B = B;
+    memset(&s->steps, 0, sizeof s->steps);
+    memset(&s->frequencies, 0, sizeof s->frequencies);
     for (int k = 0; k < REMEMBERED; k++) {
-        s->propagators[k].last_used = s->steady[k].last_used = 0;
         s->propagators[k].free = doubles, s->propagators[k].held = doubles + n * n;
         s->steady[k].re = doubles + n * n + n, s->steady[k].im = s->steady[k].re + n * MOST_INPUTS;
         doubles += n * n + n + 2 * n * MOST_INPUTS;
@@ -68,38 +66,37 @@ void stepper_build(Stepper *s, int n, int n_inputs, const double *A, const doubl
 
 /* -- what is remembered ------------------------------------------------------------------------------------------ */
 
+/* Place of what belongs to a key; known says whether it is there already. */
+static int recall(Memory *memory, double key, int *known)
+{
+    int place = 0;
+    *known = 0;
+    for (int k = 0; k < REMEMBERED && !*known; k++) {
+        *known = memory->last_used[k] && memory->key[k] == key;
+        if (*known || memory->last_used[k] < memory->last_used[place])
+            place = k;
+    }
+    memory->key[place] = key;
+    memory->last_used[place] = ++memory->clock;
+    return place;
+}
+
 static Propagator *propagator(Stepper *s, double h)
 {
-    Propagator *oldest = s->propagators;
-    s->clock++;
-    for (Propagator *p = s->propagators; p < s->propagators + REMEMBERED; p++) {
-        if (p->last_used && p->h == h) {
-            p->last_used = s->clock;
-            return p;
-        }
-        if (p->last_used < oldest->last_used)
-            oldest = p;
-    }
-    oldest->h = h, oldest->last_used = s->clock;
-    memset(oldest->made, 0, sizeof oldest->made);
-    return oldest;
+    int known;
+    Propagator *p = s->propagators + recall(&s->steps, h, &known);
+    if (!known)
+        memset(p->made, 0, sizeof p->made);
+    return p;
 }
 
 static Steady *steady(Stepper *s, double omega)
 {
-    Steady *oldest = s->steady;
-    s->clock++;
-    for (Steady *p = s->steady; p < s->steady + REMEMBERED; p++) {
-        if (p->last_used && p->omega == omega) {
-            p->last_used = s->clock;
-            return p;
-        }
-        if (p->last_used < oldest->last_used)
-            oldest = p;
-    }
-    oldest->omega = omega, oldest->last_used = s->clock;
-    memset(oldest->found, 0, sizeof oldest->found);
-    return oldest;
+    int known;
+    Steady *p = s->steady + recall(&s->frequencies, omega, &known);
+    if (!known)
+        memset(p->found, 0, sizeof p->found);
+    return p;
 }
 
 /* Place of a block's own matrix in a propagator: squares of the blocks before it lie below the square of their sum. */
@@ -108,7 +105,7 @@ static double *free_of(const Stepper *s, const Propagator *p, int block)
     return p->free + s->first[block] * s->n;
 }
 
-static void propagate(Stepper *s, Propagator *p, int block)
+static void propagate(Stepper *s, Propagator *p, int block, double h)
 {
     const int first = s->first[block], m = s->first[block + 1] - first, wide = m + 1;
     const int *at = s->places + first;
@@ -116,8 +113,8 @@ static void propagate(Stepper *s, Propagator *p, int block)
     memset(generator, 0, (size_t)wide * wide * sizeof *generator);
     for (int i = 0; i < m; i++) {
         for (int j = 0; j < m; j++)
-            generator[i * wide + j] = p->h * s->A[at[i] * s->n + at[j]];
-        generator[i * wide + m] = p->h * s->B[at[i] * s->n_inputs];
+            generator[i * wide + j] = h * s->A[at[i] * s->n + at[j]];
+        generator[i * wide + m] = h * s->B[at[i] * s->n_inputs];
     }
     la_exponential(wide, generator, result, work, s->rows);
     double *free = free_of(s, p, block);
@@ -129,7 +126,7 @@ static void propagate(Stepper *s, Propagator *p, int block)
 }
 
 /* (i omega - A)(X + i Y) = B as real equations: -A X - omega Y = B, omega X - A Y = 0. */
-static void settle(Stepper *s, Steady *p, int block)
+static void settle(Stepper *s, Steady *p, int block, double omega)
 {
     const int first = s->first[block], m = s->first[block + 1] - first, wide = 2 * m, k = s->n_inputs;
     const int *at = s->places + first;
@@ -139,8 +136,8 @@ static void settle(Stepper *s, Steady *p, int block)
     for (int i = 0; i < m; i++) {
         for (int j = 0; j < m; j++)
             matrix[i * wide + j] = matrix[(m + i) * wide + m + j] = -s->A[at[i] * s->n + at[j]];
-        matrix[i * wide + m + i] = -p->omega;
-        matrix[(m + i) * wide + i] = p->omega;
+        matrix[i * wide + m + i] = -omega;
+        matrix[(m + i) * wide + i] = omega;
         for (int c = 0; c < k; c++) {
             right[i * k + c] = s->B[at[i] * k + c];
             load += right[i * k + c] * right[i * k + c];
@@ -152,7 +149,7 @@ static void settle(Stepper *s, Steady *p, int block)
     la_lu_solve(wide, matrix, s->rows, k, right);
     for (int i = 0; i < wide * k; i++)
         response += right[i] * right[i];
-    if (!(fabs(p->omega) * sqrt(response) < NO_STEADY_STATE * sqrt(load)))
+    if (!(fabs(omega) * sqrt(response) < NO_STEADY_STATE * sqrt(load)))
         return;
     memcpy(p->re + first * k, right, (size_t)m * k * sizeof *right);
     memcpy(p->im + first * k, right + m * k, (size_t)m * k * sizeof *right);
@@ -218,7 +215,7 @@ static void step_block(Stepper *s, int block, double *x, double held, const Tone
     const int first = s->first[block], m = s->first[block + 1] - first;
     Propagator *p = propagator(s, h);
     if (!p->made[block])
-        propagate(s, p, block);
+        propagate(s, p, block, h);
     for (int i = 0; i < m; i++)
         after[i] = p->held[first + i] * held;
     for (const Tone *tone = tones; tone < tones + n_tones; tone++) {
@@ -226,7 +223,7 @@ static void step_block(Stepper *s, int block, double *x, double held, const Tone
             continue;
         Steady *phasors = steady(s, tone->omega);
         if (!phasors->found[block])
-            settle(s, phasors, block);
+            settle(s, phasors, block, tone->omega);
         if (phasors->found[block] < 0) {
             add_driven_from_rest(s, block, tone, h, after);
             continue;

@@ -11,31 +11,32 @@ typedef struct {
     double omega, start, stop, re[MOST_INPUTS], im[MOST_INPUTS];
 } Tone;
 
+/* Keys of what is remembered; the one that was used longest ago makes room. */
+typedef struct {
+    double key[REMEMBERED];
+    long last_used[REMEMBERED], clock; /* 0: never */
+} Memory;
+
 /* e^{hA} and int_0^h e^{sA} ds b of every block that has been asked for. */
 typedef struct {
-    double h;
-    long last_used;
     int made[MOST_BLOCKS];
     double *free, *held;
 } Propagator;
 
 /* Phasors of the steady state under unit tones; found is -1 where a block has none. */
 typedef struct {
-    double omega;
-    long last_used;
     int found[MOST_BLOCKS];
-    double *re, *im; /* (n_states, MOST_INPUTS) block by block */
+    double *re, *im; /* (n_states, n_inputs) block by block */
 } Steady;
 
 typedef struct {
     int n, n_inputs, n_blocks;
     int first[MOST_BLOCKS + 1]; /* of each block in ``places`` */
     int *places;                /* (n) states block by block */
-    const double *A;            /* (n, n) */
-    double *B;                  /* (n, n_inputs) */
+    const double *A, *B;        /* (n, n), (n, n_inputs) */
+    Memory steps, frequencies;  /* h of the propagators, omega of the steady states */
     Propagator propagators[REMEMBERED];
     Steady steady[REMEMBERED];
-    long clock;
     double *work;
     int *rows;
 } Stepper;
@@ -43,7 +44,7 @@ typedef struct {
 /* Doubles and ints of memory for at most n states. */
 void stepper_memory(int n, int *doubles, int *ints);
 
-/* A (n, n) stays where it is; B is copied. */
+/* A (n, n) and B (n, n_inputs) stay where they are. */
 void stepper_build(Stepper *stepper, int n, int n_inputs, const double *A, const double *B, double *doubles, int *ints);
 
 /* x (n) after h seconds, in place. */

@@ -102,7 +102,7 @@ class System(ct.Structure):
     """``System`` of rotor.h."""
 
     _fields_ = [
-        *_fields(ct.c_int, "n n_all"),
+        *_fields(ct.c_int, "n"),
         *_fields(DOUBLES, "M K C G K_shaft"),
         *_fields(INTS, "free plane"),
         ("forces", ct.POINTER(LocalForce)),
@@ -194,10 +194,10 @@ class Core:
 
     def system(self, design: Design) -> dict[str, Any]:
         """The matrices of a design, which degrees of freedom they stand for, and the local forces' numbers."""
-        n_doubles, n_ints = ct.c_int(), ct.c_int()
-        self.library.system_memory(ct.byref(self.structure), ct.byref(n_doubles), ct.byref(n_ints))
+        sizes = n_doubles, n_ints, n_forces = ct.c_int(), ct.c_int(), ct.c_int()
+        self.library.system_memory(ct.byref(self.structure), *map(ct.byref, sizes))
         doubles, ints = np.zeros(n_doubles.value), np.zeros(n_ints.value, dtype=np.int32)
-        system, forces = System(), (LocalForce * 16)()
+        system, forces = System(), (LocalForce * n_forces.value)()
         system.forces = forces
         wrong = self.library.system_build(
             ct.byref(system), ct.byref(self.structure), ct.byref(design),

@@ -7,6 +7,7 @@ and for C.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +19,6 @@ from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.pycode import PythonCodePrinter
 
 from rotor.force_laws import LAWS, ForceLaw
-from sim.formats.atomic import replacing
 
 ROOT = Path(__file__).resolve().parent
 
@@ -170,8 +170,12 @@ def printed() -> dict[Path, str]:
 def main() -> int:
     """Write every file beside its place and rename."""
     for target, text in printed().items():
-        with replacing(target) as beside:
+        beside = target.with_name(f".{target.name}.{os.getpid()}")
+        try:
             beside.write_text(text, encoding="utf-8")
+            os.replace(beside, target)
+        finally:
+            beside.unlink(missing_ok=True)
         print(target)
     return 0
 

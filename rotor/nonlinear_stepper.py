@@ -126,7 +126,7 @@ class NonlinearStepper:
         self._groups = _groups(self._rotor)
         self._links = _links(model.forces, self._groups)
         self._parts: dict[tuple[bool, ...], list[_Part]] = {}
-        self._times = _times(model, max(float(np.linalg.norm(matrix, 2)) for matrix in (space.A, A)))
+        self._times = _times(model, max(float(np.linalg.norm(matrix)) for matrix in (space.A, A)))
 
     @property
     def n_states(self) -> int:
@@ -227,7 +227,7 @@ class _Times:
 
 
 def _times(model: RotorModel, fastest: float) -> _Times:
-    """Times of a rotor; fastest: its largest rate [1/s]."""
+    """Times of a rotor; fastest: a bound on its rates [1/s]."""
     modes = model.system.modes
     elastic = modes.omega[modes.elastic]
     slowest = float(elastic.min()) if len(elastic) else 0.0

@@ -1,7 +1,8 @@
 #include "simulator.h"
 
-#include "states.h"
-#include "stepper.h"
+#include "laws.h"
+#include "linalg.h"
+#include "nonlinear.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -20,8 +21,9 @@ typedef struct {
     System system;
     States states;
     Stepper stepper;
-    int n_inputs;
-    double *B, *output, *feedthrough;            /* (n_states, n_inputs), (n_out, n_states), (n_out, n_inputs) */
+    Nonlinear nonlinear; /* steps instead where there are local forces */
+    int n_inputs, n_joints, n_state; /* of the state: x, and what joints remember */
+    double *B, *output, *feedthrough, *pull_out; /* (N, n_inputs), (n_out, N), (n_out, n_inputs), (n_out, n_joints) */
     double spin_re[MOST_INPUTS], spin_im[MOST_INPUTS]; /* forces that turn with the rotor */
     double *system_doubles, *states_doubles, *stepper_doubles;
     int *system_ints, *states_ints, *stepper_ints;
@@ -33,64 +35,64 @@ struct Simulator {
     double ticks, cycles, turns, force, amplitude, frequency;
     Rotor rotors[2];
     Rotor *rotor;
-    double *x, *q, *v, *work;
-    double *doubles;
-    int *ints;
-    LocalForce *forces;
+    double *x, *after, *q, *v, *carried, *work; /* x: the state */
+    void *memory;
 };
 
 /* -- memory ------------------------------------------------------------------------------------------------------ */
 
-typedef struct {
-    int system, states, stepper;
-} Sizes;
-
-static void measure(const Structure *structure, Sizes *doubles, Sizes *ints, int *forces)
+static void place_rotor(Rotor *r, Arena *arena, const Structure *structure)
 {
-    const int n = system_most(structure);
-    system_memory(structure, &doubles->system, &ints->system, forces);
-    states_memory(n, &doubles->states, &ints->states);
-    stepper_memory(2 * n, &doubles->stepper, &ints->stepper);
+    const int n = system_most(structure), N = 2 * n, n_out = 2 * structure->n_nodes;
+    int doubles, ints, forces;
+    system_memory(structure, &doubles, &ints, &forces);
+    r->system_doubles = ARENA_DOUBLES(arena, doubles);
+    r->system_ints = ARENA_INTS(arena, ints);
+    r->system.forces = arena_take(arena, (size_t)forces, sizeof *r->system.forces);
+    states_memory(n, &doubles, &ints);
+    r->states_doubles = ARENA_DOUBLES(arena, doubles);
+    r->states_ints = ARENA_INTS(arena, ints);
+    stepper_memory(N, &doubles, &ints);
+    r->stepper_doubles = ARENA_DOUBLES(arena, doubles);
+    r->stepper_ints = ARENA_INTS(arena, ints);
+    r->B = ARENA_DOUBLES(arena, N * MOST_INPUTS);
+    r->output = ARENA_DOUBLES(arena, n_out * N);
+    r->feedthrough = ARENA_DOUBLES(arena, n_out * MOST_INPUTS);
+    r->pull_out = ARENA_DOUBLES(arena, n_out * 2 * forces);
+    nonlinear_place(&r->nonlinear, arena, N, 2 * forces);
+}
+
+static void place(Simulator *s, Arena *arena)
+{
+    const int n = system_most(&s->structure), N = 2 * n;
+    int doubles, ints, forces;
+    system_memory(&s->structure, &doubles, &ints, &forces);
+    place_rotor(s->rotors, arena, &s->structure);
+    place_rotor(s->rotors + 1, arena, &s->structure);
+    s->x = ARENA_DOUBLES(arena, N + JOINT_ROWS * 2 * forces);
+    s->after = ARENA_DOUBLES(arena, N + JOINT_ROWS * 2 * forces);
+    s->q = ARENA_DOUBLES(arena, n);
+    s->v = ARENA_DOUBLES(arena, n);
+    s->carried = ARENA_DOUBLES(arena, 2 * forces);
+    s->work = ARENA_DOUBLES(arena, 4 * N);
 }
 
 Simulator *simulator_new(const Structure *structure)
 {
-    Sizes d, i;
-    int forces;
-    const int n = system_most(structure), N = 2 * n, n_out = 2 * structure->n_nodes;
-    const int own = N * MOST_INPUTS + n_out * N + n_out * MOST_INPUTS;
-    measure(structure, &d, &i, &forces);
     Simulator *s = calloc(1, sizeof *s);
+    Arena arena = {0, 0};
     if (!s)
         return 0;
-    s->doubles = calloc(2 * ((size_t)d.system + d.states + d.stepper + own) + N + 2 * n + 4 * N, sizeof(double));
-    s->ints = calloc(2 * ((size_t)i.system + i.states + i.stepper), sizeof(int));
-    s->forces = calloc(2 * (size_t)forces, sizeof *s->forces);
-    if (!s->doubles || !s->ints || !s->forces) {
-        simulator_free(s);
+    s->structure = *structure;
+    s->n_out = 2 * structure->n_nodes;
+    place(s, &arena);
+    arena.base = s->memory = calloc(arena.used, 1);
+    if (!arena.base) {
+        free(s);
         return 0;
     }
-    s->structure = *structure;
-    s->n_out = n_out;
-    double *at = s->doubles;
-    int *ints = s->ints;
-    for (int k = 0; k < 2; k++) {
-        Rotor *r = s->rotors + k;
-        r->system_doubles = at, at += d.system;
-        r->states_doubles = at, at += d.states;
-        r->stepper_doubles = at, at += d.stepper;
-        r->B = at, at += N * MOST_INPUTS;
-        r->output = at, at += n_out * N;
-        r->feedthrough = at, at += n_out * MOST_INPUTS;
-        r->system_ints = ints, ints += i.system;
-        r->states_ints = ints, ints += i.states;
-        r->stepper_ints = ints, ints += i.stepper;
-        r->system.forces = s->forces + k * forces;
-    }
-    s->x = at, at += N;
-    s->q = at, at += n;
-    s->v = at, at += n;
-    s->work = at;
+    arena.used = 0;
+    place(s, &arena);
     return s;
 }
 
@@ -98,9 +100,7 @@ void simulator_free(Simulator *s)
 {
     if (!s)
         return;
-    free(s->doubles);
-    free(s->ints);
-    free(s->forces);
+    free(s->memory);
     free(s);
 }
 
@@ -146,13 +146,15 @@ static void make_inputs(Simulator *s, Rotor *r)
 
 static void make_outputs(Simulator *s, Rotor *r)
 {
-    const int N = r->states.n_states, n_nodes = s->structure.n_nodes;
+    const int N = r->states.n_states, J = r->n_joints, n_nodes = s->structure.n_nodes;
+    const double *A = J ? r->nonlinear.A : r->states.A;
     double *pattern = s->work, *row = pattern + r->system.n, *rate = row + N;
     for (int k = 0; k < s->n_out; k++) {
         system_sensor(&r->system, &s->structure, &r->design, k % n_nodes + 1, k / n_nodes + 1, pattern);
         states_displacement(&r->states, pattern, row, rate);
         states_rate(&r->states, row, rate);
-        states_rate(&r->states, rate, r->output + k * N);
+        la_multiply(1, N, N, rate, A, r->output + k * N);
+        la_multiply(1, N, J, rate, r->nonlinear.G, r->pull_out + k * J);
         for (int c = 0; c < r->n_inputs; c++) {
             double sum = 0;
             for (int i = 0; i < N; i++)
@@ -169,13 +171,17 @@ static const char *build(Simulator *s, Rotor *r, const Design *design)
     if (!wrong)
         wrong = states_build(&r->states, &r->system, design->shaft_damping_ratio, design->spin_speed, r->states_doubles,
                              r->states_ints);
-    if (!wrong && r->system.n_forces)
-        wrong = "the core steps linear rotors only";
     if (wrong)
         return wrong;
     make_inputs(s, r);
+    r->n_joints = 2 * r->system.n_forces;
+    r->n_state = r->states.n_states + JOINT_ROWS * r->n_joints;
+    if (r->n_joints)
+        nonlinear_build(&r->nonlinear, &r->system, &r->states, r->n_inputs, r->B, s->work);
+    else
+        stepper_build(&r->stepper, r->states.n_states, r->n_inputs, r->states.A, r->B, r->stepper_doubles,
+                      r->stepper_ints);
     make_outputs(s, r);
-    stepper_build(&r->stepper, r->states.n_states, r->n_inputs, r->states.A, r->B, r->stepper_doubles, r->stepper_ints);
     return 0;
 }
 
@@ -186,10 +192,35 @@ static int same_freedom(const System *a, const System *b)
 
 static int at_rest(const Simulator *s)
 {
-    for (int i = 0; i < s->rotor->states.n_states; i++)
+    for (int i = 0; i < s->rotor->n_state; i++)
         if (s->x[i] != 0)
             return 0;
     return s->ticks == 0;
+}
+
+static int n_remembering(const Rotor *r)
+{
+    int count = 0;
+    for (int j = 0; j < r->n_joints; j++)
+        count += LAWS[r->nonlinear.joints[j].law].memory;
+    return count;
+}
+
+/* The forces of the laws with memory go on in the next rotor where it has as many; otherwise they start from nothing. */
+static void carry(Simulator *s, const Rotor *next)
+{
+    const double *g = s->x + s->rotor->states.n_states;
+    int from = 0;
+    memset(s->carried, 0, (size_t)next->n_joints * sizeof *s->carried);
+    if (n_remembering(s->rotor) != n_remembering(next))
+        return;
+    for (int j = 0; j < next->n_joints; j++) {
+        if (!LAWS[next->nonlinear.joints[j].law].memory)
+            continue;
+        while (!LAWS[s->rotor->nonlinear.joints[from].law].memory)
+            from++;
+        s->carried[j] = g[from++];
+    }
 }
 
 const char *simulator_configure(Simulator *s, const Design *design)
@@ -199,13 +230,16 @@ const char *simulator_configure(Simulator *s, const Design *design)
     if (wrong)
         return wrong;
     if (s->rotor && same_freedom(&s->rotor->system, &next->system)) {
+        carry(s, next);
         states_motion(&s->rotor->states, s->x, s->q, s->v, s->work);
         states_of(&next->states, s->q, s->v, s->x);
+        if (next->n_joints)
+            nonlinear_start(&next->nonlinear, s->x, s->carried);
     } else if (s->rotor && !at_rest(s)) {
         return "this changes the degrees of freedom (rigid_support, or an effect with masses or states of its own): "
                "set it before the simulation starts";
     } else {
-        memset(s->x, 0, (size_t)next->states.n_states * sizeof *s->x);
+        memset(s->x, 0, (size_t)next->n_state * sizeof *s->x);
     }
     s->rotor = next;
     return 0;
@@ -271,7 +305,15 @@ const char *simulator_advance(Simulator *s, double time, double step)
     const double turns = advanced(s->turns, s->rotor->design.spin_speed / TWO_PI, h);
     Tone tones[2];
     const int n_tones = make_tones(s, cycles, turns, tones);
-    stepper_step(&s->rotor->stepper, s->x, s->force, tones, n_tones, h);
+    if (s->rotor->n_joints) {
+        memcpy(s->after, s->x, (size_t)s->rotor->n_state * sizeof *s->x);
+        const char *wrong = nonlinear_step(&s->rotor->nonlinear, s->after, s->force, tones, n_tones, h);
+        if (wrong)
+            return wrong;
+        memcpy(s->x, s->after, (size_t)s->rotor->n_state * sizeof *s->x);
+    } else {
+        stepper_step(&s->rotor->stepper, s->x, s->force, tones, n_tones, h);
+    }
     s->cycles = cycles, s->turns = turns, s->ticks = end;
     return 0;
 }
@@ -295,6 +337,8 @@ void simulator_accelerations(const Simulator *s, double *accelerations)
             sum += r->output[out * N + i] * s->x[i];
         for (int input = 0; input < k; input++)
             sum += r->feedthrough[out * k + input] * forces[input];
+        for (int j = 0; j < r->n_joints; j++)
+            sum += r->pull_out[out * r->n_joints + j] * s->x[N + j];
         accelerations[out] = sum;
     }
 }
@@ -303,19 +347,19 @@ void simulator_accelerations(const Simulator *s, double *accelerations)
 
 int simulator_snapshot_size(const Simulator *s)
 {
-    return SCALARS + s->rotor->states.n_states;
+    return SCALARS + s->rotor->n_state;
 }
 
 void simulator_save(const Simulator *s, double *snapshot)
 {
     const double scalars[SCALARS] = {s->ticks, s->cycles, s->turns, s->force, s->amplitude, s->frequency};
     memcpy(snapshot, scalars, sizeof scalars);
-    memcpy(snapshot + SCALARS, s->x, (size_t)s->rotor->states.n_states * sizeof *s->x);
+    memcpy(snapshot + SCALARS, s->x, (size_t)s->rotor->n_state * sizeof *s->x);
 }
 
 void simulator_restore(Simulator *s, const double *snapshot)
 {
     s->ticks = snapshot[0], s->cycles = snapshot[1], s->turns = snapshot[2];
     s->force = snapshot[3], s->amplitude = snapshot[4], s->frequency = snapshot[5];
-    memcpy(s->x, snapshot + SCALARS, (size_t)s->rotor->states.n_states * sizeof *s->x);
+    memcpy(s->x, snapshot + SCALARS, (size_t)s->rotor->n_state * sizeof *s->x);
 }

@@ -228,7 +228,10 @@ class Rotor:
 
     def configure(self, condition: Condition, effects: Sequence[Effect] = ()) -> None:
         """As RotorSimulator's. Raises ValueError."""
-        design = self._core.design(condition, effects)
+        self.use(self._core.design(condition, effects))
+
+    def use(self, design: Design) -> None:
+        """Be this design. Raises ValueError."""
         self._checked(self._library.simulator_configure(self._simulator, ct.byref(design)))
 
     def drive(self, *, force: float, force_amplitude: float, force_frequency: float) -> None:

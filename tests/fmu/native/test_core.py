@@ -23,8 +23,13 @@ LINEAR = tuple(name for name in KNOWN if EFFECTS[name].family != "nonlinear")
 COMBINATIONS = [(), *((name,) for name in LINEAR), ("unbalance", "gyroscopic", "plane_anisotropy"), LINEAR]
 STRUCTURE = assemble(load_rig("nit-rourkela"))
 
+NONLINEAR = tuple(sorted(set(KNOWN) - set(LINEAR)))
+
 # Of a channel's peak, over a simulation.
-SAME_MOTION = 1e-9
+SAME_MOTION, SAME_NONLINEAR_MOTION = 1e-9, 1e-6
+
+# So strong a force [N] keeps joints with a gap in contact; a weak one leaves them to chance, digit by digit.
+STRONG = 20.0
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +60,7 @@ def test_the_core_knows_every_effect_of_the_fmu():
 @pytest.mark.parametrize(
     "beside", [(), ("bearing_asymmetry",), ("pedestal_flexibility", "bearing_offset")], ids="+".join
 )
-@pytest.mark.parametrize("name", sorted(set(KNOWN) - set(LINEAR)))
+@pytest.mark.parametrize("name", NONLINEAR)
 def test_the_local_forces_are_those_of_the_python_rotor(core, name, beside):
     preloaded = [EFFECTS[name](preload=20.0)] if name == "bearing_clearance" else []
     for law in (EFFECTS[name](), *preloaded):
@@ -80,10 +85,10 @@ def moved(rotor, steps, force=0.5, amplitude=2.0, frequency=61.3):
     return np.array(found)
 
 
-def assert_same_motion(found, expected):
+def assert_same_motion(found, expected, share=SAME_MOTION):
     peak = np.abs(expected).max(axis=0)
     assert peak.max() > 0
-    assert (np.abs(found - expected).max(axis=0) <= SAME_MOTION * peak).all()
+    assert (np.abs(found - expected).max(axis=0) <= share * peak).all()
 
 
 @pytest.mark.parametrize("rigid", [False, True], ids=["bearings", "rigid"])
@@ -94,6 +99,48 @@ def test_the_rotor_moves_as_the_python_rotor_does(core, names, rigid):
     steps = 1e-3 * (1 + np.arange(500) % 2)
     found = moved(Rotor(core, condition, effects), steps)
     assert_same_motion(found, moved(RotorSimulator(STRUCTURE, condition, effects), steps))
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        *((name,) for name in NONLINEAR),
+        ("rub", "unbalance"),
+        ("bearing_friction", "pedestal_flexibility", "bearing_offset"),
+        ("bearing_clearance", "rub", "bearing_friction", "pedestal_flexibility", "unbalance"),
+    ],
+    ids="+".join,
+)
+def test_the_rotor_with_local_forces_moves_as_the_python_rotor_does(core, names):
+    condition = replace(CONDITION, spin_speed=100.0 if "unbalance" in names else 0.0)
+    effects = effects_of(names)
+    steps = 1e-3 * (1 + np.arange(200) % 2)
+    found = moved(Rotor(core, condition, effects), steps, amplitude=STRONG)
+    expected = moved(RotorSimulator(STRUCTURE, condition, effects), steps, amplitude=STRONG)
+    assert_same_motion(found, expected, SAME_NONLINEAR_MOTION)
+    still = moved(Rotor(core, condition), steps, amplitude=STRONG)
+    assert np.abs(found - still).max() > 1e-3 * np.abs(found).max()
+
+
+def test_a_bearing_with_a_preload_moves_as_the_python_rotor_does(core):
+    effects = [EFFECTS["bearing_clearance"](preload=20.0)]
+    found, expected = (
+        moved(rotor, [1e-3] * 200, amplitude=STRONG)
+        for rotor in (Rotor(core, CONDITION, effects), RotorSimulator(STRUCTURE, CONDITION, effects))
+    )
+    assert_same_motion(found, expected, SAME_NONLINEAR_MOTION)
+
+
+@pytest.mark.parametrize("after", [("bearing_friction", "rub"), ("bearing_cubic",), ()], ids="+".join)
+def test_local_forces_come_and_go_while_the_rotor_moves(core, after):
+    parts = []
+    for rotor in (Rotor(core, CONDITION), RotorSimulator(STRUCTURE, CONDITION)):
+        motion = [moved(rotor, [1e-3] * 50, amplitude=STRONG)]
+        for names in (("bearing_friction",), after):
+            rotor.configure(replace(CONDITION, k_b=5e6), effects_of(names))
+            motion.append(moved(rotor, [1e-3] * 100, amplitude=STRONG))
+        parts.append(np.concatenate(motion))
+    assert_same_motion(*parts, SAME_NONLINEAR_MOTION)
 
 
 def test_stiffness_and_effects_change_while_the_rotor_moves(core):
@@ -118,8 +165,9 @@ def test_an_undamped_rotor_driven_at_resonance_grows_as_the_python_rotor_does(co
     assert_same_motion(found, expected)
 
 
-def test_a_snapshot_replays_to_the_last_bit(core):
-    rotor = Rotor(core, CONDITION, [PedestalFlexibility()])
+@pytest.mark.parametrize("names", [("pedestal_flexibility",), ("bearing_clearance", "bearing_friction")], ids="+".join)
+def test_a_snapshot_replays_to_the_last_bit(core, names):
+    rotor = Rotor(core, CONDITION, effects_of(names))
     moved(rotor, [1e-3] * 50)
     kept = rotor.snapshot()
     first = moved(rotor, [7e-4] * 50)
@@ -144,7 +192,7 @@ def test_what_is_impossible_is_refused_in_a_sentence_and_changes_nothing(core):
     for condition, effects, words in (
         (CONDITION, [AxialLoad(force=-1e7)], "buckles"),
         (CONDITION, [PedestalFlexibility()], "degrees of freedom"),
-        (CONDITION, [Rub()], "linear rotors"),
+        (CONDITION, [Rub(), PedestalFlexibility()], "degrees of freedom"),
         (replace(CONDITION, rigid_support=True), [], "degrees of freedom"),
     ):
         with pytest.raises(ValueError, match=words):
@@ -154,3 +202,15 @@ def test_what_is_impossible_is_refused_in_a_sentence_and_changes_nothing(core):
             rotor.advance(time, step)
     assert np.array_equal(rotor.snapshot(), kept)
     assert_same_motion(moved(rotor, [1e-3] * 20), moved(RotorSimulator(STRUCTURE, CONDITION), [1e-3] * 40)[20:])
+
+
+def test_a_force_beyond_all_bounds_says_so_and_changes_nothing(core):
+    rotor = Rotor(core, CONDITION)
+    moved(rotor, [1e-3] * 20, amplitude=STRONG)
+    design = core.design(CONDITION, effects_of(["bearing_cubic"]))
+    design.cubic_stiffness = 1e300
+    rotor.use(design)
+    kept = rotor.snapshot()
+    with pytest.raises(ValueError, match=r"cubic in [yz] finds no balance .* check the effect's parameters"):
+        rotor.advance(rotor.time, 1e-3)
+    assert np.array_equal(rotor.snapshot(), kept)

@@ -1,7 +1,9 @@
 """Build the FMUs: ``python build_fmu.py`` writes both into ``dist/``.
 
 Stage the sources, let pythonfmu build, complete the archive (picture, documentation, names that
-cannot clash), validate, and only then put the file in place.
+cannot clash), validate, and only then put the file in place. With ``--native`` both are built once
+more without Python inside: print what is the rig's own as C, compile it with the core for every
+platform in reach, and pack it for FMI 2.0 (``dist/fmi2``) and FMI 3.0 (``dist/fmi3``).
 """
 
 from __future__ import annotations
@@ -10,25 +12,37 @@ import argparse
 import io
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import zipfile
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
+from xml.etree.ElementTree import Element, ElementTree, indent
 
+import fmpy
 import numpy as np
 from fmpy.validation import validate_fmu
 
+from fmu_src.compiling import CompileError, Target, compile_library, reachable_targets
 from fmu_src.documentation import estimator_pages, rotor_pages
-from fmu_src.rotor_variables import RotorFacts
-from fmu_src.staging import Bundle, hide_pythonfmu, stage
+from fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
+from fmu_src.model_description import ArrayOutput, Model, build_description, fmi2, fmi3
+from fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources
+from fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, rotor_variables
+from fmu_src.staging import Bundle, guid, hide_pythonfmu, stage
 from rotor.assembly import assemble
 from rotor.rig import Rig, RigError, load_rig
 from rotor.structure import to_arrays
 
 ROTOR_FMU = "RotorRig.fmu"
+
+# What both need: a slave that is driven by a variable table.
+_SLAVE_MODULES = ("fmu_src.slave", "fmu_src.variables", "fmu_src.model_description")
 
 # What the rotor needs at run time: everything but geometry, meshing and the frequency domain.
 _ROTOR_MODULES = (
@@ -39,6 +53,9 @@ _ROTOR_MODULES = (
     "rotor.effects.supports",
 )
 ESTIMATOR_FMU = "StiffnessEstimator.fmu"
+
+# FMI's own C headers come with fmpy.
+FMI_HEADERS = Path(fmpy.__file__).with_name("c-code")
 
 # A fixed time stamp in the archive: the same sources give the same file, byte for byte.
 _ZIP_DATE = (2020, 1, 1, 0, 0, 0)
@@ -62,8 +79,18 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
     Path of the FMU. Raises BuildError; an older file is then left as it was.
     """
     structure = assemble(rig, elements_between_nodes=elements_between_nodes)
-    facts = RotorFacts(
-        n_nodes=structure.n_nodes,
+    facts = _facts(rig)
+    bundle = Bundle(
+        script="fmu_src.rotor_slave",
+        modules=(*_SLAVE_MODULES, "fmu_src.rotor_variables", *_ROTOR_MODULES),
+        data={"structure.npz": _npz(to_arrays(structure)), "rig.json": rig.model_dump_json(indent=1).encode()},
+    )
+    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, rotor_pages(rig, facts), folder / ROTOR_FMU)
+
+
+def _facts(rig: Rig) -> RotorFacts:
+    return RotorFacts(
+        n_nodes=len(rig.nodes_m),
         excitation_node=rig.excitation_node,
         shaft_damping_ratio=rig.shaft_damping_ratio,
         bearing_damping=rig.bearing_damping_Ns_per_m,
@@ -72,12 +99,6 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
         k_b_max=rig.k_b.max_N_per_m,
         length=rig.length,
     )
-    bundle = Bundle(
-        script="fmu_src.rotor_slave",
-        modules=("fmu_src.slave", "fmu_src.variables", "fmu_src.rotor_variables", *_ROTOR_MODULES),
-        data={"structure.npz": _npz(to_arrays(structure)), "rig.json": rig.model_dump_json(indent=1).encode()},
-    )
-    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, rotor_pages(rig, facts), folder / ROTOR_FMU)
 
 
 def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
@@ -87,36 +108,136 @@ def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
     model = model or shipped_model()
     bundle = Bundle(
         script="fmu_src.estimator_slave",
-        modules=("fmu_src.slave", "fmu_src.variables", "fmu_src.estimator_variables", "estimator.runtime"),
+        modules=(*_SLAVE_MODULES, "fmu_src.estimator_variables", "estimator.runtime"),
         data={"estimator.onnx": model.read_bytes()},
     )
     return _build(bundle, {}, estimator_pages(model), folder / ESTIMATOR_FMU)
 
 
+def build_native_rotor_fmu(
+    rig: Rig,
+    folder: Path,
+    *,
+    fmi: str = "2.0",
+    targets: Sequence[Target] | None = None,
+    elements_between_nodes: int | None = None,
+) -> Path:
+    """Build ``RotorRig.fmu`` without Python inside.
+
+    Parameters
+    ----------
+    rig, folder, elements_between_nodes : see ``build_rotor_fmu``
+    fmi : version, "2.0" or "3.0"
+    targets : platforms, default all that can be compiled for here
+
+    Returns
+    -------
+    Path of the FMU. Raises BuildError and CompileError; an older file is then left as it was.
+    """
+    structure, facts = assemble(rig, elements_between_nodes=elements_between_nodes), _facts(rig)
+    nodes = ArrayOutput(
+        "accelerations", "Accelerations of all nodes: those in y, then those in z", "m/s2",
+        "node_1.acceleration_y", (2, facts.n_nodes),
+    )  # fmt: skip
+    blank = Model("RotorRig", "", version("rigtwin"), ROTOR_MEANING, ROTOR_STEP, rotor_variables(facts), (nodes,))
+
+    def sources(model: Model) -> dict[str, str]:
+        return rotor_sources(model, structure, fmi)
+
+    data = {"rig.json": rig.model_dump_json(indent=1).encode()}
+    pages = rotor_pages(rig, facts, needs_python=False)
+    return _build_native(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / ROTOR_FMU)
+
+
+def build_native_estimator_fmu(
+    folder: Path, model: Path | None = None, *, fmi: str = "2.0", targets: Sequence[Target] | None = None
+) -> Path:
+    """Build ``StiffnessEstimator.fmu`` without Python inside; see ``build_native_rotor_fmu``."""
+    from estimator.runtime import StiffnessEstimator, shipped_model
+
+    model = model or shipped_model()
+    table = estimator_variables(StiffnessEstimator(model).card["example_inputs"])
+    blank = Model("StiffnessEstimator", "", version("rigtwin"), ESTIMATOR_MEANING, ESTIMATOR_STEP, table)
+
+    def sources(described: Model) -> dict[str, str]:
+        return estimator_sources(described, model, fmi)
+
+    data, pages = {"estimator.onnx": model.read_bytes()}, estimator_pages(model, needs_python=False)
+    return _build_native(blank, sources, fmi, targets, {}, data, pages, folder / ESTIMATOR_FMU)
+
+
+def _build_native(
+    blank: Model,
+    sources: Callable[[Model], dict[str, str]],
+    fmi: str,
+    targets: Sequence[Target] | None,
+    facts: dict[str, str],
+    data: dict[str, bytes],
+    pages: dict[str, bytes],
+    target: Path,
+) -> Path:
+    """Print, compile, pack."""
+    model = replace(blank, guid=guid(digest(sources(blank))), sources=c_files(sources(blank)))
+    manifest = {"guid": model.guid, "version": model.version, **facts}
+    with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
+        unpacked = Path(scratch)
+        written = unpacked / "sources"
+        written.mkdir()
+        for name, text in sources(model).items():
+            (written / name).write_text(text, encoding="utf-8")
+        for header in sorted(FMI_HEADERS.glob(f"fmi{fmi[0]}*.h")):
+            shutil.copy2(header, written)
+        for platform in targets or reachable_targets():
+            library = unpacked / "binaries" / platform.folder(fmi) / f"{model.name}{platform.suffix}"
+            compile_library(written, model.sources, platform, library)
+        if fmi == "3.0":
+            _write_xml(build_description(model), written / "buildDescription.xml")
+        _write_xml(fmi2(model, needs_execution_tool=False) if fmi == "2.0" else fmi3(model),
+                   unpacked / "modelDescription.xml")  # fmt: skip
+        resources = {"manifest.json": json.dumps(manifest, indent=1).encode(), **data}
+        _write_all(unpacked, pages | {f"resources/{name}": content for name, content in resources.items()})
+        _pack(unpacked, target)
+    return target
+
+
+def _write_xml(root: Element, path: Path) -> None:
+    indent(root, "\t")
+    ElementTree(root).write(path, encoding="UTF-8", xml_declaration=True)
+
+
+def _write_all(folder: Path, contents: dict[str, bytes]) -> None:
+    for name, content in contents.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+
 def _build(bundle: Bundle, facts: dict, pages: dict[str, bytes], target: Path) -> Path:
     """Stage, build, complete, validate, put in place."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    manifest = json.dumps({"guid": str(bundle.guid), "version": version("rigtwin"), **facts}, indent=1)
+    manifest = json.dumps({"guid": bundle.guid, "version": version("rigtwin"), **facts}, indent=1)
     with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
         stock = _run_pythonfmu(stage(bundle, manifest, _folder(scratch, "stage")), Path(scratch))
         unpacked = Path(scratch) / "fmu"
         with zipfile.ZipFile(stock) as archive:
             archive.extractall(unpacked)
         hide_pythonfmu(unpacked / "resources", bundle)
-        for name, content in pages.items():
-            page = unpacked / name
-            page.parent.mkdir(exist_ok=True)
-            page.write_bytes(content)
-        complete = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            _zip(unpacked, complete)
-            problems = validate_fmu(str(complete))
-            if problems:
-                raise BuildError(f"{target.name} is not a valid FMU: " + "; ".join(problems))
-            os.replace(complete, target)
-        finally:
-            complete.unlink(missing_ok=True)
+        _write_all(unpacked, pages)
+        _pack(unpacked, target)
     return target
+
+
+def _pack(unpacked: Path, target: Path) -> None:
+    """Zip beside the target, validate, put in place. Raises BuildError."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    complete = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        _zip(unpacked, complete)
+        problems = validate_fmu(str(complete))
+        if problems:
+            raise BuildError(f"{target.name} is not a valid FMU: " + "; ".join(problems))
+        os.replace(complete, target)
+    finally:
+        complete.unlink(missing_ok=True)
 
 
 def _run_pythonfmu(script: Path, scratch: Path) -> Path:
@@ -157,11 +278,22 @@ def _npz(arrays: dict) -> bytes:
     return buffer.getvalue()
 
 
+def build_native(rig: Rig, folder: Path) -> Iterator[Path]:
+    """Both FMUs for FMI 2.0 and 3.0, for every platform in reach; says which those are. Raises as they do."""
+    names = ", ".join(target.fmi3 for target in reachable_targets())
+    hint = "" if find_spec("ziglang") else "; with ziglang (pip install ziglang) for all others too"
+    print(f"compiling for {names}{hint}", file=sys.stderr)
+    for fmi in ("2.0", "3.0"):
+        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi)
+        yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Command line of ``python build_fmu.py``."""
     parser = argparse.ArgumentParser(description="Build RotorRig.fmu and StiffnessEstimator.fmu.")
     parser.add_argument("rig", nargs="?", default="nit-rourkela", help="a shipped rig or the path of a rig TOML")
     parser.add_argument("--out", type=Path, default=Path("dist"), help="folder for the FMUs (default: dist)")
+    parser.add_argument("--native", action="store_true", help="build them once more, without Python inside")
     options = parser.parse_args(arguments)
     try:
         rig = load_rig(options.rig)
@@ -170,6 +302,13 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     for path in (build_rotor_fmu(rig, options.out), build_estimator_fmu(options.out)):
         print(path)
+    if options.native:
+        try:
+            for path in build_native(rig, options.out):
+                print(path)
+        except CompileError as error:
+            print(error, file=sys.stderr)
+            return 2
     return 0
 
 

@@ -1,7 +1,8 @@
 """The network: two learned inverse curves, fused by their errors.
 
 Each shift alone says what k_b is, up to a small influence of damping that the amplitude ratio
-carries; so curve i is a small network g_i(log delta_f_i, log ratio) -> log k_b. The curves'
+carries; so curve i is a small network g_i(log delta_f_i, log ratio) -> log k_b, over a reference in the
+middle of the range, lest float32 spends its digits on the unit. The curves'
 slopes turn the inputs' standard errors into errors of log k_b, and the two answers are averaged by
 inverse variance. A third network knows the largest ratio that a bearing without damping allows.
 What the inputs say about k_b twice over is what tells whether they contradict each other.
@@ -14,8 +15,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-# Step of the central difference that gives a curve's slope, in units of log input.
-_STEP = 1e-2
+# What the network's own log k_b is relative to [N/m].
+K_REF = 1e7
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,20 @@ class Curve(nn.Module):
         z = (x - self.mean) / self.scale
         return (self.body(z) + self.skip(z))[:, 0]
 
+    def with_slopes(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """(n, n_in) -> (n,) and its derivatives (n, n_in)."""
+        z = (x - self.mean) / self.scale
+        first, second, last = (layer for layer in self.body if isinstance(layer, nn.Linear))
+        one = first(z).tanh()
+        two = second(one).tanh()
+        value = (last(two) + self.skip(z))[:, 0]
+        slopes = []
+        for axis in range(x.shape[1]):
+            inner = (1 - one**2) * first.weight[:, axis]
+            outer = (1 - two**2) * (inner @ second.weight.T)
+            slopes.append(((outer @ last.weight.T)[:, 0] + self.skip.weight[0, axis]) / self.scale[axis])
+        return value, torch.stack(slopes, dim=1)
+
 
 class StiffnessNetwork(nn.Module):
     """(n, 6) features with errors -> (n, 5): k_b, k_b_std, k_b_low, k_b_high [N/m], valid (0 or 1)."""
@@ -80,12 +95,12 @@ class StiffnessNetwork(nn.Module):
         # The bound is about as steep as k_b itself, so the error of log k_b counts once in full.
         excess = self.ratio_excess(log_k, log_ratio) / (relative[:, 2] ** 2 + self.ratio_floor**2 + sigma**2).sqrt()
         valid = self._in_range(features, log_k) & (disagreement < self.contradiction) & (excess < self.contradiction)
-        k = log_k.exp()
+        k = K_REF * log_k.exp()
         half = self.quantile * sigma
         return torch.stack([k, k * sigma, k * (-half).exp(), k * half.exp(), valid.to(k.dtype)], dim=1)
 
     def ratio_excess(self, log_k: Tensor, log_ratio: Tensor) -> Tensor:
-        """(n,) by how much the log ratio exceeds what bearings without damping allow."""
+        """(n,) by how much the log ratio exceeds what bearings without damping allow; log_k is log(k_b / K_REF)."""
         return log_ratio - self.ratio_bound(log_k[:, None])
 
     def disagreement(self, features: Tensor) -> Tensor:
@@ -109,8 +124,8 @@ class StiffnessNetwork(nn.Module):
         for i, curve in enumerate((self.curve1, self.curve2)):
             x = torch.stack([log_shift[:, i], log_ratio], dim=1)
             errors = torch.stack([relative[:, i], relative[:, 2]], dim=1)
-            slopes = torch.stack([_slope(curve, x, axis) for axis in range(2)], dim=1)
-            answers.append(curve(x))
+            value, slopes = curve.with_slopes(x)
+            answers.append(value)
             variances.append(((slopes * errors) ** 2).sum(dim=1) + self.floor[i] ** 2)
         return torch.stack(answers, dim=1), torch.stack(variances, dim=1)
 
@@ -123,11 +138,5 @@ class StiffnessNetwork(nn.Module):
         known = (errors >= 0).all(dim=1) & (errors <= L.relative_std_max * values.abs()).all(dim=1)
         # The ends of the range belong to it, to within what the curves themselves are worth.
         slack = 2 * self.floor.max()
-        k_low, k_high = torch.tensor(L.k_b, dtype=features.dtype).log()
+        k_low, k_high = (torch.tensor(L.k_b, dtype=features.dtype) / K_REF).log()
         return inside & known & (log_k >= k_low - slack) & (log_k <= k_high + slack)
-
-
-def _slope(curve: Curve, x: Tensor, axis: int) -> Tensor:
-    step = torch.zeros(x.shape[1], dtype=x.dtype)
-    step[axis] = _STEP
-    return (curve(x + step) - curve(x - step)) / (2 * _STEP)

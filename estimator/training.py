@@ -17,7 +17,7 @@ from torch import Tensor
 
 from estimator.dataset import Dataset
 from estimator.features import FEATURE_NAMES
-from estimator.network import Curve, Limits, StiffnessNetwork
+from estimator.network import K_REF, Curve, Limits, StiffnessNetwork
 from estimator.prior import PRIOR, Prior
 from estimator.runtime import CARD_KEY
 from sim.formats.atomic import replacing
@@ -54,7 +54,7 @@ def train(training: Dataset, calibration: Dataset, seed: int, prior: Prior = PRI
 
 def _fit(training: Dataset, prior: Prior) -> StiffnessNetwork:
     log = torch.from_numpy(np.log(training.features[:, :3]))
-    log_k = torch.from_numpy(np.log(training.rigs.k_b))
+    log_k = torch.from_numpy(np.log(training.rigs.k_b / K_REF))
     curves = tuple(_fit_curve(log[:, [i, 2]], log_k) for i in range(2))
     undamped = torch.from_numpy(training.rigs.bearing_damping == 0)
     bound = _fit_curve(log_k[undamped][:, None], log[undamped, 2], width=8)
@@ -96,7 +96,7 @@ def _calibrate(network: StiffnessNetwork, calibration: Dataset, rng: np.random.G
     """Set the curves' own errors, the interval's width and the contradiction gate."""
     k = calibration.rigs.k_b
     inside = (k >= network.limits.k_b[0]) & (k <= network.limits.k_b[1])
-    log_k = torch.from_numpy(np.log(k[inside]))
+    log_k = torch.from_numpy(np.log(k[inside] / K_REF))
     clean = torch.from_numpy(calibration.features[inside, :3])
     for i, curve in enumerate((network.curve1, network.curve2)):
         error = curve(torch.stack([clean[:, i].log(), clean[:, 2].log()], dim=1)) - log_k
@@ -108,13 +108,13 @@ def _calibrate(network: StiffnessNetwork, calibration: Dataset, rng: np.random.G
     exact = torch.cat([clean, torch.zeros_like(clean)], dim=1)
     network.contradiction.fill_(max(float(torch.quantile(network.disagreement(x), 0.999)) for x in (*looks, exact)))
     undamped = torch.from_numpy(calibration.rigs.bearing_damping[inside] == 0)
-    excess = network.ratio_excess(network(exact)[undamped, 0].log(), clean[undamped, 2].log())
+    excess = network.ratio_excess((network(exact)[undamped, 0] / K_REF).log(), clean[undamped, 2].log())
     network.ratio_floor.copy_(excess.square().mean().sqrt())
 
 
 def _interval_quantile(out: Tensor, log_k: Tensor) -> float:
     """Half-width, in standard deviations, that holds 90 % of the errors of log k_b."""
-    z = (out[:, 0].log() - log_k).abs() / (out[:, 1] / out[:, 0])
+    z = ((out[:, 0] / K_REF).log() - log_k).abs() / (out[:, 1] / out[:, 0])
     return float(torch.quantile(z, 0.90))
 
 

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from fmu_src.estimator_variables import estimator_variables
+from fmu_src.model_description import variability
 from fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
-from fmu_src.slave import variability
 from fmu_src.variables import Variable
 from rotor.assembly import assemble
 from rotor.condition import Condition
@@ -31,7 +31,7 @@ _PAGES = Environment(
 _STEEL, _DISK, _BEARING = "#9db4c8", "#5b7083", "#c9683c"
 
 
-def rotor_pages(rig: Rig, facts: RotorFacts) -> dict[str, bytes]:
+def rotor_pages(rig: Rig, facts: RotorFacts, *, needs_python: bool = True) -> dict[str, bytes]:
     """``model.png`` and ``documentation/index.html`` of the rotor FMU, by path in the archive."""
     system = build_system(assemble(rig), Condition(k_b=facts.k_b_start))
     f1 = float(natural_frequencies_hz(system, plane=1)[0])
@@ -42,17 +42,18 @@ def rotor_pages(rig: Rig, facts: RotorFacts) -> dict[str, bytes]:
         effects=effects_in_fmu(),
         f1=f1,
         settling=_settling_s(f1, facts),
+        needs_python=needs_python,
     )
     return {"model.png": rotor_picture(rig), "documentation/index.html": page.encode()}
 
 
-def estimator_pages(model: Path) -> dict[str, bytes]:
+def estimator_pages(model: Path, *, needs_python: bool = True) -> dict[str, bytes]:
     """``model.png`` and ``documentation/index.html`` of the estimator FMU."""
     from estimator.runtime import StiffnessEstimator
 
     card = StiffnessEstimator(model).card
     page = _PAGES.get_template("estimator.html").render(
-        card=card, rows=_rows(estimator_variables(card["example_inputs"]))
+        card=card, rows=_rows(estimator_variables(card["example_inputs"])), needs_python=needs_python
     )
     return {"model.png": estimator_picture(), "documentation/index.html": page.encode()}
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimator.runtime import StiffnessEstimator as Network
-from fmu_src.estimator_variables import estimator_variables
+from fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
 from fmu_src.slave import TableSlave
 
 # A reset makes a new instance, and loading the network into each would pile up memory.
@@ -23,8 +23,8 @@ class StiffnessEstimator(TableSlave):
         self._network = _network(Path(kwargs["resources"]) / "estimator.onnx")
         super().__init__(
             estimator_variables(self._network.card["example_inputs"]),
-            description="Bearing stiffness from the frequency shifts and the amplitude ratio of a stepped-sine test",
-            step_size=1.0,
+            description=ESTIMATOR_MEANING,
+            step_size=ESTIMATOR_STEP,
             **kwargs,
         )
         self._inputs = [v.name for v in self._table if v.causality == "input"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from fmu_src.variables import Variable
 
+ESTIMATOR_MEANING = "Bearing stiffness from the frequency shifts and the amplitude ratio of a stepped-sine test"
+ESTIMATOR_STEP = 1.0  # of the default experiment [s]
 ESTIMATOR_FEATURES = ("delta_f1", "delta_f2", "amplitude_ratio")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
+from fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, effects_in_fmu, rotor_variables
 from fmu_src.slave import TableSlave, read_manifest
 from fmu_src.variables import Variable
 from rotor.condition import Condition
@@ -31,8 +31,8 @@ class RotorRig(TableSlave):
         facts = RotorFacts(**read_manifest(resources)["facts"])
         super().__init__(
             rotor_variables(facts),
-            description="Finite-element rotor on its bearings: sine force in, node accelerations out",
-            step_size=1e-4,
+            description=ROTOR_MEANING,
+            step_size=ROTOR_STEP,
             **kwargs,
         )
         self._simulator = RotorSimulator(structure, self._condition(), self._effects())

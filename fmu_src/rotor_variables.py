@@ -8,6 +8,9 @@ from fmu_src.variables import Variable
 from rotor.effects.effect import SWITCH, Effect, Parameter
 from rotor.effects.library import EFFECTS
 
+ROTOR_MEANING = "Finite-element rotor on its bearings: sine force in, node accelerations out"
+ROTOR_STEP = 1e-4  # of the default experiment [s]
+
 
 @dataclass(frozen=True)
 class RotorFacts:

@@ -17,17 +17,16 @@ from functools import cache, wraps
 from pathlib import Path
 from typing import Any, NoReturn
 from uuid import UUID
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
-from pythonfmu.default_experiment import DefaultExperiment
-from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Variability
+from pythonfmu.enums import Fmi2Causality, Fmi2Variability
 from pythonfmu.fmi2slave import Fmi2Slave
 from pythonfmu.variables import Boolean, Integer, Real
 
-from fmu_src.variables import UNITS, Variable
+from fmu_src.model_description import Model, fmi2, variability
+from fmu_src.variables import Variable
 
 _FMI_CLASS = {"Real": Real, "Integer": Integer, "Boolean": Boolean}
-_DEFAULT_VARIABILITY = {"Real": "continuous", "Integer": "discrete", "Boolean": "discrete"}
 
 # What pythonfmu's glue calls on an instance.
 _HOST_CALLS = (
@@ -75,10 +74,10 @@ class TableSlave(Fmi2Slave):
         manifest = read_manifest(Path(kwargs["resources"]))
         self.guid = UUID(manifest["guid"])
         self.version = manifest["version"]
-        self.license = "MIT"
         self.description = description
-        self.default_experiment = DefaultExperiment(start_time=0.0, stop_time=1.0, step_size=step_size)
         self._table = tuple(variables)
+        name, described = type(self).__name__, (manifest["guid"], manifest["version"], description, step_size)
+        self._description = Model(name, *described, self._table)
         self._number = {v.name: number for number, v in enumerate(self._table)}
         self._references = {
             kind: frozenset(number for number, v in enumerate(self._table) if v.kind == kind)
@@ -235,50 +234,17 @@ class TableSlave(Fmi2Slave):
     # -- model description ---------------------------------------------------------------------
 
     def _declare(self, number: int, variable: Variable) -> Real | Integer | Boolean:
+        """A variable as pythonfmu's own bookkeeping wants it; the host reads the model description."""
         return _FMI_CLASS[variable.kind](
             variable.name,
             causality=Fmi2Causality[variable.causality],
             variability=Fmi2Variability[variability(variable)],
-            initial=Fmi2Initial[_INITIAL[variable.causality]] if variable.causality != "input" else None,
-            description=variable.description,
             getter=lambda: self._values[number],
         )
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
-        """The complete FMI 2.0 model description."""
-        root = super().to_xml(model_options or {})
-        root.attrib.pop("generationDateAndTime")  # the same sources give the same file
-        root.insert(list(root).index(_child(root, "CoSimulation")) + 1, self._unit_definitions())
-        for variable, element in zip(self._table, _child(root, "ModelVariables"), strict=True):
-            _complete_type(variable, element[0])
-        structure = _child(root, "ModelStructure")
-        structure.clear()
-        self._list_unknowns(SubElement(structure, "Outputs"), "depends_on")
-        self._list_unknowns(SubElement(structure, "InitialUnknowns"), "initially_depends_on")
-        return root
-
-    def _unit_definitions(self) -> Element:
-        definitions = Element("UnitDefinitions")
-        used = {v.unit for v in self._table}
-        for name, exponents in UNITS.items():
-            if name in used:
-                unit = SubElement(definitions, "Unit", {"name": name})
-                SubElement(unit, "BaseUnit", {base: str(power) for base, power in exponents.items()})
-        return definitions
-
-    def _list_unknowns(self, parent: Element, attribute: str) -> None:
-        for number, variable in enumerate(self._table):
-            if variable.causality == "output":
-                known = sorted(self._number[name] + 1 for name in getattr(variable, attribute))
-                SubElement(
-                    parent,
-                    "Unknown",
-                    {
-                        "index": str(number + 1),
-                        "dependencies": " ".join(map(str, known)),
-                        "dependenciesKind": " ".join("dependent" for _ in known),
-                    },
-                )
+        """The complete FMI 2.0 model description; the same sources give the same one."""
+        return fmi2(self._description, needs_execution_tool=True)
 
 
 def read_manifest(resources: Path) -> dict[str, Any]:
@@ -303,33 +269,7 @@ def _end_glue_early(library: Path) -> None:
     atexit.register(glue.finalizePythonInterpreter)
 
 
-_INITIAL = {"parameter": "exact", "output": "calculated"}
-
-
-def variability(variable: Variable) -> str:
-    """FMI variability: as written, or what its causality and type imply."""
-    if variable.variability:
-        return variable.variability
-    return "fixed" if variable.causality == "parameter" else _DEFAULT_VARIABILITY[variable.kind]
-
-
 def _start_value(variable: Variable) -> Any:
     if variable.start is not None:
         return variable.start
     return False if variable.kind == "Boolean" else 0.0
-
-
-def _child(root: Element, tag: str) -> Element:
-    found = root.find(tag)
-    if found is None:
-        raise LookupError(f"pythonfmu wrote a model description without {tag}")
-    return found
-
-
-def _complete_type(variable: Variable, element: Element) -> None:
-    """Add unit and range to a <Real> or <Integer>."""
-    if variable.unit:
-        element.set("unit", variable.unit)
-    for attribute, limit in (("min", variable.minimum), ("max", variable.maximum)):
-        if limit is not None:
-            element.set(attribute, f"{limit:.16g}")

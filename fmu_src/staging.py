@@ -25,6 +25,11 @@ _OWN_PACKAGES = ("rotor", "fmu_src", "estimator")
 PYTHONFMU_MODULES = ("__init__", "_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 
 
+def guid(digest: str) -> str:
+    """GUID of an FMU; the same content always gives the same one."""
+    return str(uuid5(_NAMESPACE, digest))
+
+
 @dataclass(frozen=True)
 class Bundle:
     """What goes into one FMU.
@@ -48,9 +53,9 @@ class Bundle:
         return h.hexdigest()
 
     @property
-    def guid(self) -> UUID:
-        """The same content always gives the same GUID."""
-        return uuid5(_NAMESPACE, self.digest)
+    def guid(self) -> str:
+        """See ``guid``."""
+        return guid(self.digest)
 
     def rename(self, package: str) -> str:
         """Name of a package inside this FMU."""

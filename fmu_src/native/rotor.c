@@ -254,7 +254,7 @@ static void add_bodies(Assembly *a)
         a->G[(tilt + 1) * a->size + tilt] -= polar;
     }
     for (int k = 0; k < 2; k++)
-        for (int plane = 1; d->mass[k] != 0 && plane <= 2; plane++)
+        for (int plane = 1; d->mass_node[k] != 0 && plane <= 2; plane++)
             add_at(a->M, a->size, structure_dof(s, d->mass_node[k], plane), d->mass[k]);
 }
 

@@ -26,8 +26,8 @@ typedef struct {
     double crack_position, crack_lost;
     double tension;
     double disk_mass_change, disk_inertia_factor, gyroscopic_factor;
-    int mass_node[2];
-    double mass[2]; /* attached, of an accelerometer */
+    int mass_node[2]; /* 0: none */
+    double mass[2];   /* attached, of an accelerometer */
     int sensor_node; /* whose accelerometer sits beside its node, 0: all */
     double sensor_offset;
     double ground_stiffness, ground_damping; /* where the exciter acts */

@@ -166,7 +166,7 @@ static void make_outputs(Simulator *s, Rotor *r)
 
 static const char *build(Simulator *s, Rotor *r, const Design *design)
 {
-    r->design = *design;
+    memcpy(&r->design, design, sizeof r->design); /* with its gaps, which a comparison sees */
     const char *wrong = system_build(&r->system, &s->structure, design, r->system_doubles, r->system_ints);
     if (!wrong)
         wrong = states_build(&r->states, &r->system, design->shaft_damping_ratio, design->spin_speed, r->states_doubles,
@@ -357,9 +357,20 @@ void simulator_save(const Simulator *s, double *snapshot)
     memcpy(snapshot + SCALARS, s->x, (size_t)s->rotor->n_state * sizeof *s->x);
 }
 
-void simulator_restore(Simulator *s, const double *snapshot)
+const char *simulator_restore(Simulator *s, const Design *design, const double *snapshot, int size)
 {
+    Rotor *next = s->rotor;
+    if (memcmp(design, &s->rotor->design, sizeof *design)) {
+        next = s->rotor == s->rotors ? s->rotors + 1 : s->rotors;
+        const char *wrong = build(s, next, design);
+        if (wrong)
+            return wrong;
+    }
+    if (size != SCALARS + next->n_state || !(fabs(snapshot[0]) <= LAST_TIME * TICKS_PER_SECOND))
+        return "this is not a state of this rotor";
+    s->rotor = next;
     s->ticks = snapshot[0], s->cycles = snapshot[1], s->turns = snapshot[2];
     s->force = snapshot[3], s->amplitude = snapshot[4], s->frequency = snapshot[5];
     memcpy(s->x, snapshot + SCALARS, (size_t)s->rotor->n_state * sizeof *s->x);
+    return 0;
 }

@@ -29,9 +29,9 @@ double simulator_force(const Simulator *simulator);
 /* (2 n_nodes) y of every node, then z. */
 void simulator_accelerations(const Simulator *simulator, double *accelerations);
 
-/* Everything that is needed to go on from here under the same design, as doubles. */
+/* Everything that is needed to go on from here under the same design, as doubles; and going back to it. */
 int simulator_snapshot_size(const Simulator *simulator);
 void simulator_save(const Simulator *simulator, double *snapshot);
-void simulator_restore(Simulator *simulator, const double *snapshot);
+const char *simulator_restore(Simulator *simulator, const Design *design, const double *snapshot, int size);
 
 #endif

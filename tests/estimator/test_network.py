@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from estimator.network import Curve, Limits, StiffnessNetwork
+from estimator.network import K_REF, Curve, Limits, StiffnessNetwork
 
 LIMITS = Limits(k_b=(1e6, 1e8), shift_min=(0.2, 1.0), shift_max=(80.0, 500.0), ratio=(0.2, 5.0))
 
@@ -32,7 +32,9 @@ def straight(weights: list[float], bias: float) -> Curve:
 @pytest.fixture
 def network() -> StiffnessNetwork:
     """Two straight curves; undamped bearings of any k_b give a ratio of LARGEST_RATIO."""
-    curves = tuple(straight([-1.0, slope], offset) for slope, offset in zip(RATIO_SLOPES, OFFSETS, strict=True))
+    curves = tuple(
+        straight([-1.0, slope], offset - np.log(K_REF)) for slope, offset in zip(RATIO_SLOPES, OFFSETS, strict=True)
+    )
     made = StiffnessNetwork(curves, straight([0.0], np.log(LARGEST_RATIO)), LIMITS).double()  # pyright: ignore[reportArgumentType]
     made.floor.copy_(torch.tensor(FLOORS))
     made.quantile.fill_(QUANTILE)

@@ -133,7 +133,9 @@ def test_a_wider_error_never_narrows_the_interval(estimator, clean, feature):
         widths.append(np.log(out[:, 3] / out[:, 2]))
     # float32 rounds the width to about 1e-5 of itself.
     assert np.all(np.diff(widths, axis=0) > -1e-3 * np.array(widths[:-1]))
-    assert np.all(widths[-1] > widths[0])
+    # Where the ratio's influence on a curve changes its sign, its error is none of k_b's.
+    assert np.all(widths[-1] > (1 - 1e-3) * widths[0])
+    assert np.mean(widths[-1] > 1.01 * widths[0]) > 0.5
 
 
 def test_wider_errors_all_round_give_wider_intervals(estimator, clean):

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from fmu_src.native_sources import CONDITION_WORDS, EFFECT_WORDS, NATIVE, ROTOR_CORE
 from rotor.condition import Condition
 from rotor.effects import Effect
+from rotor.effects.effect import SWITCH
 from rotor.structure import FloatArray, IntArray
 from rotor.structure import Structure as PythonStructure
-
-SOURCES = Path(__file__).resolve().parents[3] / "fmu_src" / "native"
 
 DOUBLES, INTS = ct.POINTER(ct.c_double), ct.POINTER(ct.c_int)
 
@@ -27,10 +27,12 @@ def compiled(folder: Path) -> ct.CDLL:
     command = [shutil.which("cc")] if shutil.which("cc") else [sys.executable, "-m", "ziglang", "cc"]
     flags = ["-O2", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-shared", "-fPIC"]
     library = folder / "core.so"
-    subprocess.run([*command, *flags, *map(str, sorted(SOURCES.glob("*.c"))), "-o", str(library), "-lm"], check=True)
+    subprocess.run(
+        [*command, *flags, *(str(NATIVE / f"{name}.c") for name in ROTOR_CORE), "-o", str(library), "-lm"], check=True
+    )
     core = ct.CDLL(str(library))
     core.simulator_new.restype = ct.c_void_p
-    for name in ("simulator_configure", "simulator_advance", "simulator_start_at", "system_build"):
+    for name in ("simulator_configure", "simulator_advance", "simulator_start_at", "simulator_restore", "system_build"):
         getattr(core, name).restype = ct.c_char_p
     core.simulator_time.restype = ct.c_double
     core.simulator_free.argtypes = [ct.c_void_p]
@@ -39,8 +41,9 @@ def compiled(folder: Path) -> ct.CDLL:
     core.simulator_configure.argtypes = [ct.c_void_p, ct.c_void_p]
     core.simulator_advance.argtypes = [ct.c_void_p, ct.c_double, ct.c_double]
     core.simulator_drive.argtypes = [ct.c_void_p, *[ct.c_double] * 3]
-    for name in ("simulator_accelerations", "simulator_save", "simulator_restore"):
+    for name in ("simulator_accelerations", "simulator_save"):
         getattr(core, name).argtypes = [ct.c_void_p, DOUBLES]
+    core.simulator_restore.argtypes = [ct.c_void_p, ct.c_void_p, DOUBLES, ct.c_int]
     return core
 
 
@@ -110,43 +113,6 @@ class System(ct.Structure):
     ]
 
 
-# Effects that are a mass at a node, in the order of ``Design``.
-MASSES = ("attached_mass", "sensor_mass")
-
-# Field of ``Design`` for each parameter of the other effects.
-PLACES = {
-    "exciter_suspension": {"stiffness": "ground_stiffness", "damping": "ground_damping"},
-    "disk_mass": {"change": "disk_mass_change"},
-    "disk_inertia": {"factor": "disk_inertia_factor"},
-    "hub_stiffening": {"factor": "hub_factor"},
-    "shaft_modulus": {"factor": "modulus_factor"},
-    "axial_load": {"force": "tension"},
-    "open_crack": {"reduction": "crack_lost", "position": "crack_position"},
-    "shaft_damping": {"damping_ratio": "shaft_damping_ratio"},
-    "bearing_damping": {"damping": "bearing_damping"},
-    "bearing_tilt_stiffness": {"stiffness": "tilt_stiffness"},
-    "pedestal_flexibility": {
-        "stiffness": "pedestal_stiffness",
-        "mass": "pedestal_mass",
-        "damping": "pedestal_damping",
-    },
-    "bearing_asymmetry": {"asymmetry": "asymmetry"},
-    "bearing_offset": {"offset": "offset"},
-    "compliant_rigid_support": {"stiffness": "rigid_stiffness"},
-    "plane_anisotropy": {"anisotropy": "anisotropy", "angle": "anisotropy_angle"},
-    "viscoelastic_support": {"strength": "branch_strength", "relaxation_time": "branch_time"},
-    "gyroscopic": {"factor": "gyroscopic_factor"},
-    "sensor_position": {"offset": "sensor_offset", "node": "sensor_node"},
-    "bearing_cubic": {"stiffness": "cubic_stiffness"},
-    "bearing_hertz": {"preload": "hertz_preload"},
-    "bearing_clearance": {"gap": "clearance_gap", "preload": "clearance_preload"},
-    "bearing_friction": {"force": "friction_force", "stiffness": "friction_stiffness"},
-    "bilinear_support": {"ratio": "bilinear_ratio"},
-    "rub": {"stiffness": "rub_stiffness", "gap": "rub_gap", "node": "rub_node"},
-    "unbalance": {"node": "unbalance_node", "moment": "unbalance_moment", "phase": "unbalance_phase"},
-}
-
-
 class Core:
     """The library for one structure.
 
@@ -179,17 +145,16 @@ class Core:
         """The C core's words for a condition and effects."""
         design = Design()
         self.library.design_nominal(ct.byref(design))
-        for name in ("k_b", "bearing_damping", "shaft_damping_ratio", "spin_speed", "rigid_support"):
-            setattr(design, name, getattr(condition, name))
-        design.excitation_node, design.excitation_plane = condition.excitation_node, condition.excitation_plane
+        for name, word in CONDITION_WORDS.items():
+            setattr(design, word, getattr(condition, name))
         for effect in effects:
-            if effect.id in MASSES:
-                place = MASSES.index(effect.id)
-                design.mass_node[place], design.mass[place] = effect.node, effect.mass if effect.node else 0.0
-                continue
-            for parameter, place in PLACES[effect.id].items():
-                setattr(design, place, getattr(effect, parameter))
-            design.has_pedestal |= effect.id == "pedestal_flexibility"
+            for name, word in EFFECT_WORDS[effect.id].items():
+                field, _, place = word.partition("[")
+                value = True if name == SWITCH else getattr(effect, name)
+                if place:
+                    getattr(design, field)[int(place[0])] = value
+                else:
+                    setattr(design, field, value)
         return design
 
     def system(self, design: Design) -> dict[str, Any]:
@@ -233,6 +198,7 @@ class Rotor:
     def use(self, design: Design) -> None:
         """Be this design. Raises ValueError."""
         self._checked(self._library.simulator_configure(self._simulator, ct.byref(design)))
+        self._design = design
 
     def drive(self, *, force: float, force_amplitude: float, force_frequency: float) -> None:
         """As RotorSimulator's."""
@@ -261,7 +227,8 @@ class Rotor:
 
     def restore(self, snapshot: FloatArray) -> None:
         """Go back to a snapshot under the same design."""
-        self._library.simulator_restore(self._simulator, snapshot.ctypes.data_as(DOUBLES))
+        values = snapshot.ctypes.data_as(DOUBLES)
+        self._checked(self._library.simulator_restore(self._simulator, ct.byref(self._design), values, len(snapshot)))
 
     @staticmethod
     def _checked(wrong: bytes | None) -> None:

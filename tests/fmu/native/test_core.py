@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from fmu_src.native_sources import EFFECT_WORDS
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import EFFECTS, AxialLoad, PedestalFlexibility, Rub
@@ -15,10 +16,10 @@ from rotor.force_laws import LAWS
 from rotor.model import build_model, build_system
 from rotor.rig import load_rig
 from rotor.simulator import RotorSimulator
-from tests.fmu.native.core import MASSES, PLACES, Core, Rotor, compiled
+from tests.fmu.native.core import Core, Rotor, compiled
 
 CONDITION = Condition(k_b=3.3e6, bearing_damping=17.0, shaft_damping_ratio=0.0013, excitation_node=3)
-KNOWN = (*MASSES, *PLACES)
+KNOWN = tuple(EFFECT_WORDS)
 LINEAR = tuple(name for name in KNOWN if EFFECTS[name].family != "nonlinear")
 COMBINATIONS = [(), *((name,) for name in LINEAR), ("unbalance", "gyroscopic", "plane_anisotropy"), LINEAR]
 STRUCTURE = assemble(load_rig("nit-rourkela"))

@@ -1,0 +1,97 @@
+"""C sources to shared libraries, for this machine and, with ziglang, for every other."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+# No fused operations and no reordering: every platform computes the same digits.
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s")
+
+
+class CompileError(RuntimeError):
+    """There is no compiler, or it failed."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A platform."""
+
+    fmi3: str  # folder of its binary in an FMU 3.0
+    fmi2: str  # the same in an FMU 2.0
+    zig: str  # what ziglang calls it
+    suffix: str  # of its shared libraries
+
+    def folder(self, fmi: str) -> str:
+        """Folder of its binary under ``binaries``."""
+        return self.fmi2 if fmi == "2.0" else self.fmi3
+
+
+# FMI 2.0 has names for 64-bit x86 only; importers of FMI 2.0 on other machines look for those of FMI 3.0.
+TARGETS = (
+    Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so"),
+    Target("aarch64-linux", "aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
+    Target("x86_64-windows", "win64", "x86_64-windows-gnu", ".dll"),
+    Target("x86_64-darwin", "darwin64", "x86_64-macos.11.0", ".dylib"),
+    Target("aarch64-darwin", "aarch64-darwin", "aarch64-macos.11.0", ".dylib"),
+)
+
+_MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
+
+
+def this_machine() -> Target:
+    """The platform that this process runs on. Raises CompileError for one that is not known."""
+    machine = platform.machine().lower()
+    name = f"{_MACHINES.get(machine, machine)}-{platform.system().lower()}"
+    for target in TARGETS:
+        if target.fmi3 == name:
+            return target
+    raise CompileError(f"no FMU binaries are known for {name}")
+
+
+def reachable_targets() -> tuple[Target, ...]:
+    """Platforms that can be compiled for here: all of them with ziglang, else this one."""
+    return TARGETS if find_spec("ziglang") else (this_machine(),)
+
+
+def compiler(target: Target) -> list[str]:
+    """Command of a C compiler for a target: $CC or the system's for this machine, ziglang for any.
+
+    Raises CompileError where there is none.
+    """
+    own = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
+    if find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc", "-target", target.zig]
+    if own and target == this_machine():
+        return [own]
+    raise CompileError(f"no C compiler for {target.fmi3}: install one, or ziglang (pip install ziglang)")
+
+
+def compile_library(folder: Path, files: Sequence[str], target: Target, library: Path) -> None:
+    """Compile C files of a folder into a shared library. Raises CompileError with what the compiler said.
+
+    Parameters
+    ----------
+    folder : where the files are
+    files : their names
+    target : the platform
+    library : what is made
+    """
+    position = [] if "windows" in target.fmi3 else ["-fPIC"]
+    mathematics = ["-lm"] if "linux" in target.fmi3 else []
+    with tempfile.TemporaryDirectory(prefix="rigtwin_cc_") as scratch:  # compilers leave more than the library
+        made = Path(scratch) / library.name
+        command = [*compiler(target), *FLAGS, *position, *files, "-o", str(made), *mathematics]
+        finished = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
+        if finished.returncode:
+            raise CompileError(f"the C compiler failed for {target.fmi3}:\n{finished.stderr.strip()}")
+        library.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(made, library)

@@ -1,0 +1,336 @@
+/* FMI 2.0 for co-simulation. */
+#include "instance.h"
+
+#include "fmi2Functions.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    Instance *instance;
+    fmi2CallbackFunctions host;
+    double *converted; /* values of a set call, as doubles */
+} Slave;
+
+/* The sentence is the format itself, its percent signs doubled: not every host hands on what follows a format. */
+static void say(const fmi2CallbackFunctions *host, const char *name, const char *sentence)
+{
+    char format[2 * sizeof ((Instance *)0)->message];
+    size_t used = 0;
+    for (; *sentence && used < sizeof format - 2; sentence++) {
+        if (*sentence == '%')
+            format[used++] = '%';
+        format[used++] = *sentence;
+    }
+    format[used] = 0;
+    if (host->logger)
+        host->logger(host->componentEnvironment, name, fmi2Error, "logStatusError", format);
+}
+
+static fmi2Status result(const Slave *s, const char *wrong)
+{
+    if (wrong)
+        say(&s->host, s->instance->name, wrong);
+    return wrong ? fmi2Error : fmi2OK;
+}
+
+static fmi2Status refused(fmi2Component c, const char *sentence)
+{
+    const Slave *s = c;
+    return s ? result(s, instance_refuse(s->instance, sentence)) : fmi2Error;
+}
+
+/* -- life -------------------------------------------------------------------------------------------------------- */
+
+const char *fmi2GetTypesPlatform(void)
+{
+    return fmi2TypesPlatform;
+}
+
+const char *fmi2GetVersion(void)
+{
+    return fmi2Version;
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions *host, fmi2Boolean visible, fmi2Boolean logging)
+{
+    (void)resources, (void)visible, (void)logging;
+    if (!host)
+        return 0;
+    if (!name || !guid || type != fmi2CoSimulation || strcmp(guid, MODEL_GUID)) {
+        say(host, name ? name : MODEL_NAME,
+            !name                      ? "an instance needs a name"
+            : type != fmi2CoSimulation ? "this FMU is for co-simulation only"
+                                       : "the GUID is not that of this FMU: its binary and its model description "
+                                         "come from different builds");
+        return 0;
+    }
+    Slave *s = calloc(1, sizeof *s);
+    if (s) {
+        s->host = *host;
+        s->instance = instance_new(name);
+        s->converted = calloc((size_t)N_VARIABLES, sizeof *s->converted);
+    }
+    if (!s || !s->instance || !s->converted) {
+        say(host, name, "there is no memory for an instance");
+        fmi2FreeInstance(s);
+        return 0;
+    }
+    return s;
+}
+
+void fmi2FreeInstance(fmi2Component c)
+{
+    Slave *s = c;
+    if (!s)
+        return;
+    instance_free(s->instance);
+    free(s->converted);
+    free(s);
+}
+
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
+{
+    (void)on, (void)n, (void)categories; /* errors are always said, and there is nothing else to say */
+    return c ? fmi2OK : fmi2Error;
+}
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
+                               fmi2Boolean stop_defined, fmi2Real stop)
+{
+    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    Slave *s = c;
+    return s ? result(s, instance_start(s->instance, start)) : fmi2Error;
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+{
+    Slave *s = c;
+    return s ? result(s, instance_enter_initialization(s->instance)) : fmi2Error;
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component c)
+{
+    Slave *s = c;
+    return s ? result(s, instance_exit_initialization(s->instance)) : fmi2Error;
+}
+
+fmi2Status fmi2Terminate(fmi2Component c)
+{
+    Slave *s = c;
+    return s ? result(s, instance_end(s->instance)) : fmi2Error;
+}
+
+fmi2Status fmi2Reset(fmi2Component c)
+{
+    Slave *s = c;
+    return s ? result(s, instance_reset(s->instance)) : fmi2Error;
+}
+
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_return)
+{
+    (void)no_return;
+    Slave *s = c;
+    return s ? result(s, instance_step(s->instance, time, step)) : fmi2Error;
+}
+
+fmi2Status fmi2CancelStep(fmi2Component c)
+{
+    return refused(c, "there is no step to cancel: they are all done when doStep returns");
+}
+
+/* -- values ------------------------------------------------------------------------------------------------------ */
+
+static const double *read(fmi2Component c, int kind, const fmi2ValueReference *references, size_t n, const void *to,
+                          fmi2Status *status)
+{
+    Slave *s = c;
+    const double *values = 0;
+    *status = fmi2Error;
+    if (s && (!n || (references && to)))
+        *status = result(s, instance_read(s->instance, kind, references, n, &values));
+    return *status == fmi2OK ? values : 0;
+}
+
+#define GET(name, type, kind)                                                                                     \
+    fmi2Status name(fmi2Component c, const fmi2ValueReference references[], size_t n, type to[])                      \
+    {                                                                                                                 \
+        fmi2Status status;                                                                                            \
+        const double *values = read(c, kind, references, n, to, &status);                                             \
+        for (size_t k = 0; values && k < n; k++)                                                                      \
+            to[k] = (type)values[references[k]];                                                                      \
+        return status;                                                                                                \
+    }
+
+GET(fmi2GetReal, fmi2Real, REAL)
+GET(fmi2GetInteger, fmi2Integer, INTEGER)
+GET(fmi2GetBoolean, fmi2Boolean, BOOLEAN)
+
+static fmi2Status write(Slave *s, int kind, const fmi2ValueReference *references, size_t n, const double *values)
+{
+    return result(s, instance_write(s->instance, kind, references, n, values));
+}
+
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2Real values[])
+{
+    return c && (!n || (references && values)) ? write(c, REAL, references, n, values) : fmi2Error;
+}
+
+#define SET(name, type, kind, as_double)                                                                              \
+    fmi2Status name(fmi2Component c, const fmi2ValueReference references[], size_t n, const type values[])            \
+    {                                                                                                                 \
+        Slave *s = c;                                                                                                 \
+        if (!s || (n && (!references || !values)))                                                                    \
+            return fmi2Error;                                                                                         \
+        if (n > (size_t)N_VARIABLES)                                                                                  \
+            return refused(c, "these are more values than there are variables");                                      \
+        for (size_t k = 0; k < n; k++)                                                                                \
+            s->converted[k] = as_double(values[k]);                                                                   \
+        return write(s, kind, references, n, s->converted);                                                           \
+    }
+
+#define WHOLE(value) (double)(value)
+#define TRUTH(value) ((value) ? 1.0 : 0.0)
+
+SET(fmi2SetInteger, fmi2Integer, INTEGER, WHOLE)
+SET(fmi2SetBoolean, fmi2Boolean, BOOLEAN, TRUTH)
+
+fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2String to[])
+{
+    (void)references, (void)to;
+    return n || !c ? refused(c, "there are no String variables") : fmi2OK;
+}
+
+fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2String values[])
+{
+    (void)references, (void)values;
+    return n || !c ? refused(c, "there are no String variables") : fmi2OK;
+}
+
+/* -- states ------------------------------------------------------------------------------------------------------ */
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    if (!c)
+        return fmi2Error;
+    if (state) {
+        saved_free(*state);
+        *state = 0;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    Slave *s = c;
+    if (!s || !state)
+        return fmi2Error;
+    Saved *saved = saved_new(instance_state_size(s->instance));
+    if (!saved)
+        return refused(c, "there is no memory for a state");
+    fmi2FreeFMUstate(c, state);
+    instance_save(s->instance, saved->content);
+    *state = saved;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    Slave *s = c;
+    const Saved *saved = state;
+    if (!s || !saved)
+        return refused(c, "there is no state to go back to");
+    return result(s, instance_restore(s->instance, saved->content, saved->size));
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    if (!c || !state || !size)
+        return refused(c, "there is no state to serialize");
+    *size = ((Saved *)state)->size;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    const Saved *saved = state;
+    if (!c || !saved || !bytes)
+        return refused(c, "there is no state to serialize");
+    if (size < saved->size)
+        return refused(c, "the state is larger than the room for it");
+    memcpy(bytes, saved->content, saved->size);
+    return fmi2OK;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    if (!c || !bytes || !state)
+        return refused(c, "there is no state to read");
+    Saved *saved = saved_new(size);
+    if (!saved)
+        return refused(c, "there is no memory for a state");
+    memcpy(saved->content, bytes, size);
+    fmi2FreeFMUstate(c, state);
+    *state = saved;
+    return fmi2OK;
+}
+
+/* -- what a co-simulation slave may leave out -------------------------------------------------------------------- */
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n_unknown,
+                                        const fmi2ValueReference known[], size_t n_known, const fmi2Real d_known[],
+                                        fmi2Real d_unknown[])
+{
+    (void)unknown, (void)n_unknown, (void)known, (void)n_known, (void)d_known, (void)d_unknown;
+    return refused(c, "there are no directional derivatives");
+}
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference references[], size_t n,
+                                       const fmi2Integer order[], const fmi2Real values[])
+{
+    (void)references, (void)n, (void)order, (void)values;
+    return refused(c, "inputs are held over a step: their derivatives have no meaning");
+}
+
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference references[], size_t n,
+                                        const fmi2Integer order[], fmi2Real to[])
+{
+    (void)references, (void)n, (void)order, (void)to;
+    return refused(c, "there are no output derivatives");
+}
+
+static fmi2Status never_pending(fmi2Component c)
+{
+    return c && refused(c, "there is no status to ask for: steps are done when doStep returns") ? fmi2Discard : fmi2Error;
+}
+
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *to)
+{
+    (void)kind, (void)to;
+    return never_pending(c);
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *to)
+{
+    (void)kind, (void)to;
+    return never_pending(c);
+}
+
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *to)
+{
+    (void)kind, (void)to;
+    return never_pending(c);
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *to)
+{
+    (void)kind, (void)to;
+    return never_pending(c);
+}
+
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *to)
+{
+    (void)kind, (void)to;
+    return never_pending(c);
+}

@@ -1,0 +1,391 @@
+/* FMI 3.0 for co-simulation. */
+#include "instance.h"
+
+#include "fmi3Functions.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    Instance *instance;
+    fmi3InstanceEnvironment environment;
+    fmi3LogMessageCallback log;
+    double *converted; /* values of a set call, as doubles */
+} Slave;
+
+static void say(fmi3LogMessageCallback log, fmi3InstanceEnvironment environment, const char *sentence)
+{
+    if (log)
+        log(environment, fmi3Error, "logStatusError", sentence);
+}
+
+static fmi3Status result(const Slave *s, const char *wrong)
+{
+    if (wrong)
+        say(s->log, s->environment, wrong);
+    return wrong ? fmi3Error : fmi3OK;
+}
+
+static fmi3Status refused(fmi3Instance instance, const char *sentence)
+{
+    const Slave *s = instance;
+    return s ? result(s, instance_refuse(s->instance, sentence)) : fmi3Error;
+}
+
+/* -- life -------------------------------------------------------------------------------------------------------- */
+
+const char *fmi3GetVersion(void)
+{
+    return fmi3Version;
+}
+
+/* Whether a token is the GUID, in braces. */
+static int is_token(const char *token)
+{
+    const size_t length = strlen(MODEL_GUID);
+    return token && strlen(token) == length + 2 && token[0] == '{' && token[length + 1] == '}' &&
+           !strncmp(token + 1, MODEL_GUID, length);
+}
+
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+                                         fmi3Boolean logging, fmi3Boolean event_mode, fmi3Boolean early_return,
+                                         const fmi3ValueReference intermediate[], size_t n_intermediate,
+                                         fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                         fmi3IntermediateUpdateCallback update)
+{
+    (void)resources, (void)visible, (void)logging, (void)early_return, (void)intermediate, (void)update;
+    if (!name || !is_token(token) || event_mode || n_intermediate) {
+        say(log, environment,
+            !name              ? "an instance needs a name"
+            : !is_token(token) ? "the instantiation token is not that of this FMU: its binary and its model description "
+                                 "come from different builds"
+                               : "this FMU has neither an event mode nor intermediate values");
+        return 0;
+    }
+    Slave *s = calloc(1, sizeof *s);
+    if (s) {
+        s->environment = environment;
+        s->log = log;
+        s->instance = instance_new(name);
+        s->converted = calloc((size_t)N_VARIABLES, sizeof *s->converted);
+    }
+    if (!s || !s->instance || !s->converted) {
+        say(log, environment, "there is no memory for an instance");
+        fmi3FreeInstance(s);
+        return 0;
+    }
+    return s;
+}
+
+void fmi3FreeInstance(fmi3Instance instance)
+{
+    Slave *s = instance;
+    if (!s)
+        return;
+    instance_free(s->instance);
+    free(s->converted);
+    free(s);
+}
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, const fmi3String categories[])
+{
+    (void)on, (void)n, (void)categories; /* errors are always said, and there is nothing else to say */
+    return instance ? fmi3OK : fmi3Error;
+}
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
+                                       fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop)
+{
+    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    Slave *s = instance;
+    if (!s)
+        return fmi3Error;
+    const char *wrong = s->instance->phase == INSTANTIATED ? instance_start(s->instance, start) : 0;
+    return result(s, wrong ? wrong : instance_enter_initialization(s->instance));
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
+{
+    Slave *s = instance;
+    return s ? result(s, instance_exit_initialization(s->instance)) : fmi3Error;
+}
+
+fmi3Status fmi3Terminate(fmi3Instance instance)
+{
+    Slave *s = instance;
+    return s ? result(s, instance_end(s->instance)) : fmi3Error;
+}
+
+fmi3Status fmi3Reset(fmi3Instance instance)
+{
+    Slave *s = instance;
+    return s ? result(s, instance_reset(s->instance)) : fmi3Error;
+}
+
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_return,
+                      fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *reached)
+{
+    (void)no_return;
+    Slave *s = instance;
+    if (!s)
+        return fmi3Error;
+    const char *wrong = instance_step(s->instance, time, step);
+    fmi3Boolean *const never[] = {event, terminate, early};
+    for (int k = 0; k < 3; k++)
+        if (never[k])
+            *never[k] = fmi3False;
+    if (reached)
+        *reached = s->instance->time;
+    return result(s, wrong);
+}
+
+/* -- values ------------------------------------------------------------------------------------------------------ */
+
+static const char *const WRONG_COUNT = "the number of values is not that of the variables";
+
+/* The values of one Float64 variable, scalar or array or the time; how many they are in count. */
+static const char *find(const Slave *s, fmi3ValueReference reference, const double **found, size_t *count)
+{
+    const double *values;
+    const fmi3ValueReference number = reference - (fmi3ValueReference)N_VARIABLES;
+    *count = 1;
+    if (reference >= (fmi3ValueReference)N_VARIABLES && number == (fmi3ValueReference)N_ARRAYS) {
+        *found = &s->instance->time;
+        return 0;
+    }
+    const int is_array = reference >= (fmi3ValueReference)N_VARIABLES && number < (fmi3ValueReference)N_ARRAYS;
+    const unsigned first = is_array ? (unsigned)ARRAYS[number].first : reference;
+    const char *wrong = instance_read(s->instance, REAL, &first, 1, &values);
+    if (wrong)
+        return wrong;
+    *found = values + first;
+    if (is_array)
+        *count = (size_t)ARRAYS[number].length;
+    return 0;
+}
+
+fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference references[], size_t n, fmi3Float64 to[],
+                          size_t n_values)
+{
+    Slave *s = instance;
+    const double *found;
+    size_t count, used = 0;
+    if (!s || (n && !references) || (n_values && !to))
+        return fmi3Error;
+    for (size_t k = 0; k < n; k++) {
+        const char *wrong = find(s, references[k], &found, &count);
+        if (wrong)
+            return result(s, wrong);
+        if (count > n_values - used)
+            return refused(s, WRONG_COUNT);
+        memcpy(to + used, found, count * sizeof *to);
+        used += count;
+    }
+    return used == n_values ? fmi3OK : refused(s, WRONG_COUNT);
+}
+
+#define GET(name, type, kind, convert)                                                                                \
+    fmi3Status name(fmi3Instance instance, const fmi3ValueReference references[], size_t n, type to[], size_t m)      \
+    {                                                                                                                 \
+        Slave *s = instance;                                                                                          \
+        const double *values;                                                                                         \
+        if (!s || (n && (!references || !to)))                                                                        \
+            return fmi3Error;                                                                                         \
+        if (n != m)                                                                                                   \
+            return refused(s, WRONG_COUNT);                                                                           \
+        const char *wrong = instance_read(s->instance, kind, references, n, &values);                                 \
+        for (size_t k = 0; !wrong && k < n; k++)                                                                      \
+            to[k] = convert(values[references[k]]);                                                                   \
+        return result(s, wrong);                                                                                      \
+    }
+
+#define SET(name, type, kind, convert)                                                                                \
+    fmi3Status name(fmi3Instance instance, const fmi3ValueReference references[], size_t n, const type values[],      \
+                    size_t m)                                                                                         \
+    {                                                                                                                 \
+        Slave *s = instance;                                                                                          \
+        if (!s || (n && (!references || !values)))                                                                    \
+            return fmi3Error;                                                                                         \
+        if (n != m || n > (size_t)N_VARIABLES)                                                                        \
+            return refused(s, WRONG_COUNT);                                                                           \
+        for (size_t k = 0; k < n; k++)                                                                                \
+            s->converted[k] = convert(values[k]);                                                                     \
+        return result(s, instance_write(s->instance, kind, references, n, s->converted));                             \
+    }
+
+#define SAME(value) (double)(value)
+#define WHOLE(value) (fmi3Int32)(value)
+#define TRUTH(value) ((value) != 0)
+
+GET(fmi3GetInt32, fmi3Int32, INTEGER, WHOLE)
+GET(fmi3GetBoolean, fmi3Boolean, BOOLEAN, TRUTH)
+SET(fmi3SetFloat64, fmi3Float64, REAL, SAME)
+SET(fmi3SetInt32, fmi3Int32, INTEGER, SAME)
+SET(fmi3SetBoolean, fmi3Boolean, BOOLEAN, SAME)
+
+/* -- states ------------------------------------------------------------------------------------------------------ */
+
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state)
+{
+    if (!instance)
+        return fmi3Error;
+    if (state) {
+        saved_free(*state);
+        *state = 0;
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state)
+{
+    Slave *s = instance;
+    if (!s || !state)
+        return fmi3Error;
+    Saved *saved = saved_new(instance_state_size(s->instance));
+    if (!saved)
+        return refused(s, "there is no memory for a state");
+    fmi3FreeFMUState(s, state);
+    instance_save(s->instance, saved->content);
+    *state = saved;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state)
+{
+    Slave *s = instance;
+    const Saved *saved = state;
+    if (!s || !saved)
+        return refused(s, "there is no state to go back to");
+    return result(s, instance_restore(s->instance, saved->content, saved->size));
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size)
+{
+    if (!instance || !state || !size)
+        return refused(instance, "there is no state to serialize");
+    *size = ((Saved *)state)->size;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+{
+    const Saved *saved = state;
+    if (!instance || !saved || !bytes)
+        return refused(instance, "there is no state to serialize");
+    if (size < saved->size)
+        return refused(instance, "the state is larger than the room for it");
+    memcpy(bytes, saved->content, saved->size);
+    return fmi3OK;
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
+{
+    if (!instance || !bytes || !state)
+        return refused(instance, "there is no state to read");
+    Saved *saved = saved_new(size);
+    if (!saved)
+        return refused(instance, "there is no memory for a state");
+    memcpy(saved->content, bytes, size);
+    fmi3FreeFMUState(instance, state);
+    *state = saved;
+    return fmi3OK;
+}
+
+/* -- what this FMU leaves out ------------------------------------------------------------------------------------ */
+
+#define NO_GET(name, type)                                                                                            \
+    fmi3Status name(fmi3Instance instance, const fmi3ValueReference references[], size_t n, type to[], size_t m)      \
+    {                                                                                                                 \
+        (void)references, (void)to;                                                                                   \
+        return n || m || !instance ? refused(instance, "there are no variables of this type") : fmi3OK;               \
+    }
+
+#define NO_VALUES(kind)                                                                                               \
+    NO_GET(fmi3Get##kind, fmi3##kind)                                                                                 \
+    NO_GET(fmi3Set##kind, const fmi3##kind)
+
+NO_VALUES(Float32)
+NO_VALUES(Int8)
+NO_VALUES(UInt8)
+NO_VALUES(Int16)
+NO_VALUES(UInt16)
+NO_VALUES(UInt32)
+NO_VALUES(Int64)
+NO_VALUES(UInt64)
+NO_VALUES(String)
+
+#define LEFT_OUT(name, arguments, sentence)                                                                           \
+    fmi3Status name arguments                                                                                         \
+    {                                                                                                                 \
+        return refused(instance, sentence);                                                                           \
+    }
+
+#define NO_TYPE "there are no variables of this type"
+#define NO_CLOCK "there are no clocks"
+#define NO_DERIVATIVE "there are no derivatives"
+#define NO_EVENT "there is no event mode"
+#define CO_SIMULATION "this FMU is for co-simulation only"
+#define NO_STRUCTURE "there are no structural parameters"
+#define NO_ELEMENTS "dependencies are not known element by element"
+
+#ifdef __GNUC__
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+                                          fmi3Boolean logging, fmi3InstanceEnvironment environment,
+                                          fmi3LogMessageCallback log)
+{
+    say(log, environment, CO_SIMULATION);
+    return 0;
+}
+
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
+                                               fmi3Boolean visible, fmi3Boolean logging,
+                                               fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                               fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
+                                               fmi3UnlockPreemptionCallback unlock)
+{
+    say(log, environment, CO_SIMULATION);
+    return 0;
+}
+
+LEFT_OUT(fmi3GetBinary, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, size_t sizes[], fmi3Binary to[], size_t m), NO_TYPE)
+LEFT_OUT(fmi3SetBinary, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, const size_t sizes[], const fmi3Binary v[], size_t m), NO_TYPE)
+LEFT_OUT(fmi3GetClock, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3Clock to[]), NO_CLOCK)
+LEFT_OUT(fmi3SetClock, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, const fmi3Clock v[]), NO_CLOCK)
+LEFT_OUT(fmi3GetIntervalDecimal, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3Float64 to[], fmi3IntervalQualifier q[]), NO_CLOCK)
+LEFT_OUT(fmi3GetIntervalFraction, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3UInt64 a[], fmi3UInt64 b[], fmi3IntervalQualifier q[]), NO_CLOCK)
+LEFT_OUT(fmi3GetShiftDecimal, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3Float64 to[]), NO_CLOCK)
+LEFT_OUT(fmi3GetShiftFraction, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3UInt64 a[], fmi3UInt64 b[]), NO_CLOCK)
+LEFT_OUT(fmi3SetIntervalDecimal, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, const fmi3Float64 v[]), NO_CLOCK)
+LEFT_OUT(fmi3SetIntervalFraction, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, const fmi3UInt64 a[], const fmi3UInt64 b[]), NO_CLOCK)
+LEFT_OUT(fmi3SetShiftDecimal, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, const fmi3Float64 v[]), NO_CLOCK)
+LEFT_OUT(fmi3SetShiftFraction, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, const fmi3UInt64 a[], const fmi3UInt64 b[]), NO_CLOCK)
+LEFT_OUT(fmi3ActivateModelPartition, (fmi3Instance instance, fmi3ValueReference clock, fmi3Float64 time), NO_CLOCK)
+LEFT_OUT(fmi3GetNumberOfVariableDependencies, (fmi3Instance instance, fmi3ValueReference r, size_t *n), NO_ELEMENTS)
+LEFT_OUT(fmi3GetVariableDependencies, (fmi3Instance instance, fmi3ValueReference r, size_t a[], fmi3ValueReference b[], size_t c[], fmi3DependencyKind k[], size_t n), NO_ELEMENTS)
+LEFT_OUT(fmi3GetDirectionalDerivative, (fmi3Instance instance, const fmi3ValueReference u[], size_t n_u, const fmi3ValueReference k[], size_t n_k, const fmi3Float64 seed[], size_t n_seed, fmi3Float64 to[], size_t n), NO_DERIVATIVE)
+LEFT_OUT(fmi3GetAdjointDerivative, (fmi3Instance instance, const fmi3ValueReference u[], size_t n_u, const fmi3ValueReference k[], size_t n_k, const fmi3Float64 seed[], size_t n_seed, fmi3Float64 to[], size_t n), NO_DERIVATIVE)
+LEFT_OUT(fmi3GetOutputDerivatives, (fmi3Instance instance, const fmi3ValueReference r[], size_t n, const fmi3Int32 orders[], fmi3Float64 to[], size_t m), NO_DERIVATIVE)
+LEFT_OUT(fmi3EnterConfigurationMode, (fmi3Instance instance), NO_STRUCTURE)
+LEFT_OUT(fmi3ExitConfigurationMode, (fmi3Instance instance), NO_STRUCTURE)
+LEFT_OUT(fmi3EnterEventMode, (fmi3Instance instance), NO_EVENT)
+LEFT_OUT(fmi3EnterStepMode, (fmi3Instance instance), NO_EVENT)
+LEFT_OUT(fmi3EvaluateDiscreteStates, (fmi3Instance instance), NO_EVENT)
+LEFT_OUT(fmi3UpdateDiscreteStates, (fmi3Instance instance, fmi3Boolean *a, fmi3Boolean *b, fmi3Boolean *c, fmi3Boolean *d, fmi3Boolean *e, fmi3Float64 *time), NO_EVENT)
+LEFT_OUT(fmi3EnterContinuousTimeMode, (fmi3Instance instance), CO_SIMULATION)
+LEFT_OUT(fmi3CompletedIntegratorStep, (fmi3Instance instance, fmi3Boolean no_return, fmi3Boolean *event, fmi3Boolean *terminate), CO_SIMULATION)
+LEFT_OUT(fmi3SetTime, (fmi3Instance instance, fmi3Float64 time), CO_SIMULATION)
+LEFT_OUT(fmi3SetContinuousStates, (fmi3Instance instance, const fmi3Float64 x[], size_t n), CO_SIMULATION)
+LEFT_OUT(fmi3GetContinuousStateDerivatives, (fmi3Instance instance, fmi3Float64 to[], size_t n), CO_SIMULATION)
+LEFT_OUT(fmi3GetEventIndicators, (fmi3Instance instance, fmi3Float64 to[], size_t n), CO_SIMULATION)
+LEFT_OUT(fmi3GetContinuousStates, (fmi3Instance instance, fmi3Float64 to[], size_t n), CO_SIMULATION)
+LEFT_OUT(fmi3GetNominalsOfContinuousStates, (fmi3Instance instance, fmi3Float64 to[], size_t n), CO_SIMULATION)
+LEFT_OUT(fmi3GetNumberOfEventIndicators, (fmi3Instance instance, size_t *n), CO_SIMULATION)
+LEFT_OUT(fmi3GetNumberOfContinuousStates, (fmi3Instance instance, size_t *n), CO_SIMULATION)
+
+#ifdef __GNUC__
+#pragma GCC diagnostic pop
+#endif

@@ -1,0 +1,60 @@
+/* An FMU's instance, whatever the version of FMI: its values, what may be done when, and why something is refused. */
+#ifndef RIGTWIN_INSTANCE_H
+#define RIGTWIN_INSTANCE_H
+
+#include "model.h"
+
+#include <stddef.h>
+
+typedef enum { INSTANTIATED, INITIALIZING, RUNNING, ENDED } Phase;
+
+typedef struct {
+    Model *model;
+    Phase phase;
+    double time; /* [s] */
+    int stale;   /* whether the outputs are older than the state */
+    double *values, *kept;
+    char *name;
+    char message[700]; /* of the last call that failed */
+} Instance;
+
+/* A saved state: a header, the values, and what the model remembers, as doubles. */
+typedef struct {
+    size_t size; /* [bytes] */
+    double *content;
+} Saved;
+
+/* Returns 0 without memory, or where the start values make no model. */
+Instance *instance_new(const char *name);
+void instance_free(Instance *instance);
+
+/* The functions below return 0, or a sentence where they fail; they have no effect then. */
+
+/* Go back to where instance_new left it. */
+const char *instance_reset(Instance *instance);
+
+const char *instance_start(Instance *instance, double time);
+const char *instance_enter_initialization(Instance *instance);
+const char *instance_exit_initialization(Instance *instance);
+const char *instance_step(Instance *instance, double time, double step);
+const char *instance_end(Instance *instance);
+
+/* The values, up to date, after a check that these (n) references are of a kind. */
+const char *instance_read(Instance *instance, int kind, const unsigned *references, size_t n, const double **values);
+
+/* Set the values (n) of some references; all or none. */
+const char *instance_write(Instance *instance, int kind, const unsigned *references, size_t n, const double *values);
+
+/* The size of a state, [bytes]; saving one; and going back to it. */
+size_t instance_state_size(const Instance *instance);
+void instance_save(const Instance *instance, double *content);
+const char *instance_restore(Instance *instance, const double *content, size_t size);
+
+/* Room for a state of so many bytes, 0 without memory. */
+Saved *saved_new(size_t size);
+void saved_free(Saved *saved);
+
+/* Keep a sentence of one's own as the instance's. */
+const char *instance_refuse(Instance *instance, const char *sentence);
+
+#endif

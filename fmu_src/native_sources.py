@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from fmu_src.model_description import Model, variability
-from fmu_src.network_code import network_code
 from fmu_src.rotor_variables import effects_in_fmu
 from fmu_src.variables import Variable
 from rotor.effects.effect import SWITCH
@@ -84,7 +83,9 @@ def rotor_sources(model: Model, structure: Structure, fmi: str) -> dict[str, str
 
 
 def estimator_sources(model: Model, onnx_file: Path, fmi: str) -> dict[str, str]:
-    """The same of ``StiffnessEstimator``."""
+    """The same of ``StiffnessEstimator``. Raises ImportError without the package onnx."""
+    from fmu_src.network_code import network_code
+
     printed = {"variables.c": variables_code(model), "network.c": _PRINTED + network_code(onnx_file, "network")}
     return {**_written((*INSTANCE, SHELLS[fmi], "estimator_model")), **printed}
 

@@ -3,6 +3,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #define N_FEATURES 6
@@ -13,6 +14,7 @@ void network(const float *features, float *estimate);
 
 struct Model {
     float features[N_FEATURES];
+    char message[100];
 };
 
 Model *model_new(void)
@@ -40,10 +42,11 @@ const char *model_start(Model *model, double time)
 
 const char *model_step(Model *model, double time, double step)
 {
-    (void)model;
-    if (!isfinite(time) || !isfinite(step))
-        return "the communication step must be finite";
-    return step > 0 ? 0 : "the communication step must be positive";
+    (void)time;
+    if (step > 0)
+        return 0;
+    snprintf(model->message, sizeof model->message, "the communication step must be positive, got %.12g s", step);
+    return model->message;
 }
 
 void model_outputs(const Model *model, double *outputs)

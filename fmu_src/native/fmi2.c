@@ -198,14 +198,16 @@ SET(fmi2SetBoolean, fmi2Boolean, BOOLEAN, TRUTH)
 
 fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2String to[])
 {
-    (void)references, (void)to;
-    return n || !c ? refused(c, "there are no String variables") : fmi2OK;
+    (void)to;
+    Slave *s = c;
+    return s ? result(s, instance_no_string(s->instance, references, n)) : fmi2Error;
 }
 
 fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2String values[])
 {
-    (void)references, (void)values;
-    return n || !c ? refused(c, "there are no String variables") : fmi2OK;
+    (void)values;
+    Slave *s = c;
+    return s ? result(s, instance_no_string(s->instance, references, n)) : fmi2Error;
 }
 
 /* -- states ------------------------------------------------------------------------------------------------------ */

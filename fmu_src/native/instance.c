@@ -154,6 +154,11 @@ static const char *check_reference(Instance *s, int kind, unsigned reference)
     return refuse(s, "there is no %s variable with value reference %u", KINDS[kind], reference);
 }
 
+const char *instance_no_string(Instance *s, const unsigned *references, size_t n)
+{
+    return n && references ? refuse(s, "there is no String variable with value reference %u", references[0]) : 0;
+}
+
 const char *instance_read(Instance *s, int kind, const unsigned *references, size_t n, const double **values)
 {
     for (size_t k = 0; k < n; k++) {

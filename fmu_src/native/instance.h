@@ -42,6 +42,9 @@ const char *instance_end(Instance *instance);
 /* The values, up to date, after a check that these (n) references are of a kind. */
 const char *instance_read(Instance *instance, int kind, const unsigned *references, size_t n, const double **values);
 
+/* Why a variable of a kind that no FMU has cannot be found. */
+const char *instance_no_string(Instance *instance, const unsigned *references, size_t n);
+
 /* Set the values (n) of some references; all or none. */
 const char *instance_write(Instance *instance, int kind, const unsigned *references, size_t n, const double *values);
 

@@ -39,13 +39,13 @@ WHILE_RUNNING: dict[str, tuple[str, list[Any], str]] = {
     "plane late": ("set", [{"excitation_plane": 2}], "excitation_plane can only be set before the simulation starts"),
     "output": ("set", [{"node_2.acceleration_y": 1.0}], "node_2.acceleration_y is an output and cannot be set"),
     "applied force": ("set", [{"force_applied": 1.0}], "force_applied is an output and cannot be set"),
-    "step zero": ("doStep", [0.125, 0.0], "the communication step must be positive, got 0.0 s"),
+    "step zero": ("doStep", [0.125, 0.0], "the communication step must be positive, got 0 s"),
     "step negative": ("doStep", [0.125, -1e-3], "the communication step must be positive, got -0.001 s"),
     "step NaN": ("doStep", [0.125, NAN], "the communication step must be finite, got nan s"),
     "step infinite": ("doStep", [0.125, INF], "the communication step must be finite, got inf s"),
     "step beyond the clock": ("doStep", [0.125, 1e300], "leaves the clock's range"),
     "step below the clock": ("doStep", [0.125, 1e-15], "below the clock's resolution"),
-    "point too early": ("doStep", [0.0, 1e-3], "a step from 0.0 s was asked for, but the rotor stands at 0.125 s"),
+    "point too early": ("doStep", [0.0, 1e-3], "a step from 0 s was asked for, but the rotor stands at 0.125 s"),
     "point too late": ("doStep", [0.2, 1e-3], "a step from 0.2 s was asked for, but the rotor stands at 0.125 s"),
     "point NaN": ("doStep", [NAN, 1e-3], "the communication step must be finite"),
     "get unknown": ("getReal", [[99]], "there is no Real variable with value reference 99"),
@@ -210,44 +210,13 @@ def test_two_hundred_failing_calls_do_not_crash_the_host(rotor_fmu):
     assert in_child(fail_often, rotor_fmu, 200) == 200
 
 
-def warned(fmu):
-    """A step in which numpy warns, in a host that turns warnings into errors."""
-    import sys
-    import warnings
-
-    from sim.session import FmuError, FmuSession
-
-    with FmuSession(fmu) as session:
-        session.start({"force": 1.0})
-        (stepper,) = (m for name, m in sys.modules.items() if name.startswith("rotor_") and name.endswith(".stepper"))
-        expm = stepper.expm
-        stepper.expm = lambda matrix: warnings.warn("overflow", RuntimeWarning, stacklevel=2) or expm(matrix)
-        message = ""
-        try:
-            session.step(2e-3)
-        except FmuError as error:
-            message = str(error)
-        stepper.expm = expm
-        session.start({"force": 1.0})
-        session.step(1e-3)
-        return message, session.get(["node_2.acceleration_y"])
-
-
-def test_the_instance_survives_a_host_that_turns_warnings_into_errors(rotor_fmu, rotor_session):
-    message, reading = in_child(warned, rotor_fmu, options=["-W", "error"])
-    assert "RuntimeWarning" in message
-    rotor_session.start({"force": 1.0})
-    rotor_session.step(1e-3)
-    assert reading == rotor_session.get(["node_2.acceleration_y"])
-
-
 ESTIMATOR_CALLS: dict[str, tuple[str, list[Any], str]] = {
     "NaN": ("set", [{"delta_f1": NAN}], "delta_f1 must be a finite number, got nan"),
     "infinite": ("set", [{"amplitude_ratio": INF}], "amplitude_ratio must be a finite number, got inf"),
     "negative error": ("set", [{"delta_f2_std": -0.1}], "delta_f2_std must be at least 0 Hz, got -0.1"),
     "output": ("set", [{"k_b": 1e7}], "k_b is an output and cannot be set"),
     "boolean output": ("set", [{"valid": True}], "valid is an output and cannot be set"),
-    "step zero": ("doStep", [1.0, 0.0], "the communication step must be positive, got 0.0 s"),
+    "step zero": ("doStep", [1.0, 0.0], "the communication step must be positive, got 0 s"),
     "step NaN": ("doStep", [1.0, NAN], "the communication step must be positive, got nan s"),
     "unknown": ("getReal", [[99]], "there is no Real variable with value reference 99"),
     "boolean as real": ("getReal", [[10]], "there is no Real variable with value reference 10"),

@@ -87,13 +87,13 @@ def test_a_state_outlives_its_process(rotor_session, rotor_fmu):
         outputs = ["node_2.acceleration_y", "node_3.acceleration_z", "force_applied"]
         with FmuSession(fmu) as session:
             session.start({"force": 9.0})
-            session.restore_state(SavedState(time, content.encode()))
+            session.restore_state(SavedState(time, content.encode("latin-1")))
             return numpy.asarray(session.sample(outputs, 1e-3, 50)).tolist()
 
     run_up(rotor_session, RUNS["with spin"])
     saved = rotor_session.save_state()
     here = rotor_session.sample(["node_2.acceleration_y", "node_3.acceleration_z", "force_applied"], 1e-3, 50)
-    np.testing.assert_array_equal(in_child(go_on, rotor_fmu, saved.time, saved.content.decode()), here)
+    np.testing.assert_array_equal(in_child(go_on, rotor_fmu, saved.time, saved.content.decode("latin-1")), here)
 
 
 def test_the_state_holds_the_outputs_of_its_instant(rotor_session):
@@ -151,7 +151,7 @@ def test_what_is_no_state_of_this_fmu_is_refused_without_harm(rotor_fmu, larger_
     """Restored in a child: a state that broke the instance would end the process."""
     with FmuSession(larger_disks_fmu) as other:
         other.start()
-        of_another_rig = other.save_state().content.decode()
+        of_another_rig = other.save_state().content.decode("latin-1")
     no_state = ["\x80garbage", "[1, 2]", "null", "{}", json.dumps({"values": [], "state": None}), of_another_rig]
     for message, went_on in in_child(restore, rotor_fmu, no_state):
         assert "this is not a state that this FMU saved" in message

@@ -51,38 +51,6 @@ def test_a_settled_rotor_stays_settled_over_a_day(rotor_session):
     assert_close(rotor_session.sample(OUTPUTS, 1 / 1024, 16), settled, 1e-7)
 
 
-def count_exponentials(fmu, jitter, n):
-    """Matrix exponentials that n steps of nearly 1e-4 s cost the FMU, and where they lead."""
-    import random
-    import sys
-
-    from sim.session import FmuSession
-
-    with FmuSession(fmu) as session:
-        session.start({"force_amplitude": 1.0, "spin_speed": 100.0})
-        (stepper,) = (m for name, m in sys.modules.items() if name.startswith("rotor_") and name.endswith(".stepper"))
-        made, expm = [], stepper.expm
-        stepper.expm = lambda matrix: made.append(1) or expm(matrix)
-        rng = random.Random(1)
-        for _ in range(n):
-            session.step(1e-4 * (1 + jitter * rng.uniform(-1, 1)))
-        return len(made), session.get(["node_2.acceleration_y"])[0]
-
-
-def test_steps_that_differ_in_their_last_bits_share_their_propagators(rotor_fmu):
-    """As a master's steps do: fmpy's differ from h by some 1e-15 from one call to the next."""
-    even, reading = in_child(count_exponentials, rotor_fmu, 0.0, 3000)
-    jittery, reading_with_jitter = in_child(count_exponentials, rotor_fmu, 1e-12, 3000)
-    assert even <= 3  # times of whole steps fall on either side of a tick
-    assert jittery <= 3
-    assert reading_with_jitter == pytest.approx(reading, rel=1e-5)
-
-
-def test_steps_that_do_differ_are_not_taken_for_equal(rotor_fmu):
-    """Negative control of the one above."""
-    assert in_child(count_exponentials, rotor_fmu, 1e-3, 200)[0] > 150
-
-
 def simulate(fmu, stop, h):
     import warnings
 

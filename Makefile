@@ -2,6 +2,8 @@
 # make test   the whole test suite
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects   the figures in docs/, measured again
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
+# make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
+# make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
 # make laws   print the force laws anew, for Python and for C, after a change of rotor/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
@@ -12,7 +14,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-blind paper-rig laws effect-pages clean
+.PHONY: demo test lint fmus native fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-blind paper-rig laws effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -27,6 +29,12 @@ lint: $(VENV)/installed
 
 fmus: $(VENV)/installed
 	$(PYTHON) build_fmu.py
+
+native: $(VENV)/installed
+	$(PYTHON) build_fmu.py --native
+
+fuzz: $(VENV)/installed
+	$(PYTHON) -m tests.fmu.native.sanitizers 100000
 
 train: $(VENV)/installed
 	$(PYTHON) -m rigtwin train
@@ -62,5 +70,5 @@ clean:
 $(VENV)/installed: pyproject.toml
 	python3 -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --upgrade pip
-	$(VENV)/bin/python -m pip install --quiet -e '.[train,dev]'
+	$(VENV)/bin/python -m pip install --quiet -e '.[train,native,dev]'
 	touch $@

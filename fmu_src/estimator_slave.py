@@ -32,7 +32,7 @@ class StiffnessEstimator(TableSlave):
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Nothing to integrate: the outputs follow the inputs at once."""
         if not step_size > 0:
-            self.refuse(f"the communication step must be positive, got {step_size:.12g} s")
+            self.refuse(f"the communication step must be positive, got {step_size:.9g} s")
         return True
 
     def compute_outputs(self) -> list[float | bool]:

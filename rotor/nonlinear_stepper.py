@@ -27,7 +27,7 @@ scale, or so nearly that the joint does not notice; no contact is passed over un
 resolves the joint's stiffness, which makes the small system a contraction with one solution. What
 Newton's method does not settle, at a corner or far from a solution, is halved too. A substep is no
 longer than a 32nd of a tone's period. Where Newton's method fails even on the shortest,
-NoBalanceError says so.
+NoBalanceError says so, and where a step takes millions of substeps.
 
 The state vector is x, then, for every joint in y and in z: g, g', g_s, v_s, and the substep. Nothing
 else decides what comes next, so a saved state replays to the last bit.
@@ -78,6 +78,9 @@ _SUBSTEPS_BETWEEN = 256  # after so many substeps the scales fade
 
 # First substep of a rotor at rest, over the shortest time constant; the shortest of all over the first.
 _FIRST, _SHORTEST = 0.1, 1e-5
+
+# A step that needs more substeps than this is one of a motion beyond all bounds.
+_MOST_SUBSTEPS = 1 << 24
 
 # Newton's method stops when the pulls are consistent to this share of the error that is allowed anyway.
 _NEWTON_SHARE = 0.01
@@ -522,6 +525,7 @@ class _Run:
         self._z = np.concatenate([x - self._p.onset.dot(g + rate), sources, g, rate])
         self._bounds = self._p.bounds(self._scales, part.joints)
         self._substeps, self._elapsed = 0, 0.0  # since the scales faded
+        self._all_substeps = 0
 
     def finish(self) -> tuple[FloatArray, FloatArray]:
         """x and the joints' rows of the state at the end."""
@@ -534,7 +538,9 @@ class _Run:
             if severity > 1 and p.tau > shortest:
                 self._change(1)
             elif new is None:
-                raise self._no_balance()
+                raise self._no_balance("finds no balance with the rotor")
+            elif self._all_substeps == _MOST_SUBSTEPS:
+                raise self._no_balance("does not come to the end of the step")
             else:
                 after[m:] = new.g + new.rate
                 self._z, after = after, self._z
@@ -546,13 +552,12 @@ class _Run:
         now, scales = self._now, self._scales
         return x, np.array([now.g, now.rate, scales.pull, scales.velocity, [self._p.tau] * len(now.g)])
 
-    def _no_balance(self) -> NoBalanceError:
+    def _no_balance(self, trouble: str) -> NoBalanceError:
         p, now = self._p, self._now
         worst = max(range(len(p.joints)), key=lambda j: abs(p.joints[j].P * now.rate[j]))
         return NoBalanceError(
-            f"the local force {self._part.joints[worst].name} finds no balance with the rotor at a displacement of "
-            f"{now.d[worst]:.3g} m, even on a substep of {p.tau:.1g} s; check the effect's parameters and the "
-            "force that drives the rotor"
+            f"the local force {self._part.joints[worst].name} {trouble} at a displacement of {now.d[worst]:.3g} m, "
+            f"even on a substep of {p.tau:.1g} s; check the effect's parameters and the force that drives the rotor"
         )
 
     def _accept(self, new: _Instant) -> None:
@@ -561,6 +566,7 @@ class _Run:
             self._bounds = self._p.bounds(self._scales, self._part.joints)
         self._place += 1
         self._substeps += 1
+        self._all_substeps += 1
         self._elapsed += self._p.tau
         if self._substeps == _SUBSTEPS_BETWEEN:
             self._fade(self._z[: self._n])

@@ -95,7 +95,7 @@ class RotorSimulator:
     def start_at(self, time: float) -> None:
         """Set the clock [s] of a rotor that has not moved yet. Raises ValueError for a time beyond its range."""
         if not abs(time) <= _LAST_TIME:
-            raise ValueError(f"the start time must lie within {_LAST_TIME:g} s of zero, got {time:.12g} s")
+            raise ValueError(f"the start time must lie within {_LAST_TIME:g} s of zero, got {time:.9g} s")
         self._ticks = round(time * TICKS_PER_SECOND)
 
     def advance(self, time: float, step: float) -> None:
@@ -104,16 +104,16 @@ class RotorSimulator:
         Raises ValueError when the step is not positive or ``time`` is not where the rotor stands.
         """
         if not (math.isfinite(time) and math.isfinite(step)):
-            raise ValueError(f"the communication step must be finite, got {step:.12g} s at {time:.12g} s")
+            raise ValueError(f"the communication step must be finite, got {step:.9g} s at {time:.9g} s")
         if step <= 0:
-            raise ValueError(f"the communication step must be positive, got {step:.12g} s")
+            raise ValueError(f"the communication step must be positive, got {step:.9g} s")
         if max(abs(time), abs(time + step)) > _LAST_TIME:
-            raise ValueError(f"a step to {time + step:.12g} s leaves the clock's range of {_LAST_TIME:g} s")
+            raise ValueError(f"a step to {time + step:.9g} s leaves the clock's range of {_LAST_TIME:g} s")
         if abs(time - self.time) > _SAME_TIME * step + 1e-9 * max(1.0, abs(time)):
-            raise ValueError(f"a step from {time:.12g} s was asked for, but the rotor stands at {self.time:.12g} s")
+            raise ValueError(f"a step from {time:.9g} s was asked for, but the rotor stands at {self.time:.9g} s")
         end = round((time + step) * TICKS_PER_SECOND)
         if end <= self._ticks:
-            raise ValueError(f"a communication step of {step:.12g} s is below the clock's resolution")
+            raise ValueError(f"a communication step of {step:.9g} s is below the clock's resolution")
         h = (end - self._ticks) / TICKS_PER_SECOND
         cycles = _advance(self._cycles, self._frequency_hz, h)
         turns = _advance(self._turns, self._condition.spin_speed / (2 * math.pi), h)

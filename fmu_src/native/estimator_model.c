@@ -45,7 +45,7 @@ const char *model_step(Model *model, double time, double step)
     (void)time;
     if (step > 0)
         return 0;
-    snprintf(model->message, sizeof model->message, "the communication step must be positive, got %.12g s", step);
+    snprintf(model->message, sizeof model->message, "the communication step must be positive, got %.9g s", step);
     return model->message;
 }
 

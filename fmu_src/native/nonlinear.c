@@ -28,6 +28,8 @@
 
 #define PULLS 4       /* a cubic's coefficients */
 #define TAYLOR 10     /* terms of a force's series: (2 pi / 32)^10 / 10! = 2e-14 */
+#define LONG 4.0      /* rate times substep, beyond which the exponential would be squared anyway */
+#define MOST_SUBSTEPS (1L << 24)
 #define MOST_LEVEL 60 /* the step is halved no more often than this */
 
 static const double TWO_PI = 6.283185307179586;
@@ -310,6 +312,14 @@ static void gather(double *to, const double *from, const int *rows, int n_rows, 
             *to++ = from[rows[i] * wide + (columns ? columns[k] : k)];
 }
 
+static double column_sum(const double *matrix, int rows, int columns, int column)
+{
+    double sum = 0;
+    for (int i = 0; i < rows; i++)
+        sum += fabs(matrix[i * columns + column]);
+    return sum;
+}
+
 static void make_part(Nonlinear *s, Part *part, const int *label, int number, int **ints, double **doubles)
 {
     const int k = s->n_inputs;
@@ -339,6 +349,13 @@ static void make_part(Nonlinear *s, Part *part, const int *label, int number, in
     gather(part->G, s->G, part->places, n, part->joints, J, s->J);
     gather(part->C, s->C, part->joints, J, part->places, n, s->n);
     la_multiply(J, n, n, part->C, part->A, part->V);
+    part->rate = 0;
+    for (int c = 0; c < n; c++)
+        part->rate = fmax(part->rate, column_sum(part->A, n, n, c));
+    for (int c = 0; c < J; c++)
+        part->rate = fmax(part->rate, column_sum(part->G, n, J, c));
+    for (int c = 0; c < k; c++)
+        part->rate = fmax(part->rate, column_sum(part->B, n, k, c));
     for (int j = 0; j < J; j++)
         part->round_off[j] = ROUND_OFF * size_of(part->V + j * n, n);
 }
@@ -479,15 +496,14 @@ static Substep *recall(Nonlinear *s, int part, double tau)
     return 0;
 }
 
-/* The substep tau of a part; the one that was used longest ago makes room. */
+/* The substep tau of a part; the one that was used longest ago makes room. A long one is always made of its halves and
+   a short one never: what is remembered must not decide its last digits, or a saved state would not replay. */
 static const Substep *substep(Nonlinear *s, int number, double tau)
 {
     const Part *part = s->parts + number;
     Substep *found = recall(s, number, tau);
     if (!found) {
-        Substep *half = recall(s, number, tau / 2);
-        if (half)
-            half->last_used = ++s->clock;
+        const Substep *half = tau * part->rate > LONG ? substep(s, number, tau / 2) : 0;
         found = s->substeps;
         for (Substep *p = s->substeps; p < s->substeps + SUBSTEPS_KEPT; p++)
             if (p->last_used < found->last_used)
@@ -611,6 +627,7 @@ static double severity(const Nonlinear *s, const Part *part, double tau)
 typedef struct {
     const Part *part;
     int number, level, substeps; /* substeps since the scales faded */
+    long all_substeps;
     long long place;
     double h, longest, elapsed;
     const Substep *p;
@@ -723,7 +740,7 @@ static void accept(Nonlinear *s, Run *run)
         fade(s, run, s->z);
 }
 
-static const char *no_balance(Nonlinear *s, const Run *run)
+static const char *no_balance(Nonlinear *s, const Run *run, const char *trouble)
 {
     const int J = run->part->J;
     int worst = 0;
@@ -735,9 +752,9 @@ static const char *no_balance(Nonlinear *s, const Run *run)
     }
     const Joint *joint = s->joints + run->part->joints[worst];
     snprintf(s->message, sizeof s->message,
-             "the local force %s in %c finds no balance with the rotor at a displacement of %.3g m, even on a substep of "
-             "%.1g s; check the effect's parameters and the force that drives the rotor",
-             LAWS[joint->law].name, "yz"[joint->plane - 1], s->now.d[worst], run->p->tau);
+             "the local force %s in %c %s at a displacement of %.3g m, even on a substep of %.1g s; check the effect's "
+             "parameters and the force that drives the rotor",
+             LAWS[joint->law].name, "yz"[joint->plane - 1], trouble, s->now.d[worst], run->p->tau);
     return s->message;
 }
 
@@ -799,7 +816,7 @@ static const char *step_part(Nonlinear *s, int number, double *state, double hel
 {
     const Part *part = s->parts + number;
     const int n = part->n, k = TAYLOR * s->n_inputs;
-    Run run = {part, number, 0, 0, 0, h, 0, 0, 0};
+    Run run = {part, number, 0, 0, 0, 0, h, 0, 0, 0};
     begin(s, &run, state, omega_heard(s, part, tones, n_tones));
     while (run.place < 1LL << run.level) {
         make_forces(s, s->z + n, held, tones, n_tones, (double)run.place * run.p->tau, run.p->tau);
@@ -810,7 +827,9 @@ static const char *step_part(Nonlinear *s, int number, double *state, double hel
         if (!(found <= 1) && run.p->tau > s->shortest && run.level < MOST_LEVEL) {
             change(s, &run, 1);
         } else if (!settled) {
-            return no_balance(s, &run);
+            return no_balance(s, &run, "finds no balance with the rotor");
+        } else if (run.all_substeps++ == MOST_SUBSTEPS) {
+            return no_balance(s, &run, "does not come to the end of the step");
         } else {
             accept(s, &run);
             if (found < EASY && run.level && !(run.place & 1) && 2 * run.p->tau <= run.longest)

@@ -2,7 +2,7 @@
 
    Other than there, a substep's propagator knows nothing of the tones: the forces are their Taylor series about the
    substep's start, which is exact to the last digit for a 32nd of a period. So one propagator serves every line of a
-   sweep whose substeps are as long, and that of twice the length is its square. */
+   sweep whose substeps are as long, and a long one is the square of its half. */
 #ifndef RIGTWIN_NONLINEAR_H
 #define RIGTWIN_NONLINEAR_H
 
@@ -27,6 +27,7 @@ typedef struct {
     int *places, *joints, *partner; /* (n) states and (J) joints of the rotor; among those of the part */
     double *A, *B, *G, *C, *V;      /* (n, n), (n, inputs), (n, J), (J, n), (J, n) */
     double *round_off;              /* (J) of a joint's velocity, over |x| */
+    double rate;                    /* largest column sum of A, G, B */
 } Part;
 
 /* One substep of a part: columns of x less the share of u, the forces' Taylor series, u = (g, g') at its start; rows of

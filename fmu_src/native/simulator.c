@@ -264,7 +264,7 @@ static const char *refuse(Simulator *s, const char *format, double number, doubl
 const char *simulator_start_at(Simulator *s, double time)
 {
     if (!(fabs(time) <= LAST_TIME))
-        return refuse(s, "the start time must lie within 1e+09 s of zero, got %.12g s", time, 0);
+        return refuse(s, "the start time must lie within 1e+09 s of zero, got %.9g s", time, 0);
     s->ticks = rint(time * TICKS_PER_SECOND);
     return 0;
 }
@@ -299,16 +299,16 @@ static int make_tones(const Simulator *s, double cycles, double turns, Tone tone
 const char *simulator_advance(Simulator *s, double time, double step)
 {
     if (!isfinite(time) || !isfinite(step))
-        return refuse(s, "the communication step must be finite, got %.12g s at %.12g s", step, time);
+        return refuse(s, "the communication step must be finite, got %.9g s at %.9g s", step, time);
     if (step <= 0)
-        return refuse(s, "the communication step must be positive, got %.12g s", step, 0);
+        return refuse(s, "the communication step must be positive, got %.9g s", step, 0);
     if (fmax(fabs(time), fabs(time + step)) > LAST_TIME)
-        return refuse(s, "a step to %.12g s leaves the clock's range of 1e+09 s", time + step, 0);
+        return refuse(s, "a step to %.9g s leaves the clock's range of 1e+09 s", time + step, 0);
     if (fabs(time - simulator_time(s)) > SAME_TIME * step + 1e-9 * fmax(1, fabs(time)))
-        return refuse(s, "a step from %.12g s was asked for, but the rotor stands at %.12g s", time, simulator_time(s));
+        return refuse(s, "a step from %.9g s was asked for, but the rotor stands at %.9g s", time, simulator_time(s));
     const double end = rint((time + step) * TICKS_PER_SECOND);
     if (end <= s->ticks)
-        return refuse(s, "a communication step of %.12g s is below the clock's resolution", step, 0);
+        return refuse(s, "a communication step of %.9g s is below the clock's resolution", step, 0);
     const double h = (end - s->ticks) / TICKS_PER_SECOND;
     const double cycles = advanced(s->cycles, s->frequency, h);
     const double turns = advanced(s->turns, s->rotor->design.spin_speed / TWO_PI, h);

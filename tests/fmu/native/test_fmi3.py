@@ -1,0 +1,170 @@
+"""The same rotor and the same estimator behind FMI 3.0."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
+from numpy.testing import assert_array_equal
+
+from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
+from fmu_src.compiling import this_machine
+from rotor.rig import load_rig
+from tests.fmu.test_model_description import fmutool_report
+
+N_NODES = 7
+
+
+@pytest.fixture(scope="module")
+def rotor3(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("rotor3")
+    return build_native_rotor_fmu(load_rig("nit-rourkela"), folder, fmi="3.0", targets=[this_machine()])
+
+
+@pytest.fixture(scope="module")
+def estimator3(tmp_path_factory) -> Path:
+    return build_native_estimator_fmu(tmp_path_factory.mktemp("estimator3"), fmi="3.0", targets=[this_machine()])
+
+
+@pytest.fixture(params=["rotor3", "estimator3"])
+def fmu3(request) -> Path:
+    return request.getfixturevalue(request.param)
+
+
+class Slave:
+    """An instance, by the names of its variables."""
+
+    def __init__(self, fmu: Path, folder: Path):
+        extract(str(fmu), str(folder))
+        description = read_model_description(str(folder))
+        self.references = {v.name: v.valueReference for v in description.modelVariables}
+        self.types = {v.name: v.type for v in description.modelVariables}
+        name = description.coSimulation.modelIdentifier
+        self.messages: list[str] = []
+        self.fmu = FMU3Slave(
+            guid=description.guid, unzipDirectory=str(folder), modelIdentifier=name, instanceName="one"
+        )
+        self.fmu.instantiate(logMessage=lambda *said: self.messages.append(said[-1].decode()))
+
+    def set(self, name, value):
+        getattr(self.fmu, f"set{self.types[name]}")([self.references[name]], [value])
+
+    def get(self, name, n=1):
+        return getattr(self.fmu, f"get{self.types[name]}")([self.references[name]], nValues=n)
+
+
+@pytest.fixture
+def rotor(rotor3, tmp_path):
+    slave = Slave(rotor3, tmp_path / "unpacked")
+    yield slave
+    slave.fmu.freeInstance()
+
+
+def run(slave, time, n, h=1e-3):
+    found = []
+    for k in range(n):
+        slave.fmu.doStep(time + k * h, h)
+        found.append(slave.get("accelerations", 2 * N_NODES))
+    return np.array(found)
+
+
+def started(slave, **values):
+    for name, value in values.items():
+        slave.set(name, value)
+    slave.fmu.enterInitializationMode(startTime=0.0)
+    slave.fmu.exitInitializationMode()
+
+
+def test_both_checkers_find_nothing_wrong(fmu3):
+    assert validate_fmu(str(fmu3)) == []
+    report = fmutool_report(fmu3)
+    assert {level for level, _ in report} == {"INFO"}
+    assert "This FMU seems to be compliant with FMI-3.0." in [message for _, message in report]
+    assert "No semantic error against the FMI-3 standard." in [message for _, message in report]
+
+
+@pytest.mark.parametrize(("name", "values"), [("RotorRig", {"force_amplitude": 1.0, "bearing_friction.enabled": True}),
+                                              ("StiffnessEstimator", {"delta_f1": 4.1})])  # fmt: skip
+def test_it_gives_the_digits_of_its_fmi_2_sister(name, values, rotor3, estimator3, rotor_fmu, estimator_fmu):
+    sisters = {"RotorRig": (rotor3, rotor_fmu), "StiffnessEstimator": (estimator3, estimator_fmu)}[name]
+    scalars = [v.name for v in read_model_description(str(sisters[1])).modelVariables if v.causality == "output"]
+    found = [
+        simulate_fmu(str(fmu), stop_time=0.05, step_size=1e-3, start_values=values, output=scalars) for fmu in sisters
+    ]
+    assert len(found[0]) > 1
+    for scalar in scalars:
+        assert_array_equal(found[0][scalar], found[1][scalar])
+    assert np.abs(found[0][scalars[1]]).max() > 0
+
+
+def test_the_array_holds_the_accelerations_in_y_and_then_in_z(rotor):
+    started(rotor, force_amplitude=1.0, spin_speed=200.0)
+    array = run(rotor, 0.0, 20)[-1]
+    names = [f"node_{node}.acceleration_{plane}" for plane in "yz" for node in range(1, N_NODES + 1)]
+    assert_array_equal(array, [rotor.get(name)[0] for name in names])
+    assert np.count_nonzero(array) == 2 * N_NODES
+
+
+def test_the_time_is_a_variable_of_its_own(rotor):
+    started(rotor)
+    run(rotor, 0.0, 5)
+    assert rotor.get("time") == [pytest.approx(5e-3)]
+
+
+def test_a_state_replays_to_the_last_bit_also_when_serialised(rotor):
+    started(rotor, force_amplitude=5.0, **{"bearing_friction.enabled": True})
+    run(rotor, 0.0, 20)
+    state = rotor.fmu.getFMUState()
+    content = rotor.fmu.serializeFMUState(state)
+    first = run(rotor, 0.02, 20)
+    rotor.fmu.setFMUState(state)
+    assert rotor.get("time") == [pytest.approx(0.02)]
+    assert_array_equal(run(rotor, 0.02, 20), first)
+    rotor.fmu.freeFMUState(state)
+    rotor.fmu.reset()
+    again = rotor.fmu.deserializeFMUState(content)
+    rotor.fmu.setFMUState(again)
+    assert_array_equal(run(rotor, 0.02, 20), first)
+    rotor.fmu.freeFMUState(again)
+
+
+@pytest.mark.parametrize(
+    ("bad", "sentence"),
+    [
+        (lambda r: r.set("k_b", -1.0), "k_b must be at least 10000 N/m, got -1"),
+        (lambda r: r.set("rigid_support", True), "rigid_support can only be set before the simulation starts"),
+        (lambda r: r.fmu.setFloat64([r.references["accelerations"]], [1.0]), "there is no Real variable"),
+        (lambda r: r.get("accelerations", 3), "the number of values is not that of the variables"),
+        (lambda r: r.fmu.doStep(1.0, 1e-3), "a step from 1 s was asked for, but the rotor stands at 0.005 s"),
+        (lambda r: r.fmu.enterEventMode(), "there is no event mode"),
+        (lambda r: r.fmu.getUInt8([0]), "there are no variables of this type"),
+    ],
+)
+def test_a_bad_call_fails_with_a_sentence_and_has_no_effect(rotor, bad, sentence):
+    started(rotor, force_amplitude=1.0)
+    run(rotor, 0.0, 5)
+    state = rotor.fmu.getFMUState()
+    undisturbed = run(rotor, 5e-3, 5)
+    rotor.fmu.setFMUState(state)
+    rotor.fmu.freeFMUState(state)
+    with pytest.raises(FMICallException):
+        bad(rotor)
+    assert sentence in rotor.messages[-1]
+    assert_array_equal(run(rotor, 5e-3, 5), undisturbed)
+
+
+def test_another_builds_token_is_refused(rotor3, tmp_path):
+    extract(str(rotor3), str(tmp_path))
+    slave = FMU3Slave(
+        guid="{00000000-0000-0000-0000-000000000000}",
+        unzipDirectory=str(tmp_path),
+        modelIdentifier="RotorRig",
+        instanceName="one",
+    )
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        slave.instantiate()

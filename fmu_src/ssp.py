@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
 
@@ -21,31 +21,46 @@ SYSTEM_NAME = "StiffnessTest"
 RIGS = ("rigid", "bearing")
 
 
-def write_ssp(rotor_fmu: Path, estimator_fmu: Path, target: Path, nodes: Sequence[int] = (2,)) -> Path:
+def write_ssp(
+    rotor_fmu: Path,
+    estimator_fmu: Path,
+    target: Path,
+    nodes: Sequence[int] = (2,),
+    *,
+    closed: bool = False,
+    starts: Mapping[str, Mapping[str, float]] | None = None,
+) -> Path:
     """Write the system, beside and renamed.
 
     Its inputs are ``force`` and the estimator's inputs; its outputs ``<rig>_node_<n>`` and
-    ``<rig>_force`` for both rigs, and the estimator's outputs.
+    ``<rig>_force`` for both rigs, and the estimator's outputs. A closed system, for masters that
+    know no ports of a system, has none of these: the first rotor's own sine drives the second one
+    as well, and every FMU's outputs are read where they are.
 
     Parameters
     ----------
     rotor_fmu, estimator_fmu : the FMUs to pack
     target : path of the .ssp file
     nodes : accelerometers in the y plane
+    closed : without ports of its own
+    starts : start values by rotor ("rigid", "bearing") and variable; Real ones
     """
     for name, prefix in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
         register_namespace(name, prefix)
     root = Element(f"{{{_SSD}}}SystemStructureDescription", {"name": SYSTEM_NAME, "version": "1.0"})
     system = SubElement(root, f"{{{_SSD}}}System", {"name": SYSTEM_NAME})
     ports, links = _wiring(estimator_fmu, nodes)
-    _add_connectors(system, [(name, kind, fmi_type) for name, kind, fmi_type in ports])
+    if closed:
+        links = [_link(RIGS[0], "force_applied", RIGS[1], "force")]
+    else:
+        _add_connectors(system, ports)
     elements = SubElement(system, f"{{{_SSD}}}Elements")
     for rig in RIGS:
         outputs = [(f"node_{n}.acceleration_y", "output", "Real") for n in nodes] + [
             ("force_applied", "output", "Real")
         ]
         component = _component(elements, rig, rotor_fmu.name, [("force", "input", "Real"), *outputs])
-        _bind(component, {"rigid_support": rig == "rigid"})
+        _bind(component, {"rigid_support": rig == "rigid", **(starts or {}).get(rig, {})})
     _component(elements, "estimator", estimator_fmu.name, _estimator_ports(estimator_fmu))
     connections = SubElement(system, f"{{{_SSD}}}Connections")
     for link in links:
@@ -105,7 +120,7 @@ def _add_connectors(parent: Element, ports: Sequence[tuple[str, str, str]]) -> N
         SubElement(connector, f"{{{_SSC}}}{fmi_type}")
 
 
-def _bind(component: Element, values: dict[str, bool]) -> None:
+def _bind(component: Element, values: Mapping[str, bool | float]) -> None:
     """Inline parameter values, for importers that read them (fmpy wants them passed as well)."""
     binding = SubElement(SubElement(component, f"{{{_SSD}}}ParameterBindings"), f"{{{_SSD}}}ParameterBinding")
     values_element = SubElement(binding, f"{{{_SSD}}}ParameterValues")
@@ -113,4 +128,5 @@ def _bind(component: Element, values: dict[str, bool]) -> None:
     parameters = SubElement(parameter_set, f"{{{_SSV}}}Parameters")
     for name, value in values.items():
         parameter = SubElement(parameters, f"{{{_SSV}}}Parameter", {"name": name})
-        SubElement(parameter, f"{{{_SSV}}}Boolean", {"value": str(value).lower()})
+        kind = "Boolean" if isinstance(value, bool) else "Real"
+        SubElement(parameter, f"{{{_SSV}}}{kind}", {"value": str(value).lower()})

@@ -1,0 +1,166 @@
+"""The self-contained FMUs in hosts that are not Python, and wired to each other."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy import read_model_description, simulate_fmu
+from fmpy.validation import validate_fmu
+from numpy.testing import assert_allclose
+
+from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
+from fmu_src.compiling import this_machine
+from fmu_src.ssp import write_ssp
+from rotor.rig import load_rig
+
+H, N_STEPS = 1e-3, 50
+STOP = H * N_STEPS
+
+
+@pytest.fixture(scope="module")
+def fmi3(tmp_path_factory) -> dict[str, Path]:
+    folder, target = tmp_path_factory.mktemp("fmi3"), [this_machine()]
+    rotor = build_native_rotor_fmu(load_rig("nit-rourkela"), folder, fmi="3.0", targets=target)
+    return {"rotor": rotor, "estimator": build_native_estimator_fmu(folder, fmi="3.0", targets=target)}
+
+
+@pytest.fixture(params=["rotor 2.0", "estimator 2.0", "rotor 3.0", "estimator 3.0"])
+def any_fmu(request, rotor_fmu, estimator_fmu, fmi3) -> Path:
+    name, version = request.param.split()
+    return {"rotor": rotor_fmu, "estimator": estimator_fmu}[name] if version == "2.0" else fmi3[name]
+
+
+def ecos(path: Path, folder: Path, *options: str) -> dict[str, np.ndarray]:
+    """What the ecos command, a native importer, logs of an FMU or an SSP: columns by name."""
+    spec = find_spec("ecospy")
+    assert spec is not None
+    assert spec.submodule_search_locations
+    binaries = Path(spec.submodule_search_locations[0]) / "binaries"
+    for name in ("ecos", "proxyfmu"):
+        (binaries / name).chmod(0o755)
+    command = [binaries / "ecos", "simulate", "--path", path, "--stopTime", str(STOP), "--stepSize", str(H)]
+    command += options
+    finished = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    (table,) = folder.glob("*.csv")
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file, skipinitialspace=True))
+    return {name.split("[")[0].strip(): np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def floats(column: np.ndarray) -> np.ndarray:
+    return column.astype(float)
+
+
+def fmpy_says(fmu: Path, name: str, values: dict | None = None) -> np.ndarray:
+    options = {"stop_time": STOP, "step_size": H, "output_interval": H, "start_values": values or {}}
+    return simulate_fmu(str(fmu), output=[name], **options)[name]
+
+
+def test_the_ecos_command_runs_it(any_fmu, tmp_path):
+    """It starts at rest and nothing drives it: the rotor's accelerations are zero, the estimate is that of fmpy."""
+    columns = ecos(any_fmu, tmp_path)
+    name = "force_applied" if any_fmu.stem == "RotorRig" else "k_b"
+    found = floats(columns[f"instance::{name}"])
+    assert len(found) >= N_STEPS
+    assert_allclose(found[-1], fmpy_says(any_fmu, name)[-1], rtol=1e-6)
+
+
+def test_the_ecos_command_runs_them_wired_together(tmp_path, rotor_fmu, estimator_fmu):
+    """One rotor's sine drives the other: rigid supports and bearings answer differently, each as in fmpy."""
+    driven = {"force_amplitude": 1.0, "force_frequency": 60.0}
+    ssp = write_ssp(rotor_fmu, estimator_fmu, tmp_path / "wired.ssp", closed=True, starts={"rigid": driven})
+    columns = ecos(ssp, tmp_path, "--parameterSet", "support")
+    rigid = floats(columns["rigid::node_2.acceleration_y"])
+    bearing = floats(columns["bearing::node_2.acceleration_y"])
+    alone = fmpy_says(rotor_fmu, "node_2.acceleration_y", {**driven, "rigid_support": True})
+    assert len(rigid) >= N_STEPS
+    assert_allclose(rigid, alone[: len(rigid)], rtol=0, atol=2e-6)  # its log has six decimals
+    assert np.abs(bearing).max() > 0.1 * np.abs(rigid).max()
+    assert np.abs(bearing - rigid).max() > 0.01 * np.abs(rigid).max()
+    assert floats(columns["estimator::k_b"])[-1] == pytest.approx(fmpy_says(estimator_fmu, "k_b")[-1], rel=1e-6)
+
+
+def in_libcosim(rotor_fmu: Path, estimator_fmu: Path) -> list[float]:
+    """node_2 of a rotor with a sine, the force on the rotor that it drives, and k_b, by libcosim."""
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimManipulator import CosimManipulator
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    reference = {v.name: v.valueReference for v in read_model_description(str(rotor_fmu)).modelVariables}
+    execution = CosimExecution.from_step_size(step_size=int(H * 1e9))
+    slaves = [
+        execution.add_local_slave(CosimLocalSlave(fmu_path=str(fmu), instance_name=name))
+        for name, fmu in (("first", rotor_fmu), ("second", rotor_fmu), ("estimator", estimator_fmu))
+    ]
+    observer, manipulator = CosimObserver.create_last_value(), CosimManipulator.create_override()
+    execution.add_observer(observer)
+    execution.add_manipulator(manipulator)
+    execution.connect_real_variables(slaves[0], reference["force_applied"], slaves[1], reference["force"])
+    manipulator.slave_real_values(
+        slave_index=slaves[0],
+        variable_references=[reference["force_amplitude"], reference["force_frequency"]],
+        values=[1.0, 60.0],
+    )
+    execution.simulate_until(target_time=int(STOP * 1e9))
+    names = ["node_2.acceleration_y", "force_applied"]
+    found = [
+        observer.last_real_values(slave_index=slaves[k], variable_references=[reference[names[k]]])[0] for k in (0, 1)
+    ]
+    k_b = {v.name: v.valueReference for v in read_model_description(str(estimator_fmu)).modelVariables}["k_b"]
+    return [*found, observer.last_real_values(slave_index=slaves[2], variable_references=[k_b])[0]]
+
+
+def test_libcosim_runs_them_wired_together(rotor_fmu, estimator_fmu):
+    acceleration, force, k_b = in_libcosim(rotor_fmu, estimator_fmu)
+    driven = {"force_amplitude": 1.0, "force_frequency": 60.0}
+    assert_allclose(acceleration, fmpy_says(rotor_fmu, "node_2.acceleration_y", driven)[-1], rtol=1e-9)
+    late = np.sin(2 * np.pi * 60.0 * (STOP - H))  # a connection carries what was there a step ago
+    assert force == pytest.approx(late, abs=1e-9)
+    assert k_b == pytest.approx(fmpy_says(estimator_fmu, "k_b")[-1], rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def container(rotor_fmu, estimator_fmu, tmp_path_factory) -> Path:
+    """One FMU that holds both."""
+    import shutil
+    import sys
+
+    folder = tmp_path_factory.mktemp("container")
+    for fmu in (rotor_fmu, estimator_fmu):
+        shutil.copy(fmu, folder)
+    plan = {
+        "name": "StiffnessTest.fmu", "fmu": [rotor_fmu.name, estimator_fmu.name], "step_size": H,
+        "output": [[rotor_fmu.name, "node_2.acceleration_y", "node_2"], [estimator_fmu.name, "k_b", "k_b"]],
+        "auto_input": True, "auto_output": True, "auto_link": False, "auto_parameter": True,
+    }  # fmt: skip
+    (folder / "plan.json").write_text(json.dumps(plan))
+    command = [Path(sys.executable).with_name("fmucontainer"), "-container", "plan.json", "-fmu-directory", folder]
+    subprocess.run(command, check=True, capture_output=True)
+    return folder / "StiffnessTest.fmu"
+
+
+def test_both_fit_into_one_container_fmu(container, rotor_fmu, estimator_fmu):
+    assert validate_fmu(str(container)) == []
+    driven = {"force_amplitude": 1.0, "force_frequency": 60.0, "k_b": 5e6}
+    found = simulate_fmu(
+        str(container), stop_time=STOP, step_size=H, output_interval=H, output=["node_2", "k_b_low"],
+        input=np.array([(0.0, 1.0, 60.0), (STOP, 1.0, 60.0)],
+                       dtype=[("time", float), ("force_amplitude", float), ("force_frequency", float)]),
+    )  # fmt: skip
+    del driven["k_b"]
+    expected = fmpy_says(rotor_fmu, "node_2.acceleration_y", driven)
+    assert_allclose(found["node_2"][-1], expected[-1], rtol=1e-6)
+    assert found["k_b_low"][-1] == pytest.approx(fmpy_says(estimator_fmu, "k_b_low")[-1], rel=1e-9)
+
+
+def test_the_ecos_command_runs_the_container(container, tmp_path):
+    columns = ecos(container, tmp_path)
+    assert floats(columns["instance::k_b"])[-1] > 1e6

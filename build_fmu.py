@@ -278,14 +278,15 @@ def _npz(arrays: dict) -> bytes:
     return buffer.getvalue()
 
 
-def build_native(rig: Rig, folder: Path) -> Iterator[Path]:
-    """Both FMUs for FMI 2.0 and 3.0, for every platform in reach; says which those are. Raises as they do."""
+def build_native(rig: Rig, folder: Path, *, estimator: bool = True) -> Iterator[Path]:
+    """The FMUs for FMI 2.0 and 3.0, for every platform in reach; says which those are. Raises as they do."""
     names = ", ".join(target.fmi3 for target in reachable_targets())
     hint = "" if find_spec("ziglang") else "; with ziglang (pip install ziglang) for all others too"
     print(f"compiling for {names}{hint}", file=sys.stderr)
     for fmi in ("2.0", "3.0"):
         yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi)
-        yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi)
+        if estimator:
+            yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi)
 
 
 def main(arguments: list[str] | None = None) -> int:

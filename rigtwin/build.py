@@ -5,14 +5,35 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from build_fmu import ESTIMATOR_FMU, build_estimator_fmu
+from build_fmu import ESTIMATOR_FMU, build_estimator_fmu, build_native
+from fmu_src.compiling import CompileError
 from rigtwin.console import note, say
+from rigtwin.exits import UserError
 from rigtwin.fmus import SHIPPED_RIG, build_rotor, is_shipped
 from rotor.rig import load_rig
 
 
-def build_fmus(source: str, out: Path, *, train: bool) -> None:
+def build_fmus(source: str, out: Path, *, train: bool, native: bool) -> None:
     """Build RotorRig.fmu of a rig, and the estimator FMU where there is a network for it."""
+    _build(source, out, train=train)
+    if native:
+        _build_native(source, out)
+
+
+def _build_native(source: str, out: Path) -> None:
+    rig = load_rig(source)
+    try:
+        for path in build_native(rig, out, estimator=is_shipped(rig)):
+            say(str(path))
+    except CompileError as error:
+        raise UserError(str(error)) from error
+    except ModuleNotFoundError as error:
+        raise UserError(
+            f"the network cannot be turned into C without the package {error.name}: pip install onnx"
+        ) from error
+
+
+def _build(source: str, out: Path, *, train: bool) -> None:
     rig = load_rig(source)
     if is_shipped(rig):
         say(str(build_rotor(rig, out)))

@@ -93,11 +93,14 @@ def build(
     rig: Annotated[str, typer.Argument(help="A rig TOML, or the name of a shipped rig.")] = RIG,
     out: Annotated[Path, typer.Option(help="Folder for the FMUs.")] = Path("dist"),
     train: Annotated[bool, typer.Option(help="Train an estimator for a rig of your own (half an hour or so).")] = False,
+    native: Annotated[
+        bool, typer.Option(help="Build them once more without Python inside: OUT/fmi2, OUT/fmi3.")
+    ] = False,
 ) -> None:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
     from rigtwin.build import build_fmus
 
-    build_fmus(rig, out, train=train)
+    build_fmus(rig, out, train=train, native=native)
 
 
 @app.command(short_help="Measure a run on the virtual rig, fit its modes.")

@@ -1,0 +1,92 @@
+"""What ``--native`` makes: five platforms, sources that compile, the same file from the same sources."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
+from fmu_src import compiling
+from fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
+from rotor.rig import load_rig
+
+# First bytes of a shared library, and where its machine stands with what value.
+MAGIC = {
+    "linux": (b"\x7fELF", 18, {"x86_64": b"\x3e\x00", "aarch64": b"\xb7\x00"}),
+    "darwin": (b"\xcf\xfa\xed\xfe", 4, {"x86_64": b"\x07\x00\x00\x01", "aarch64": b"\x0c\x00\x00\x01"}),
+}
+
+
+@pytest.fixture(scope="module")
+def everywhere(tmp_path_factory) -> Path:
+    """The estimator for every platform, FMI 3.0."""
+    return build_native_estimator_fmu(tmp_path_factory.mktemp("everywhere"), fmi="3.0", targets=TARGETS)
+
+
+def test_one_file_has_a_binary_for_every_platform(everywhere):
+    with zipfile.ZipFile(everywhere) as archive:
+        for target in TARGETS:
+            content = archive.read(f"binaries/{target.fmi3}/StiffnessEstimator{target.suffix}")
+            machine, system = target.fmi3.split("-")
+            if system == "windows":
+                header = int.from_bytes(content[60:64], "little")
+                assert content[:2] == b"MZ"
+                assert content[header : header + 6] == b"PE\0\0\x64\x86"
+                continue
+            magic, place, machines = MAGIC[system]
+            assert content.startswith(magic)
+            assert content[place:].startswith(machines[machine])
+
+
+def test_the_folders_of_fmi_2_have_the_names_its_importers_look_for():
+    assert {t.folder("2.0") for t in TARGETS if t.fmi3.startswith("x86_64")} == {"linux64", "win64", "darwin64"}
+
+
+def test_the_same_sources_give_the_same_guid_and_other_numbers_another(tmp_path, larger_disks):
+    rig, target = load_rig("nit-rourkela"), [this_machine()]
+    guids = []
+    for number, (which, fmi) in enumerate(((rig, "2.0"), (rig, "2.0"), (larger_disks, "2.0"), (rig, "3.0"))):
+        fmu = build_native_rotor_fmu(which, tmp_path / str(number), fmi=fmi, targets=target)
+        with zipfile.ZipFile(fmu) as archive:
+            root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+        guids.append(root.get("guid") or root.get("instantiationToken"))
+    assert guids[0] == guids[1]
+    assert len(set(guids)) == 3
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_the_sources_compile_with_another_compiler_from_what_the_fmu_says(tmp_path, fmi):
+    """As an importer would do it: the files that the descriptions list, nothing else."""
+    fmu = build_native_rotor_fmu(load_rig("nit-rourkela"), tmp_path, fmi=fmi, targets=[this_machine()])
+    folder = tmp_path / "unpacked"
+    shutil.unpack_archive(fmu, folder, format="zip")
+    if fmi == "2.0":
+        root = ElementTree.parse(folder / "modelDescription.xml").getroot()
+        files = [file.attrib["name"] for file in root.findall("CoSimulation/SourceFiles/File")]
+    else:
+        root = ElementTree.parse(folder / "sources" / "buildDescription.xml").getroot()
+        files = [file.attrib["name"] for file in root.iter("SourceFile")]
+    assert len(files) > 8
+    command = [shutil.which("cc") or sys.executable, "-std=c99", "-shared", "-fPIC", *files, "-o", "own.so", "-lm"]
+    subprocess.run(command, cwd=folder / "sources", check=True)
+
+
+def test_without_a_compiler_it_says_what_to_install(monkeypatch):
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr(compiling, "find_spec", lambda name: None)
+    monkeypatch.setattr(compiling.shutil, "which", lambda name: None)
+    with pytest.raises(CompileError, match="install one, or ziglang"):
+        compiler(this_machine())
+
+
+def test_what_the_compiler_says_reaches_the_user(tmp_path):
+    (tmp_path / "broken.c").write_text("int f(void) { return nothing; }\n")
+    with pytest.raises(CompileError, match="nothing"):
+        compiling.compile_library(tmp_path, ["broken.c"], this_machine(), tmp_path / "out" / "broken.so")
+    assert not (tmp_path / "out").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import shutil
@@ -75,6 +76,14 @@ def compiler(target: Target) -> list[str]:
     raise CompileError(f"no C compiler for {target.fmi3}: install one, or ziglang (pip install ziglang)")
 
 
+def can_compile() -> bool:
+    """Whether there is a compiler for this machine."""
+    try:
+        return bool(compiler(this_machine()))
+    except CompileError:
+        return False
+
+
 def compile_library(folder: Path, files: Sequence[str], target: Target, library: Path) -> None:
     """Compile C files of a folder into a shared library. Raises CompileError with what the compiler said.
 
@@ -87,11 +96,36 @@ def compile_library(folder: Path, files: Sequence[str], target: Target, library:
     """
     position = [] if "windows" in target.fmi3 else ["-fPIC"]
     mathematics = ["-lm"] if "linux" in target.fmi3 else []
+    command = [*compiler(target), *FLAGS, *position, *files]
+    kept = _kept(folder, command, target)
     with tempfile.TemporaryDirectory(prefix="rigtwin_cc_") as scratch:  # compilers leave more than the library
-        made = Path(scratch) / library.name
-        command = [*compiler(target), *FLAGS, *position, *files, "-o", str(made), *mathematics]
-        finished = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
-        if finished.returncode:
-            raise CompileError(f"the C compiler failed for {target.fmi3}:\n{finished.stderr.strip()}")
+        if not kept.is_file():
+            made = Path(scratch) / library.name
+            whole = [*command, "-o", str(made), *mathematics]
+            finished = subprocess.run(whole, capture_output=True, text=True, cwd=folder, check=False)
+            if finished.returncode:
+                raise CompileError(f"the C compiler failed for {target.fmi3}:\n{finished.stderr.strip()}")
+            kept = _keep(made, kept)
         library.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(made, library)
+        shutil.copy2(kept, library)
+
+
+def _kept(folder: Path, command: Sequence[str], target: Target) -> Path:
+    """Where a library of these sources and this command is kept from one build to the next."""
+    digest = hashlib.sha256(" ".join(command).encode())
+    for path in sorted(folder.glob("*.[ch]")):
+        digest.update(path.name.encode() + path.read_bytes())
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache / "rigtwin" / f"{digest.hexdigest()}{target.suffix}"
+
+
+def _keep(made: Path, kept: Path) -> Path:
+    """Put a library there, beside and renamed; where that is not possible, it stays where it is."""
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        beside = kept.with_name(f".{kept.name}.{os.getpid()}")
+        shutil.copy2(made, beside)
+        os.replace(beside, kept)
+    except OSError:
+        return made
+    return kept

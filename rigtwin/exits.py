@@ -26,8 +26,12 @@ _SENTENCES = {
     "sim.stepped_sine": ("NotSettledError",),
 }
 
-# What pythonfmu's glue makes of a refusal: "... ValueError('RotorRig: k_b must be ... .')".
-_FMU_WORDS = re.compile(r"""ValueError\((['"])(.+?)(?: The call has no effect; .*)?\1\)""")
+# What a host makes of an FMU's refusal: "... ValueError('RotorRig: k_b must be ... .')" of pythonfmu's glue,
+# "... failed with status 3 (error).: RotorRig: k_b must be ... ." of the compiled one.
+_FMU_WORDS = re.compile(
+    r"""ValueError\((['"])(.+?)(?: The call has no effect; .*)?\1\)"""
+    r"""|status 3 \(error\)\.: (.+?) The call has no effect"""
+)
 
 
 class UserError(Exception):
@@ -65,7 +69,7 @@ def in_a_sentence(error: Exception) -> str:
     """An error's message in one line; of an FMU's, its own words without the host's wrapping."""
     text = " ".join(str(error).split())
     words = _FMU_WORDS.search(text)
-    return words.group(2) if words else text
+    return words.group(2) or words.group(3) if words else text
 
 
 def _user_errors() -> tuple[type[Exception], ...]:

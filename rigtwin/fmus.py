@@ -10,9 +10,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from build_fmu import ESTIMATOR_FMU, BuildError, build_estimator_fmu, build_rotor_fmu
+from build_fmu import (
+    ESTIMATOR_FMU,
+    BuildError,
+    build_estimator_fmu,
+    build_native_rotor_fmu,
+    build_rotor_fmu,
+)
 from estimator.features import FEATURE_NAMES, Features
 from estimator.runtime import Estimate, StiffnessEstimator
+from fmu_src.compiling import can_compile, this_machine
 from rigtwin.exits import UserError
 from rotor.rig import Rig, load_rig
 from sim.session import FmuError, FmuSession
@@ -34,6 +41,16 @@ def build_rotor(rig: Rig, folder: Path, **options: Any) -> Path:
         raise UserError(f"rig {rig.name}: no FMU can be built of it: {error}") from error
 
 
+def build_rotor_for_the_rig(rig: Rig, folder: Path, **options: Any) -> Path:
+    """RotorRig.fmu as the virtual rig wants it: compiled where there is a compiler, else pythonfmu's."""
+    if not can_compile():
+        return build_rotor(rig, folder, **options)
+    try:
+        return build_native_rotor_fmu(rig, folder, targets=[this_machine()], **options)
+    except (BuildError, ValueError) as error:
+        raise UserError(f"rig {rig.name}: no FMU can be built of it: {error}") from error
+
+
 def is_shipped(rig: Rig) -> bool:
     """Whether this is the rig that the shipped estimator knows."""
     return rig == load_rig(SHIPPED_RIG)
@@ -47,7 +64,7 @@ def rotor_fmu(source: str) -> Iterator[Path]:
         return
     rig = load_rig(source)
     with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder:
-        yield build_rotor(rig, Path(folder))
+        yield build_rotor_for_the_rig(rig, Path(folder))
 
 
 def existing(path: Path) -> Path:

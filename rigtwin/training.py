@@ -22,7 +22,7 @@ from estimator.prior import PRIOR, Prior, prior_for
 from estimator.runtime import StiffnessEstimator
 from rigtwin.console import note, progress, say
 from rigtwin.exits import UserError
-from rigtwin.fmus import SHIPPED_RIG, build_rotor, is_shipped, trained_rig
+from rigtwin.fmus import SHIPPED_RIG, build_rotor, build_rotor_for_the_rig, is_shipped, trained_rig
 from rotor.assembly import assemble
 from rotor.rig import Rig, load_rig
 from sim.campaign import MeasurementError
@@ -75,9 +75,10 @@ def train(plan: TrainingPlan) -> Trained:
     rotor_fmu = build_rotor(rig, plan.out)
     with tempfile.TemporaryDirectory(prefix="rigtwin_") as scratch, workers() as executor:
         finer = max(CALIBRATION_ELEMENTS, 2 * rig.elements_between_nodes)
-        fine = build_rotor(rig, Path(scratch), elements_between_nodes=finer)
+        own = build_rotor_for_the_rig(rig, Path(scratch))
+        fine = build_rotor_for_the_rig(rig, Path(scratch) / "fine", elements_between_nodes=finer)
         bench = _Bench(executor, prior, sweep_plan, rig.excitation_node, plan.out)
-        training = bench.measure("training", rotor_fmu, plan.rigs, plan.seed)
+        training = bench.measure("training", own, plan.rigs, plan.seed)
         calibration = bench.measure("calibration", fine, plan.calibration_rigs, CALIBRATION_SEED)
     network, card = _fit(training, calibration, prior, _about(rig, sweep_plan), plan.out)
     return Trained(network, rotor_fmu, build_estimator_fmu(plan.out, network), card)

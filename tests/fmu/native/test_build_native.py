@@ -14,7 +14,10 @@ import pytest
 from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
 from fmu_src import compiling
 from fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
+from rigtwin import fmus
 from rotor.rig import load_rig
+
+SEEN = '__attribute__((visibility("default"))) '
 
 # First bytes of a shared library, and where its machine stands with what value.
 MAGIC = {
@@ -90,3 +93,36 @@ def test_what_the_compiler_says_reaches_the_user(tmp_path):
     with pytest.raises(CompileError, match="nothing"):
         compiling.compile_library(tmp_path, ["broken.c"], this_machine(), tmp_path / "out" / "broken.so")
     assert not (tmp_path / "out").exists()
+
+
+def test_what_was_compiled_once_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "sources").mkdir()
+    source = tmp_path / "sources" / "one.c"
+    source.write_text(SEEN + "int one(void) { return 1; }\n")
+    compiling.compile_library(source.parent, ["one.c"], this_machine(), tmp_path / "first.so")
+    with monkeypatch.context() as without:
+        without.setattr(compiling.subprocess, "run", lambda *_, **__: pytest.fail("compiled again"))
+        compiling.compile_library(source.parent, ["one.c"], this_machine(), tmp_path / "second.so")
+    assert (tmp_path / "first.so").read_bytes() == (tmp_path / "second.so").read_bytes()
+    source.write_text(SEEN + "int one(void) { return 2; }\n")
+    compiling.compile_library(source.parent, ["one.c"], this_machine(), tmp_path / "third.so")
+    assert (tmp_path / "third.so").read_bytes() != (tmp_path / "first.so").read_bytes()
+    assert len(list((tmp_path / "cache" / "rigtwin").iterdir())) == 2
+
+
+def test_a_cache_that_cannot_be_written_does_no_harm(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(tmp_path / "zig"))  # ziglang's own must be writable
+    (tmp_path / "one.c").write_text(SEEN + "int one(void) { return 1; }\n")
+    compiling.compile_library(tmp_path, ["one.c"], this_machine(), tmp_path / "out" / "one.so")
+    assert (tmp_path / "out" / "one.so").stat().st_size > 0
+
+
+@pytest.mark.parametrize("compilable", [True, False])
+def test_the_virtual_rig_takes_the_compiled_fmu_where_it_can(tmp_path, monkeypatch, compilable):
+    monkeypatch.setattr(fmus, "can_compile", lambda: compilable)
+    fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
+    with zipfile.ZipFile(fmu) as archive:
+        assert ("sources/nonlinear.c" in archive.namelist()) == compilable

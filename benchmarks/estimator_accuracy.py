@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 from fmpy import extract, instantiate_fmu, read_model_description
 
-from build_fmu import build_estimator_fmu, build_rotor_fmu
+from build_fmu import build_estimator_fmu
 from estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, noisy
 from estimator.features import FEATURE_NAMES, Features
 from estimator.prior import PRIOR
 from estimator.root_finding import StiffnessFinder
 from estimator.runtime import StiffnessEstimator
+from rigtwin.fmus import build_rotor_for_the_rig
 from rotor.assembly import assemble
 from rotor.rig import load_rig
 
@@ -46,8 +47,8 @@ def main() -> None:
     """Measure, print, write the page."""
     rig = load_rig("nit-rourkela")
     with tempfile.TemporaryDirectory() as folder:
-        fine = build_rotor_fmu(rig, Path(folder) / "fine", elements_between_nodes=_FINER_MESH)
-        coarse = build_rotor_fmu(rig, Path(folder) / "coarse")
+        fine = build_rotor_for_the_rig(rig, Path(folder) / "fine", elements_between_nodes=_FINER_MESH)
+        coarse = build_rotor_for_the_rig(rig, Path(folder) / "coarse")
         ask = _EstimatorFmu(build_estimator_fmu(Path(folder)))
         finder = StiffnessFinder(assemble(rig))
         with _executor() as executor:

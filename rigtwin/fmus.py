@@ -19,7 +19,8 @@ from build_fmu import (
 )
 from estimator.features import FEATURE_NAMES, Features
 from estimator.runtime import Estimate, StiffnessEstimator
-from fmu_src.compiling import can_compile, this_machine
+from fmu_src.compiling import CompileError, can_compile, this_machine
+from rigtwin.console import note
 from rigtwin.exits import UserError
 from rotor.rig import Rig, load_rig
 from sim.session import FmuError, FmuSession
@@ -47,6 +48,9 @@ def build_rotor_for_the_rig(rig: Rig, folder: Path, **options: Any) -> Path:
         return build_rotor(rig, folder, **options)
     try:
         return build_native_rotor_fmu(rig, folder, targets=[this_machine()], **options)
+    except CompileError as error:
+        note(f"{error}; the virtual rig goes on with the slower FMU that runs on Python")
+        return build_rotor(rig, folder, **options)
     except (BuildError, ValueError) as error:
         raise UserError(f"rig {rig.name}: no FMU can be built of it: {error}") from error
 

@@ -126,3 +126,13 @@ def test_the_virtual_rig_takes_the_compiled_fmu_where_it_can(tmp_path, monkeypat
     fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
     with zipfile.ZipFile(fmu) as archive:
         assert ("sources/nonlinear.c" in archive.namelist()) == compilable
+
+
+def test_where_the_compiler_fails_the_virtual_rig_says_so_and_goes_on(tmp_path, monkeypatch, capsys):
+    def fail(*_, **__):
+        raise CompileError("the C compiler failed")
+
+    monkeypatch.setattr(fmus, "build_native_rotor_fmu", fail)
+    fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
+    assert fmu.is_file()
+    assert "the C compiler failed; the virtual rig goes on" in capsys.readouterr().err

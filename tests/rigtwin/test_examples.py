@@ -15,7 +15,7 @@ from tests.rigtwin.conftest import run
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
-@pytest.mark.parametrize("name", ["measure_k_b", "own_rotor", "diagnose_a_campaign"])
+@pytest.mark.parametrize("name", ["measure_k_b", "own_rotor", "diagnose_a_campaign", "in_libcosim"])
 def test_an_example_runs_from_anywhere_and_its_number_holds(name, tmp_path):
     script = EXAMPLES / f"{name}.py"
     finished = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)

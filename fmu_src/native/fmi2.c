@@ -214,68 +214,39 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference references[],
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
-    if (!c)
-        return fmi2Error;
-    if (state) {
-        saved_free(*state);
-        *state = 0;
-    }
-    return fmi2OK;
+    if (c && state)
+        instance_let_go(state);
+    return c ? fmi2OK : fmi2Error;
 }
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     Slave *s = c;
-    if (!s || !state)
-        return fmi2Error;
-    Saved *saved = saved_new(instance_state_size(s->instance));
-    if (!saved)
-        return refused(c, "there is no memory for a state");
-    fmi2FreeFMUstate(c, state);
-    instance_save(s->instance, saved->content);
-    *state = saved;
-    return fmi2OK;
+    return s && state ? result(s, instance_keep(s->instance, state)) : fmi2Error;
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
 {
     Slave *s = c;
-    const Saved *saved = state;
-    if (!s || !saved)
-        return refused(c, "there is no state to go back to");
-    return result(s, instance_restore(s->instance, saved->content, saved->size));
+    return s ? result(s, instance_go_back(s->instance, state)) : fmi2Error;
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
 {
-    if (!c || !state || !size)
-        return refused(c, "there is no state to serialize");
-    *size = ((Saved *)state)->size;
-    return fmi2OK;
+    Slave *s = c;
+    return s ? result(s, instance_state_size(s->instance, state, size)) : fmi2Error;
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
-    const Saved *saved = state;
-    if (!c || !saved || !bytes)
-        return refused(c, "there is no state to serialize");
-    if (size < saved->size)
-        return refused(c, "the state is larger than the room for it");
-    memcpy(bytes, saved->content, saved->size);
-    return fmi2OK;
+    Slave *s = c;
+    return s ? result(s, instance_state_bytes(s->instance, state, bytes, size)) : fmi2Error;
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
-    if (!c || !bytes || !state)
-        return refused(c, "there is no state to read");
-    Saved *saved = saved_new(size);
-    if (!saved)
-        return refused(c, "there is no memory for a state");
-    memcpy(saved->content, bytes, size);
-    fmi2FreeFMUstate(c, state);
-    *state = saved;
-    return fmi2OK;
+    Slave *s = c;
+    return s ? result(s, instance_state_of(s->instance, bytes, size, state)) : fmi2Error;
 }
 
 /* -- what a co-simulation slave may leave out -------------------------------------------------------------------- */
@@ -307,32 +278,15 @@ static fmi2Status never_pending(fmi2Component c)
     return c && refused(c, "there is no status to ask for: steps are done when doStep returns") ? fmi2Discard : fmi2Error;
 }
 
-fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *to)
-{
-    (void)kind, (void)to;
-    return never_pending(c);
-}
+#define NEVER_PENDING(name, type)                                                                                     \
+    fmi2Status name(fmi2Component c, const fmi2StatusKind kind, type *to)                                             \
+    {                                                                                                                 \
+        (void)kind, (void)to;                                                                                         \
+        return never_pending(c);                                                                                      \
+    }
 
-fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *to)
-{
-    (void)kind, (void)to;
-    return never_pending(c);
-}
-
-fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *to)
-{
-    (void)kind, (void)to;
-    return never_pending(c);
-}
-
-fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *to)
-{
-    (void)kind, (void)to;
-    return never_pending(c);
-}
-
-fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *to)
-{
-    (void)kind, (void)to;
-    return never_pending(c);
-}
+NEVER_PENDING(fmi2GetStatus, fmi2Status)
+NEVER_PENDING(fmi2GetRealStatus, fmi2Real)
+NEVER_PENDING(fmi2GetIntegerStatus, fmi2Integer)
+NEVER_PENDING(fmi2GetBooleanStatus, fmi2Boolean)
+NEVER_PENDING(fmi2GetStringStatus, fmi2String)

@@ -227,68 +227,39 @@ SET(fmi3SetBoolean, fmi3Boolean, BOOLEAN, SAME)
 
 fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state)
 {
-    if (!instance)
-        return fmi3Error;
-    if (state) {
-        saved_free(*state);
-        *state = 0;
-    }
-    return fmi3OK;
+    if (instance && state)
+        instance_let_go(state);
+    return instance ? fmi3OK : fmi3Error;
 }
 
 fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state)
 {
     Slave *s = instance;
-    if (!s || !state)
-        return fmi3Error;
-    Saved *saved = saved_new(instance_state_size(s->instance));
-    if (!saved)
-        return refused(s, "there is no memory for a state");
-    fmi3FreeFMUState(s, state);
-    instance_save(s->instance, saved->content);
-    *state = saved;
-    return fmi3OK;
+    return s && state ? result(s, instance_keep(s->instance, state)) : fmi3Error;
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state)
 {
     Slave *s = instance;
-    const Saved *saved = state;
-    if (!s || !saved)
-        return refused(s, "there is no state to go back to");
-    return result(s, instance_restore(s->instance, saved->content, saved->size));
+    return s ? result(s, instance_go_back(s->instance, state)) : fmi3Error;
 }
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size)
 {
-    if (!instance || !state || !size)
-        return refused(instance, "there is no state to serialize");
-    *size = ((Saved *)state)->size;
-    return fmi3OK;
+    Slave *s = instance;
+    return s ? result(s, instance_state_size(s->instance, state, size)) : fmi3Error;
 }
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
-    const Saved *saved = state;
-    if (!instance || !saved || !bytes)
-        return refused(instance, "there is no state to serialize");
-    if (size < saved->size)
-        return refused(instance, "the state is larger than the room for it");
-    memcpy(bytes, saved->content, saved->size);
-    return fmi3OK;
+    Slave *s = instance;
+    return s ? result(s, instance_state_bytes(s->instance, state, bytes, size)) : fmi3Error;
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
-    if (!instance || !bytes || !state)
-        return refused(instance, "there is no state to read");
-    Saved *saved = saved_new(size);
-    if (!saved)
-        return refused(instance, "there is no memory for a state");
-    memcpy(saved->content, bytes, size);
-    fmi3FreeFMUState(instance, state);
-    *state = saved;
-    return fmi3OK;
+    Slave *s = instance;
+    return s ? result(s, instance_state_of(s->instance, bytes, size, state)) : fmi3Error;
 }
 
 /* -- what this FMU leaves out ------------------------------------------------------------------------------------ */

@@ -226,12 +226,7 @@ static int n_settings(void)
     return N_VARIABLES - N_OUTPUTS;
 }
 
-size_t instance_state_size(const Instance *s)
-{
-    return (size_t)(HEADER + n_settings() + model_state_size(s->model)) * sizeof(double);
-}
-
-void instance_save(const Instance *s, double *content)
+static void save(const Instance *s, double *content)
 {
     memset(content, 0, HEADER * sizeof *content);
     memcpy(content, MODEL_GUID, strlen(MODEL_GUID));
@@ -262,7 +257,7 @@ static int is_state(const double *content, size_t size)
     return 1;
 }
 
-const char *instance_restore(Instance *s, const double *content, size_t size)
+static const char *restore(Instance *s, const double *content, size_t size)
 {
     if (!is_state(content, size))
         return refuse(s, "this is not a state that this FMU saved");
@@ -282,7 +277,13 @@ const char *instance_restore(Instance *s, const double *content, size_t size)
     return 0;
 }
 
-Saved *saved_new(size_t size)
+/* What FMI's FMU states point to. */
+typedef struct {
+    size_t size; /* [bytes] */
+    double *content;
+} Saved;
+
+static Saved *new_saved(size_t size)
 {
     Saved *saved = malloc(sizeof *saved);
     if (!saved)
@@ -295,9 +296,61 @@ Saved *saved_new(size_t size)
     return 0;
 }
 
-void saved_free(Saved *saved)
+void instance_let_go(void **state)
 {
+    Saved *saved = *state;
     if (saved)
         free(saved->content);
     free(saved);
+    *state = 0;
+}
+
+const char *instance_keep(Instance *s, void **state)
+{
+    const int doubles = HEADER + n_settings() + model_state_size(s->model);
+    Saved *saved = new_saved((size_t)doubles * sizeof(double));
+    if (!saved)
+        return refuse(s, "there is no memory for a state");
+    save(s, saved->content);
+    instance_let_go(state);
+    *state = saved;
+    return 0;
+}
+
+const char *instance_go_back(Instance *s, const void *state)
+{
+    const Saved *saved = state;
+    return saved ? restore(s, saved->content, saved->size) : refuse(s, "there is no state to go back to");
+}
+
+const char *instance_state_size(Instance *s, const void *state, size_t *size)
+{
+    if (!state || !size)
+        return refuse(s, "there is no state to serialize");
+    *size = ((const Saved *)state)->size;
+    return 0;
+}
+
+const char *instance_state_bytes(Instance *s, const void *state, void *bytes, size_t size)
+{
+    const Saved *saved = state;
+    if (!saved || !bytes)
+        return refuse(s, "there is no state to serialize");
+    if (size < saved->size)
+        return refuse(s, "the state is larger than the room for it");
+    memcpy(bytes, saved->content, saved->size);
+    return 0;
+}
+
+const char *instance_state_of(Instance *s, const void *bytes, size_t size, void **state)
+{
+    if (!bytes || !state)
+        return refuse(s, "there is no state to read");
+    Saved *saved = new_saved(size);
+    if (!saved)
+        return refuse(s, "there is no memory for a state");
+    memcpy(saved->content, bytes, size);
+    instance_let_go(state);
+    *state = saved;
+    return 0;
 }

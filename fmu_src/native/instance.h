@@ -18,12 +18,6 @@ typedef struct {
     char message[700]; /* of the last call that failed */
 } Instance;
 
-/* A saved state: a header, the values, and what the model remembers, as doubles. */
-typedef struct {
-    size_t size; /* [bytes] */
-    double *content;
-} Saved;
-
 /* Returns 0 without memory, or where the start values make no model. */
 Instance *instance_new(const char *name);
 void instance_free(Instance *instance);
@@ -48,14 +42,15 @@ const char *instance_no_string(Instance *instance, const unsigned *references, s
 /* Set the values (n) of some references; all or none. */
 const char *instance_write(Instance *instance, int kind, const unsigned *references, size_t n, const double *values);
 
-/* The size of a state, [bytes]; saving one; and going back to it. */
-size_t instance_state_size(const Instance *instance);
-void instance_save(const Instance *instance, double *content);
-const char *instance_restore(Instance *instance, const double *content, size_t size);
+/* Keep the state of this instant, in place of the one that ``state`` points to; go back to one; and let one go. */
+const char *instance_keep(Instance *instance, void **state);
+const char *instance_go_back(Instance *instance, const void *state);
+void instance_let_go(void **state);
 
-/* Room for a state of so many bytes, 0 without memory. */
-Saved *saved_new(size_t size);
-void saved_free(Saved *saved);
+/* A state's size in bytes, its bytes, and a state of bytes, which only going back to it can refuse. */
+const char *instance_state_size(Instance *instance, const void *state, size_t *size);
+const char *instance_state_bytes(Instance *instance, const void *state, void *bytes, size_t size);
+const char *instance_state_of(Instance *instance, const void *bytes, size_t size, void **state);
 
 /* Keep a sentence of one's own as the instance's. */
 const char *instance_refuse(Instance *instance, const char *sentence);

@@ -177,7 +177,8 @@ def _build_native(
     target: Path,
 ) -> Path:
     """Print, compile, pack."""
-    model = replace(blank, guid=guid(digest(sources(blank))), sources=c_files(sources(blank)))
+    without_guid = sources(blank)
+    model = replace(blank, guid=guid(digest(without_guid)), sources=c_files(without_guid))
     manifest = {"guid": model.guid, "version": model.version, **facts}
     with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
         unpacked = Path(scratch)

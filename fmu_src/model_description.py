@@ -70,10 +70,7 @@ def fmi2(model: Model, *, needs_execution_tool: bool) -> Element:
         files = SubElement(element, "SourceFiles")
         for name in model.sources:
             SubElement(files, "File", {"name": name})
-    _add_units(root, model)
-    categories = SubElement(root, "LogCategories")
-    SubElement(categories, "Category", {"name": _LOG_CATEGORY, "description": "Why a call failed"})
-    _add_default_experiment(root, model)
+    _add_frame(root, model)
     variables = SubElement(root, "ModelVariables")
     for number, variable in enumerate(model.table):
         attributes = {"name": variable.name, "valueReference": str(number), **_said(variable)}
@@ -103,10 +100,7 @@ def fmi3(model: Model) -> Element:
         "canSerializeFMUState": "true",
     }
     SubElement(root, "CoSimulation", co_simulation)
-    _add_units(root, model)
-    categories = SubElement(root, "LogCategories")
-    SubElement(categories, "Category", {"name": _LOG_CATEGORY, "description": "Why a call failed"})
-    _add_default_experiment(root, model)
+    _add_frame(root, model)
     variables = SubElement(root, "ModelVariables")
     for number, variable in enumerate(model.table):
         attributes = {"name": variable.name, "valueReference": str(number), **_said(variable), **_type_of(variable)}
@@ -152,16 +146,16 @@ def _root(model: Model, version: str, **identity: str) -> Element:
     return Element("fmiModelDescription", attributes)
 
 
-def _add_units(root: Element, model: Model) -> None:
+def _add_frame(root: Element, model: Model) -> None:
+    """What stands between the interface and the variables: units, log categories, default experiment."""
     definitions = SubElement(root, "UnitDefinitions")
     used = {v.unit for v in model.table} | ({"s"} if root.get("fmiVersion") == "3.0" else set())
     for name, exponents in UNITS.items():
         if name in used:
             unit = SubElement(definitions, "Unit", {"name": name})
             SubElement(unit, "BaseUnit", {base: str(power) for base, power in exponents.items()})
-
-
-def _add_default_experiment(root: Element, model: Model) -> None:
+    categories = SubElement(root, "LogCategories")
+    SubElement(categories, "Category", {"name": _LOG_CATEGORY, "description": "Why a call failed"})
     experiment = {"startTime": "0.0", "stopTime": "1.0", "stepSize": str(model.step_size)}
     SubElement(root, "DefaultExperiment", experiment)
 

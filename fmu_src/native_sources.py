@@ -27,16 +27,11 @@ INSTANCE = ("instance",)
 ROTOR_CORE = ("laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
-# Words of the core's ``Design`` for the rotor's own parameters and for every effect's.
-CONDITION_WORDS = {
-    "spin_speed": "spin_speed",
-    "k_b": "k_b",
-    "bearing_damping": "bearing_damping",
-    "shaft_damping_ratio": "shaft_damping_ratio",
-    "rigid_support": "rigid_support",
-    "excitation_node": "excitation_node",
-    "excitation_plane": "excitation_plane",
-}
+# Words of the core's ``Design``: the rotor's own parameters, by the same names, and those of every effect's.
+CONDITION_WORDS = (
+    "spin_speed", "k_b", "bearing_damping", "shaft_damping_ratio",
+    "rigid_support", "excitation_node", "excitation_plane",
+)  # fmt: skip
 EFFECT_WORDS = {
     "attached_mass": {"mass": "mass[0]", "node": "mass_node[0]"},
     "sensor_mass": {"mass": "mass[1]", "node": "mass_node[1]"},
@@ -181,7 +176,7 @@ _EXCITER = ("force", "force_amplitude", "force_frequency")
 
 def _design_lines(model: Model) -> str:
     """Assignments to the design; an effect's, where it is switched on."""
-    lines = [_assignment(model, name, word, "    ") for name, word in CONDITION_WORDS.items()]
+    lines = [_assignment(model, name, name, "    ") for name in CONDITION_WORDS]
     for effect in effects_in_fmu():
         lines.append(f"    if (values[{model.reference(effect.full_name(SWITCH))}] != 0) {{\n")
         words = EFFECT_WORDS[effect.id].items()

@@ -10,30 +10,11 @@ from fmu_src.compiling import CompileError
 from rigtwin.console import note, say
 from rigtwin.exits import UserError
 from rigtwin.fmus import SHIPPED_RIG, build_rotor, is_shipped
-from rotor.rig import load_rig
+from rotor.rig import Rig, load_rig
 
 
 def build_fmus(source: str, out: Path, *, train: bool, native: bool) -> None:
     """Build RotorRig.fmu of a rig, and the estimator FMU where there is a network for it."""
-    _build(source, out, train=train)
-    if native:
-        _build_native(source, out)
-
-
-def _build_native(source: str, out: Path) -> None:
-    rig = load_rig(source)
-    try:
-        for path in build_native(rig, out, estimator=is_shipped(rig)):
-            say(str(path))
-    except CompileError as error:
-        raise UserError(str(error)) from error
-    except ModuleNotFoundError as error:
-        raise UserError(
-            f"the network cannot be turned into C without the package {error.name}: pip install onnx"
-        ) from error
-
-
-def _build(source: str, out: Path, *, train: bool) -> None:
     rig = load_rig(source)
     if is_shipped(rig):
         say(str(build_rotor(rig, out)))
@@ -46,6 +27,20 @@ def _build(source: str, out: Path, *, train: bool) -> None:
             f"{ESTIMATOR_FMU} is not built: the shipped network knows the rig {SHIPPED_RIG} only; "
             f"--train trains one for {rig.name} (half an hour or so)"
         )
+    if native:
+        _build_native(rig, out)
+
+
+def _build_native(rig: Rig, out: Path) -> None:
+    try:
+        for path in build_native(rig, out, estimator=is_shipped(rig)):
+            say(str(path))
+    except CompileError as error:
+        raise UserError(str(error)) from error
+    except ModuleNotFoundError as error:
+        raise UserError(
+            f"the network cannot be turned into C without the package {error.name}: pip install onnx"
+        ) from error
 
 
 def _trained(source: str, out: Path) -> None:

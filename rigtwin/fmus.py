@@ -34,24 +34,26 @@ _ANSWERS = ("k_b", "k_b_std", "k_b_low", "k_b_high", "valid")
 
 def build_rotor(rig: Rig, folder: Path, **options: Any) -> Path:
     """Build RotorRig.fmu; a rig that cannot be built is the user's error unless it is the shipped one."""
-    try:
-        return build_rotor_fmu(rig, folder, **options)
-    except (BuildError, ValueError) as error:
-        if is_shipped(rig):
-            raise
-        raise UserError(f"rig {rig.name}: no FMU can be built of it: {error}") from error
+    return _built(build_rotor_fmu, rig, folder, options)
 
 
 def build_rotor_for_the_rig(rig: Rig, folder: Path, **options: Any) -> Path:
-    """RotorRig.fmu as the virtual rig wants it: compiled where there is a compiler, else pythonfmu's."""
+    """The same as the virtual rig wants it: compiled where there is a compiler, else pythonfmu's."""
     if not can_compile():
         return build_rotor(rig, folder, **options)
     try:
-        return build_native_rotor_fmu(rig, folder, targets=[this_machine()], **options)
+        return _built(build_native_rotor_fmu, rig, folder, {"targets": [this_machine()], **options})
     except CompileError as error:
         note(f"{error}; the virtual rig goes on with the slower FMU that runs on Python")
         return build_rotor(rig, folder, **options)
+
+
+def _built(build: Callable[..., Path], rig: Rig, folder: Path, options: dict[str, Any]) -> Path:
+    try:
+        return build(rig, folder, **options)
     except (BuildError, ValueError) as error:
+        if is_shipped(rig):
+            raise
         raise UserError(f"rig {rig.name}: no FMU can be built of it: {error}") from error
 
 

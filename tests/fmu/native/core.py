@@ -145,8 +145,8 @@ class Core:
         """The C core's words for a condition and effects."""
         design = Design()
         self.library.design_nominal(ct.byref(design))
-        for name, word in CONDITION_WORDS.items():
-            setattr(design, word, getattr(condition, name))
+        for name in CONDITION_WORDS:
+            setattr(design, name, getattr(condition, name))
         for effect in effects:
             for name, word in EFFECT_WORDS[effect.id].items():
                 field, _, place = word.partition("[")

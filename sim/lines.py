@@ -35,7 +35,7 @@ _FORCE_STEPS = 20
 
 
 # Samples a period while waiting: what folds back is the same in every window.
-_WAITING_SAMPLES = 128
+_WAITING_SAMPLES = 32
 
 
 class NotSettledError(RuntimeError):
@@ -207,14 +207,10 @@ class LineReader:
     # -- reading -------------------------------------------------------------------------------
 
     def _window(self, at: float, periods: int, n: int) -> FloatArray:
-        """n samples of each of whole periods, less the motion by unbalance.
-
-        What is stepped in time gets one more period, to find into the samples' rhythm.
-        """
-        run_in = n if self._rig.nonlinear else 0
-        h, size = 1 / (n * at), n * periods + run_in
+        """n samples of each of whole periods, less the motion by unbalance."""
+        h, size = 1 / (n * at), n * periods
         if self._run_out is None:
-            return self._session.sample(self._outputs, h, size)[run_in:]
+            return self._session.sample(self._outputs, h, size)
         turn = np.exp(2j * np.pi * self._spin_hz * (self._session.time + h * np.arange(size)))
         return self._session.sample(self._outputs, h, size) - (turn[:, None] * self._run_out).real
 
@@ -226,7 +222,8 @@ class LineReader:
     def _line(self, frequency_hz: float, at: float, settled: _Settled, force: complex, remark: str) -> Line:
         plan, windows = self._plan, settled.windows
         samples = plan.samples(at)
-        clean = self._window(at, plan.periods, samples)
+        run_in = int(self._rig.nonlinear)  # what is stepped in time finds into the samples' rhythm
+        clean = self._window(at, plan.periods + run_in, samples)[run_in * samples :]
         noisy = clean.copy()
         noisy[:, :-1] = plan.noise.add(clean[:, :-1], self._stream(frequency_hz))
         detected = detect(noisy, samples, any_harmonics=self._rig.nonlinear)

@@ -22,6 +22,7 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
     fmi2Real,
     fmi2ValueReference,
+    fmi2Warning,
 )
 from fmpy.model_description import ModelDescription
 
@@ -149,14 +150,15 @@ class FmuSession:
         size = len(outputs)
         references = (fmi2ValueReference * size)(*(self._variable(o).valueReference for o in outputs))
         values = np.empty((n, size))
-        fmu, component, start = self._fmu, self._fmu.component, self.time
-        try:
-            for row in range(n):
-                if row:
-                    fmu.fmi2DoStep(component, start + (row - 1) * h, h, 1)
-                fmu.fmi2GetReal(component, references, size, (fmi2Real * size).from_buffer(values[row]))
-        except FMICallException as error:
-            raise self._error(error) from error
+        rows = (fmi2Real * size * n).from_buffer(values)
+        # fmpy's own calls take longer than a step
+        do_step, get_real = self._fmu.dll.fmi2DoStep, self._fmu.dll.fmi2GetReal
+        component, start = self._fmu.component, self.time
+        for row in range(n):
+            if row and (status := do_step(component, start + (row - 1) * h, h, 1)) > fmi2Warning:
+                raise self._error(FMICallException(function="fmi2DoStep", status=status))
+            if (status := get_real(component, references, size, rows[row])) > fmi2Warning:
+                raise self._error(FMICallException(function="fmi2GetReal", status=status))
         self.time = start + (n - 1) * h
         return values
 

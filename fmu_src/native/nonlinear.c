@@ -29,10 +29,17 @@
 #define PULLS 4       /* a cubic's coefficients */
 #define TAYLOR 10     /* terms of a force's series: (2 pi / 32)^10 / 10! = 2e-14 */
 #define LONG 4.0      /* rate times substep, beyond which the exponential would be squared anyway */
+#define ROWS 16        /* of a block of W whose sums stay in registers */
 #define MOST_SUBSTEPS (1L << 24)
 #define MOST_LEVEL 60 /* the step is halved no more often than this */
 
 static const double TWO_PI = 6.283185307179586;
+
+/* Length of a column of W: whole blocks. */
+static int whole_rows(int rows)
+{
+    return (rows + ROWS - 1) / ROWS * ROWS;
+}
 
 /* -- memory ------------------------------------------------------------------------------------------------------ */
 
@@ -45,7 +52,8 @@ static void place_instant(Instant *instant, Arena *arena, int J)
 
 void nonlinear_place(Nonlinear *s, Arena *arena, int n, int J)
 {
-    const int all = n + TAYLOR * MOST_INPUTS + PULLS * J, in = n + TAYLOR * MOST_INPUTS + 2 * J, out = n + 2 * J;
+    const int all = n + TAYLOR * MOST_INPUTS + PULLS * J, in = n + TAYLOR * MOST_INPUTS + 2 * J;
+    const int out = whole_rows(n + 2 * J);
     s->A = ARENA_DOUBLES(arena, n * n);
     s->G = ARENA_DOUBLES(arena, n * J);
     s->C = ARENA_DOUBLES(arena, J * n);
@@ -448,7 +456,7 @@ static void share_cubic(const Part *part, Substep *p, double *start, int all)
 static void make_columns(Nonlinear *s, const Part *part, Substep *p)
 {
     const int n = part->n, J = part->J, k = TAYLOR * s->n_inputs, forces = n + PULLS * J, all = forces + k;
-    const int in = n + k + 2 * J, out = n + 2 * J;
+    const int in = n + k + 2 * J, out = whole_rows(n + 2 * J);
     double *rows = s->scratch, *free = rows + n * in, *start = free + n * n;
     share_cubic(part, p, start, all);
     for (int i = 0; i < n; i++) {
@@ -716,13 +724,14 @@ static void change(Nonlinear *s, Run *run, int levels)
 
 static void propagate(Nonlinear *s, const Run *run)
 {
-    const int n = run->part->n, J = run->part->J, in = n + TAYLOR * s->n_inputs + 2 * J, out = n + 2 * J;
-    double *restrict after = s->after;
-    memset(after, 0, (size_t)out * sizeof *after);
-    for (int c = 0; c < in; c++) {
-        const double *restrict column = run->p->W + c * out, z = s->z[c];
-        for (int i = 0; z != 0 && i < out; i++)
-            after[i] += column[i] * z;
+    const int n = run->part->n, J = run->part->J, in = n + TAYLOR * s->n_inputs + 2 * J, out = whole_rows(n + 2 * J);
+    for (int first = 0; first < out; first += ROWS) {
+        const double *restrict column = run->p->W + first;
+        double sums[ROWS] = {0};
+        for (int c = 0; c < in; c++, column += out)
+            for (int i = 0; i < ROWS; i++)
+                sums[i] += column[i] * s->z[c];
+        memcpy(s->after + first, sums, sizeof sums);
     }
 }
 

@@ -73,5 +73,5 @@ clean:
 $(VENV)/installed: pyproject.toml
 	python3 -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --upgrade pip
-	$(VENV)/bin/python -m pip install --quiet -e '.[train,native,dev]'
+	$(VENV)/bin/python -m pip install --quiet -e '.[train,native,dask,dev]'
 	touch $@

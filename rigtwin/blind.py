@@ -7,17 +7,19 @@ diagnosed in a process of its own, so that one that dies takes no other along.
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import platform
 import shutil
+import subprocess
+import sys
+import tempfile
 import time
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,14 +28,12 @@ import numpy as np
 
 from rigtwin.console import note, say
 from rigtwin.exits import UserError
+from rigtwin.scale_out import executor, single_threaded
 from sim.formats.atomic import replacing
 
 SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
 RESULTS, PAGE = "results.json", "blind.md"
 SCHEMA = "rigtwin.blind-results/1"
-
-# The matrices are small: one thread a process is faster than many.
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 # Seconds after which a diagnosis is given up.
 _LONGEST = 1200.0
@@ -42,6 +42,9 @@ _LONGEST = 1200.0
 _CONTROL_EVERY = 4
 
 _SECONDS, _FAILURE = "seconds.json", "failure.txt"
+
+# The program of one answer; campaign, folder and what to exclude follow.
+_ANSWER = (sys.executable, "-m", "rigtwin.blind")
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class BlindRequest:
     out: Path
     seed: int
     workers: int
+    executor: str | None = None  # "dask://host:port"; default ``workers`` processes here
     page: Path | None = None  # default: blind.md in ``out``
     render_only: bool = False  # write the page from results.json
 
@@ -66,16 +70,15 @@ def run_blind(request: BlindRequest) -> None:
         facts = _facts(request)
         seals = {}
         for name in request.sets:
-            with single_threaded():
-                seals[name] = _make_and_diagnose(request, name)
+            seals[name] = _make_and_diagnose(request, name)
         _save(request, facts | seals)
     _render(request)
 
 
 def _places(request: BlindRequest, name: str) -> tuple[Path, Path]:
     """Folders of a set's campaigns and answers; other splits and seeds have folders of their own."""
-    draw = f"{request.split}-{request.seed}"
-    return request.out / "campaigns" / draw / name, request.out / "answers" / draw / name
+    out, draw = request.out.resolve(), f"{request.split}-{request.seed}"  # workers elsewhere see the same path
+    return out / "campaigns" / draw / name, out / "answers" / draw / name
 
 
 def _make_and_diagnose(request: BlindRequest, name: str) -> str:
@@ -83,32 +86,20 @@ def _make_and_diagnose(request: BlindRequest, name: str) -> str:
     from gap.blind import generate
 
     campaigns, answers = _places(request, name)
-    order = ["--set", name, "--split", request.split, "--count", str(request.count), "--out", str(campaigns)]
-    if generate.main([*order, "--seed", str(request.seed), "--workers", str(request.workers)]):
+    pool = partial(executor, request.executor, request.workers)
+    orders = [generate.Order(name, request.split, request.seed, index) for index in range(request.count)]
+    if generate.make_all(orders, campaigns, pool):
         note(f"{name}: some campaigns could not be made; they are missing from the page")
-    diagnose_all(campaigns, answers, request.workers)
+    with pool() as chosen:
+        diagnose_all(campaigns, answers, chosen)
     made = len(json.loads((campaigns / "index.json").read_text(encoding="utf-8")))
     return f"{made} campaigns, labels sealed: {(campaigns / 'labels.sha256').read_text(encoding='utf-8').split()[0]}"
-
-
-@contextmanager
-def single_threaded() -> Iterator[None]:
-    """Processes that are started meanwhile use one thread each for linear algebra."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
 
 
 # -- diagnosing ----------------------------------------------------------------------------------------
 
 
-def diagnose_all(campaigns: Path, answers: Path, workers: int) -> None:
+def diagnose_all(campaigns: Path, answers: Path, pool: Executor) -> None:
     """Diagnose every campaign of a set that has no answer yet, and predict what was held out."""
     entries = json.loads((campaigns / "index.json").read_text(encoding="utf-8"))
     jobs = [
@@ -116,30 +107,32 @@ def diagnose_all(campaigns: Path, answers: Path, workers: int) -> None:
         for entry in entries
         if not (answers / entry["campaign"] / _SECONDS).exists()
     ]
-    pool = ThreadPoolExecutor(workers)
-    try:
-        waiting = [pool.submit(in_own_process, *job) for job in jobs]
-        for number, done in enumerate(as_completed(waiting), start=1):
-            name, words = done.result()
-            note(f"{campaigns.name} {number}/{len(jobs)} {name}: {words}")
-    finally:
-        pool.shutdown(cancel_futures=True)  # interrupted: what has not begun does not begin
+    waiting = [pool.submit(in_own_process, *job) for job in jobs]
+    for number, done in enumerate(as_completed(waiting), start=1):
+        name, words = done.result()
+        note(f"{campaigns.name} {number}/{len(jobs)} {name}: {words}")
 
 
 def in_own_process(campaign: Path, answer: Path, exclude: Sequence[str]) -> tuple[str, str]:
-    """Diagnose in a process of its own; a failure is written down. Returns the campaign's name and what happened."""
-    if answer.exists():
-        shutil.rmtree(answer)  # of a run that was stopped, or failed
-    answer.mkdir(parents=True)
-    process = multiprocessing.get_context("spawn").Process(target=diagnose_one, args=(campaign, answer, exclude))
-    process.start()
-    process.join(_LONGEST)
-    if process.is_alive():
-        process.kill()
-        process.join()
-        _write(answer / _FAILURE, f"took longer than {_LONGEST:.0f} s")
-    elif process.exitcode and not (answer / _FAILURE).exists():
-        _write(answer / _FAILURE, f"the process died with exit code {process.exitcode}")
+    """Diagnose in a process of its own; a failure is written down. Returns the campaign's name and what happened.
+
+    The answer is made beside its place: a worker that is given up may still be at it when another begins.
+    """
+    answer.parent.mkdir(parents=True, exist_ok=True)
+    beside = Path(tempfile.mkdtemp(prefix=f"{answer.name}.", dir=answer.parent))
+    command = [*_ANSWER, str(campaign), str(beside), *exclude]
+    try:
+        with single_threaded():
+            process = subprocess.run(command, timeout=_LONGEST, check=False)
+        if process.returncode and not (beside / _FAILURE).exists():
+            _write(beside / _FAILURE, f"the process died with exit code {process.returncode}")
+    except subprocess.TimeoutExpired:
+        _write(beside / _FAILURE, f"took longer than {_LONGEST:.0f} s")
+    if (answer / _SECONDS).exists():  # a worker that had been given up was faster
+        shutil.rmtree(beside)
+    else:
+        shutil.rmtree(answer, ignore_errors=True)  # of a run that failed
+        beside.rename(answer)
     if (answer / _FAILURE).exists():
         return campaign.name, (answer / _FAILURE).read_text(encoding="utf-8")
     return campaign.name, f"{json.loads((answer / _SECONDS).read_text(encoding='utf-8'))['seconds']:.0f} s"
@@ -272,7 +265,8 @@ def _facts(request: BlindRequest) -> dict[str, str]:
     facts = {
         "measured": f"{datetime.now(UTC):%Y-%m-%d}",
         "split, seed": f"{request.split}, {request.seed}",
-        "processor": f"{_processor()}, {os.cpu_count()} cores, {request.workers} processes of one thread",
+        "processor": request.executor
+        or f"{_processor()}, {os.cpu_count()} cores, {request.workers} processes of one thread",
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",
     }
     return facts | {package: version(package) for package in ("numpy", "scipy", "rigtwin")}
@@ -290,3 +284,7 @@ def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    diagnose_one(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:])

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from rigtwin.exits import GATE_FAILED, CommandGroup, UserError
+from rigtwin.scale_out import ExecutorOption
 
 app = typer.Typer(
     name="rigtwin",
@@ -162,11 +163,12 @@ def train(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the training rigs.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for data, network and FMUs.")] = Path("runs/train"),
     from_data: Annotated[bool, typer.Option("--from-data", help="Measure nothing: train on the shipped data.")] = False,
+    executor: ExecutorOption = None,
 ) -> None:
     """Measure rigs through the FMU and train the estimator; started again, it goes on where it stopped."""
     from rigtwin.training import TrainingPlan, print_trained, train, train_from_data
 
-    plan = TrainingPlan(rig, rigs, seed, calibration_rigs, out)
+    plan = TrainingPlan(rig, rigs, seed, calibration_rigs, out, executor)
     if from_data and (rig, rigs, seed, calibration_rigs) != (RIG, 512, 1, 128):
         raise UserError(
             "--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed"
@@ -259,6 +261,7 @@ def blind(
     count: Annotated[int, typer.Option(help="Campaigns of each set.", min=1)] = 20,
     seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 1,
     workers: Annotated[int, typer.Option(help="Processes.", min=1)] = 2,
+    executor: ExecutorOption = None,
     page: Annotated[Path | None, typer.Option(help="The page; default blind.md in the folder.")] = None,
     render_only: Annotated[
         bool, typer.Option("--render-only", help="Write the page of results.json, and no more.")
@@ -269,7 +272,7 @@ def blind(
 
     if split not in ("tuning", "report"):
         raise UserError(f"--split {split}: give tuning or report")
-    run_blind(BlindRequest(tuple(sets), split, count, out, seed, workers, page, render_only))
+    run_blind(BlindRequest(tuple(sets), split, count, out, seed, workers, executor, page, render_only))
 
 
 @app.command(short_help="What reality may have and the nominal rotor lacks.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,15 @@ from estimator.dataset import noisy
 from rigtwin.console import note, print_json, progress, say, table
 from rigtwin.exits import UserError
 from rigtwin.fmus import excitation_node, rotor_fmu
+from rigtwin.scale_out import executor
 from rigtwin.wording import with_error
 from rotor.effects import EFFECTS, Effect, Parameter
 from sim.campaign import Plane, Run, SupportKind, SweepDirection
 from sim.formats import SUFFIXES, write_run
 from sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
+from sim.runs import sweep_all
 from sim.session import FmuSession
-from sim.stepped_sine import Rig, SetupError, Sweep, SweepPlan
-from sim.stepped_sine import sweep as measure
+from sim.stepped_sine import Rig, SetupError, Sweep, SweepPlan, sweep
 
 # Settings with an option of their own: the run's record must say the same as the FMU does.
 _OPTIONS = {
@@ -60,35 +62,48 @@ def run_sweep(request: SweepRequest) -> None:
     """Measure, write the files, print what was found."""
     _check_output(request.out)
     plan = noisy(request.plan, request.noise, request.seed) if request.noise else request.plan
-    summaries = []
-    with rotor_fmu(request.source) as fmu, FmuSession(fmu) as session:
-        rig, guid = _rig(session, request), str(session.description.guid)
-        for level in request.levels or (plan.force_amplitude,):
-            out = _file_of(request, level)
-            result = _measure(session, rig, replace(plan, force_amplitude=level))
-            if out:
+    plans = [replace(plan, force_amplitude=level) for level in request.levels or (plan.force_amplitude,)]
+    results: dict[int, Sweep] = {}
+    with rotor_fmu(request.source) as fmu:
+        with FmuSession(fmu) as session:
+            rig, guid = _rig(session, request), str(session.description.guid)
+        for place, result in _measure(fmu, rig, plans):
+            results[place] = result
+            if out := _file_of(request, plans[place]):
                 write_run(result.run, out)
-            modes, why_none = _modes(result.run)
-            summaries.append(_summary(request.source, rig, result, modes, guid, out))
-            if not request.as_json:
-                _print(rig, result, modes, why_none, out)
+    summaries = []
+    for place, one in enumerate(plans):
+        result, out = results[place], _file_of(request, one)
+        modes, why_none = _modes(result.run)
+        summaries.append(_summary(request.source, rig, result, modes, guid, out))
+        if not request.as_json:
+            _print(rig, result, modes, why_none, out)
     if request.as_json:
         print_json({"runs": summaries} if request.levels else summaries[0])
 
 
-def _measure(session: FmuSession, rig: Rig, plan: SweepPlan) -> Sweep:
+def _measure(fmu: Path, rig: Rig, plans: Sequence[SweepPlan]) -> Iterator[tuple[int, Sweep]]:
+    """A run for each plan, with its place, as it is done; several at once, one for each core."""
     try:
-        with progress(f"{rig.support} support, {plan.force_amplitude:g} N", rig.carry_out(plan).n_lines) as count:
-            return measure(session, rig, plan, count)
+        if len(plans) == 1:
+            words = f"{rig.support} support, {plans[0].force_amplitude:g} N"
+            with FmuSession(fmu) as session, progress(words, rig.carry_out(plans[0]).n_lines) as count:
+                yield 0, sweep(session, rig, plans[0], count)
+            return
+        with executor() as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
+            runs = sweep_all(fmu, [(rig, plan) for plan in plans], pool)
+            for number, done in enumerate(runs, start=1):
+                count(number)
+                yield done
     except SetupError as error:
         raise UserError(str(error)) from error
 
 
-def _file_of(request: SweepRequest, level: float) -> Path | None:
+def _file_of(request: SweepRequest, plan: SweepPlan) -> Path | None:
     """Where a run goes: the file that was asked for, of several levels each with its own in the name."""
     if request.out is None or not request.levels:
         return request.out
-    return request.out.with_stem(f"{request.out.stem}_{level:g}N")
+    return request.out.with_stem(f"{request.out.stem}_{plan.force_amplitude:g}N")
 
 
 def _check_output(out: Path | None) -> None:

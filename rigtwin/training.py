@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import tempfile
 import warnings
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +17,7 @@ from estimator.runtime import StiffnessEstimator
 from rigtwin.console import note, progress, say
 from rigtwin.exits import UserError
 from rigtwin.fmus import SHIPPED_RIG, build_rotor, build_rotor_for_the_rig, is_shipped, trained_rig
+from rigtwin.scale_out import executor
 from rotor.assembly import assemble
 from rotor.rig import Rig, load_rig
 from sim.campaign import MeasurementError
@@ -38,6 +33,7 @@ NETWORK_SEED = 0
 _THREADS = 2
 
 TRAINING_CSV, CALIBRATION_CSV, NETWORK = "training.csv", "calibration.csv", "stiffness.onnx"
+MEASURED = "measured"  # what an interrupted training goes on from, and the FMUs it measures
 
 
 @dataclass(frozen=True)
@@ -49,6 +45,7 @@ class TrainingPlan:
     seed: int = 1
     calibration_rigs: int = CALIBRATION_RIGS
     out: Path = Path("runs/train")
+    executor: str | None = None  # "dask://host:port"; default processes here
 
 
 @dataclass(frozen=True)
@@ -73,11 +70,12 @@ def train(plan: TrainingPlan) -> Trained:
         prior = prior_for(structure, rig.k_b.start_N_per_m)
         sweep_plan = feature_plan(structure, prior)
     rotor_fmu = build_rotor(rig, plan.out)
-    with tempfile.TemporaryDirectory(prefix="rigtwin_") as scratch, workers() as executor:
-        finer = max(CALIBRATION_ELEMENTS, 2 * rig.elements_between_nodes)
-        own = build_rotor_for_the_rig(rig, Path(scratch))
-        fine = build_rotor_for_the_rig(rig, Path(scratch) / "fine", elements_between_nodes=finer)
-        bench = _Bench(executor, prior, sweep_plan, rig.excitation_node, plan.out)
+    finer = max(CALIBRATION_ELEMENTS, 2 * rig.elements_between_nodes)
+    measured = (plan.out / MEASURED).resolve()  # workers elsewhere see it under the same path
+    own = build_rotor_for_the_rig(rig, measured)
+    fine = build_rotor_for_the_rig(rig, measured / "fine", elements_between_nodes=finer)
+    with executor(plan.executor) as pool:
+        bench = _Bench(pool, prior, sweep_plan, rig.excitation_node, plan.out)
         training = bench.measure("training", own, plan.rigs, plan.seed)
         calibration = bench.measure("calibration", fine, plan.calibration_rigs, CALIBRATION_SEED)
     network, card = _fit(training, calibration, prior, _about(rig, sweep_plan), plan.out)
@@ -123,7 +121,7 @@ class _Bench:
 
     def measure(self, name: str, fmu: Path, n: int, seed: int) -> Dataset:
         """Measure one data set; what OUT/measured holds of it is not measured again."""
-        how = {"plan": self.plan, "excitation_node": self.excitation_node, "store": self.out / "measured"}
+        how = {"plan": self.plan, "excitation_node": self.excitation_node, "store": (self.out / MEASURED).resolve()}
         with progress(f"measuring {name} rigs", n) as count:
             try:
                 rigs = self.prior.draw(n, seed)
@@ -164,25 +162,6 @@ def _fit(
         warnings.simplefilter("ignore", FutureWarning)  # torch's exporter, about itself
         export(network, card, out / NETWORK)
     return out / NETWORK, card
-
-
-@contextmanager
-def workers() -> Iterator[Executor]:
-    """One process for each core; an interrupt cancels what has not begun."""
-    executor = ProcessPoolExecutor(
-        os.cpu_count(), mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts_to_the_parent
-    )
-    try:
-        yield executor
-    except KeyboardInterrupt:
-        note("finishing the rigs under way; what is measured is kept, the same command goes on from there")
-        raise
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def print_trained(trained: Trained) -> None:

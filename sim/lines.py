@@ -41,10 +41,14 @@ _WAITING_SAMPLES = 32
 class NotSettledError(RuntimeError):
     """A line did not settle within the allowed time; ``frequency_hz`` and ``estimate`` say where."""
 
-    def __init__(self, message: str, *, frequency_hz: float, estimate: float):
-        super().__init__(message)
+    def __init__(self, message: str, frequency_hz: float, estimate: float):
+        super().__init__(message, frequency_hz, estimate)  # a worker's error reaches another process with these
+        self.message = message
         self.frequency_hz = frequency_hz
         self.estimate = estimate
+
+    def __str__(self) -> str:
+        return self.message
 
 
 @dataclass(frozen=True)

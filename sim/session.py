@@ -150,7 +150,7 @@ class FmuSession:
         size = len(outputs)
         references = (fmi2ValueReference * size)(*(self._variable(o).valueReference for o in outputs))
         values = np.empty((n, size))
-        rows = (fmi2Real * size * n).from_buffer(values)
+        rows = (fmi2Real * size * n).from_buffer(values.data)
         # fmpy's own calls take longer than a step
         do_step, get_real = self._fmu.dll.fmi2DoStep, self._fmu.dll.fmi2GetReal
         component, start = self._fmu.component, self.time

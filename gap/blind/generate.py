@@ -14,9 +14,9 @@ import json
 import multiprocessing
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,6 +36,8 @@ DATA = Path(__file__).parent / "data"
 BETWEEN_STORED = 8
 REDRAWS = 5  # of a campaign whose motions at all levels and drive nodes cannot be found
 ROUNDS = 3  # a worker that dies takes its pool along; the rest is made in a new one
+
+Pool = Callable[[], AbstractContextManager[Executor]]
 
 
 @dataclass(frozen=True)
@@ -108,16 +110,21 @@ def draw_and_measure(order: Order, out: Path) -> dict[str, object]:
     return label
 
 
-def generate(orders: Sequence[Order], out: Path, workers: int) -> Iterator[tuple[Order, str]]:
+def processes(workers: int) -> Pool:
+    """A pool of so many processes of this machine, whenever one is asked for."""
+    return lambda: ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+
+
+def generate(orders: Sequence[Order], out: Path, pool: Pool) -> Iterator[tuple[Order, str]]:
     """Make what is missing; yields each order as it is done, with an error's text or nothing."""
     for _ in range(ROUNDS):
         missing = [order for order in orders if not (out / order.name / TRUTH / LABEL).exists()]
         lost = False
-        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-            futures = {pool.submit(make, order, out): order for order in missing}
+        with pool() as executor:
+            futures = {executor.submit(make, order, out): order for order in missing}
             for future in as_completed(futures):
                 error = future.exception()
-                if isinstance(error, BrokenProcessPool):
+                if isinstance(error, BrokenExecutor):
                     lost = True
                 else:
                     yield futures[future], "" if error is None else f"{type(error).__name__}: {error}"
@@ -148,19 +155,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
     indices = range(options.first, options.first + options.count)
     orders = [Order(options.set, options.split, options.seed, index) for index in indices]
+    return 1 if make_all(orders, options.out, processes(options.workers)) else 0
+
+
+def make_all(orders: Sequence[Order], out: Path, pool: Pool) -> int:
+    """Make what is missing of a set and seal it; returns how many could not be made."""
+    out.mkdir(parents=True, exist_ok=True)
     failed = 0
-    for done, (order, error) in enumerate(generate(orders, options.out, options.workers), start=1):
+    for done, (order, error) in enumerate(generate(orders, out, pool), start=1):
         if error:
             failed += 1
             print(f"\ncampaign {order.index} of {order.set}: {error}", file=sys.stderr)
         if sys.stderr.isatty():
             print(f"\r{done} of {len(orders)} campaigns", end="", file=sys.stderr, flush=True)
-    digest = seal(options.out)
-    print(f"{options.out}: labels sealed, SHA-256 {digest}")
-    return 1 if failed else 0
+    digest = seal(out)
+    print(f"{out}: labels sealed, SHA-256 {digest}")
+    return failed
 
 
 if __name__ == "__main__":

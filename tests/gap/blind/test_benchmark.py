@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -11,8 +13,9 @@ from gap.blind.bars import bars
 from gap.blind.generate import Order, make, seal
 from gap.blind.results import from_row
 from rigtwin import blind
-from rigtwin.blind import BlindRequest, diagnose_all, in_own_process, run_blind, single_threaded
+from rigtwin.blind import BlindRequest, diagnose_all, in_own_process, run_blind
 from rigtwin.exits import UserError
+from rigtwin.scale_out import executor
 
 # Of the tuning split: twice no gap, an artefact, a mass, two rotors of ROSS.
 ORDERS = (
@@ -32,8 +35,8 @@ def test_right_names_on_a_fixed_part(tmp_path):
     for order in ORDERS:
         make(order, campaigns)
     seal(campaigns)
-    with single_threaded():
-        diagnose_all(campaigns, answers, 2)
+    with executor(workers=2) as pool:
+        diagnose_all(campaigns, answers, pool)
     outcomes = read_outcomes(campaigns, answers)
     assert len(outcomes) == len(ORDERS)
     for o in outcomes:
@@ -70,6 +73,7 @@ def answered(monkeypatch):
         return campaign.name, "2 s"
 
     monkeypatch.setattr(blind, "in_own_process", stand_in)
+    monkeypatch.setattr(blind, "executor", lambda where, workers: ThreadPoolExecutor(workers))
     return calls
 
 
@@ -98,17 +102,29 @@ def test_the_page_comes_from_the_results_alone(tmp_path, answered):
 
 
 def test_a_process_that_dies_leaves_a_failure(tmp_path, monkeypatch):
-    monkeypatch.setattr(blind, "diagnose_one", _die)
+    monkeypatch.setattr(blind, "_ANSWER", (sys.executable, "-c", "import os; os._exit(7)"))
     name, words = in_own_process(tmp_path / "c1", tmp_path / "answer", ())
     assert name == "c1"
     assert "exit code 7" in words
     assert (tmp_path / "answer" / "failure.txt").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["answer"]
 
 
-def _die(*_) -> None:
-    import os
+def test_an_answer_that_is_there_already_stays(tmp_path, monkeypatch):
+    """A worker that was given up may come to its end: the second answer to the same campaign is not taken."""
+    answer = tmp_path / "answer"
+    first = "from pathlib import Path; import sys; p = Path(sys.argv[2]); (p / 'seconds.json').write_text(sys.argv[3])"
+    monkeypatch.setattr(blind, "_ANSWER", (sys.executable, "-c", first))
+    for seconds in (3, 8):
+        assert in_own_process(tmp_path / "c1", answer, (f'{{"seconds": {seconds}}}',)) == ("c1", "3 s")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["answer"]
 
-    os._exit(7)
+
+def test_a_diagnosis_that_takes_too_long_is_a_failure(tmp_path, monkeypatch):
+    monkeypatch.setattr(blind, "_ANSWER", (sys.executable, "-c", "import time; time.sleep(60)"))
+    monkeypatch.setattr(blind, "_LONGEST", 0.2)
+    _, words = in_own_process(tmp_path / "c1", tmp_path / "answer", ())
+    assert words == "took longer than 0 s"
 
 
 def test_a_campaign_that_cannot_be_read_leaves_a_failure(tmp_path):

@@ -1,0 +1,38 @@
+"""Several runs of the virtual rig, each by an FMU instance of its own, wherever the work goes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, as_completed
+from pathlib import Path
+
+from sim.session import FmuSession
+from sim.setup import Rig, SweepPlan
+from sim.stepped_sine import Sweep, sweep
+
+
+def sweep_all(fmu: Path, runs: Sequence[tuple[Rig, SweepPlan]], executor: Executor) -> Iterator[tuple[int, Sweep]]:
+    """Sweep each of the runs; the results do not depend on where the work runs.
+
+    Parameters
+    ----------
+    fmu : RotorRig.fmu, where all workers find it
+    runs : how each is set up
+    executor : where the work runs
+
+    Yields
+    ------
+    each run's place among ``runs`` and its sweep, as they are done
+
+    Raises
+    ------
+    NotSettledError, SetupError : as ``sweep`` does
+    """
+    places = {executor.submit(_sweep_one, fmu, rig, plan): place for place, (rig, plan) in enumerate(runs)}
+    for done in as_completed(places):
+        yield places[done], done.result()
+
+
+def _sweep_one(fmu: Path, rig: Rig, plan: SweepPlan) -> Sweep:
+    with FmuSession(fmu) as session:
+        return sweep(session, rig, plan)

@@ -1,0 +1,147 @@
+"""Where long work runs: a real dask scheduler with two workers, one of them killed; processes of this machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from estimator import dataset
+from estimator.dataset import measure_rigs
+from estimator.prior import PRIOR
+from rigtwin import scale_out
+from rigtwin.exits import UserError
+from rigtwin.scale_out import executor
+from rotor.effects import FastSweep, ForceDropout
+from sim.runs import sweep_all
+from sim.stepped_sine import NotSettledError, Rig, SetupError, SweepPlan
+
+COARSE = SweepPlan(n_lines=96)
+PATIENCE = 60.0  # seconds for a process to come up
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A scheduler and its workers, processes of their own."""
+
+    address: str
+    workers: tuple[subprocess.Popen, ...]
+
+
+@pytest.fixture
+def draws_kept() -> Iterator[None]:
+    """dask draws from Python's global generator."""
+    state = random.getstate()
+    yield
+    random.setstate(state)
+
+
+@pytest.fixture
+def cluster(draws_kept, tmp_path) -> Iterator[Cluster]:
+    file = tmp_path / "scheduler.json"
+    begun: list[subprocess.Popen] = []
+
+    def start(tool: str, *options: str) -> subprocess.Popen:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{tool}", "--scheduler-file", str(file), *options]
+        begun.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+        return begun[-1]
+
+    local = ("--host", "127.0.0.1", "--no-dashboard")
+    try:
+        start("scheduler", *local, "--port", "0")
+        end = time.monotonic() + PATIENCE
+        while not file.exists():
+            assert time.monotonic() < end, "the scheduler does not start"
+            time.sleep(0.05)
+        workers = tuple(start("worker", *local, "--nthreads", "1", "--no-nanny") for _ in range(2))
+        address = json.loads(file.read_text(encoding="utf-8"))["address"].removeprefix("tcp://")
+        wait_for_workers(address, 2)
+        yield Cluster(address, workers)
+    finally:
+        for process in begun:
+            process.kill()
+            process.wait()
+
+
+def wait_for_workers(address: str, count: int) -> None:
+    from distributed import Client
+
+    with Client(f"tcp://{address}") as client:
+        client.wait_for_workers(count, timeout=PATIENCE)
+
+
+def test_a_worker_killed_in_mid_run_loses_nothing_and_doubles_nothing(rotor_fmu, cluster, tmp_path, monkeypatch):
+    monkeypatch.setattr(dataset, "_CHUNK", 1)
+    rigs, store = PRIOR.draw(6, seed=3), tmp_path / "store"
+    seen: list[int] = []
+
+    def kill_one(measured: int) -> None:
+        seen.append(measured)
+        if len(seen) == 2:
+            os.kill(cluster.workers[0].pid, signal.SIGKILL)
+
+    with executor(f"dask://{cluster.address}") as pool:
+        found = measure_rigs(rotor_fmu, rigs, pool, plan=COARSE, store=store, progress=kill_one)
+    assert cluster.workers[0].wait(PATIENCE) == -signal.SIGKILL
+    assert seen == list(range(1, 7))
+    assert len(list(store.iterdir())) == 6
+    with executor(workers=2) as pool:
+        assert_array_equal(found.features, measure_rigs(rotor_fmu, rigs, pool, plan=COARSE).features)
+
+
+def test_what_a_cluster_left_is_gone_on_with_here(rotor_fmu, cluster, tmp_path, monkeypatch):
+    monkeypatch.setattr(dataset, "_CHUNK", 1)
+    rigs, store = PRIOR.draw(4, seed=4), tmp_path / "store"
+
+    def interrupt(measured: int) -> None:
+        if measured == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), executor(f"dask://{cluster.address}") as pool:
+        measure_rigs(rotor_fmu, rigs, pool, plan=COARSE, store=store, progress=interrupt)
+    kept = {path: path.stat().st_mtime_ns for path in store.iterdir()}
+    assert len(kept) >= 2
+    with executor(workers=1) as pool:
+        assert len(measure_rigs(rotor_fmu, rigs, pool, plan=COARSE, store=store)) == 4
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+def test_runs_are_those_of_one_instance_wherever_they_are_measured(rotor_fmu):
+    runs = [(Rig("bearing"), SweepPlan(n_lines=24, refine=False, force_amplitude=f)) for f in (1.0, 2.0)]
+    with executor(workers=2) as pool:
+        found = dict(sweep_all(rotor_fmu, runs, pool))
+    assert [found[k].run.force_amplitude_N for k in (0, 1)] == [1.0, 2.0]
+    assert np.all(np.isfinite(found[0].run.H))
+    assert_array_equal(found[0].run.frequency_hz, found[1].run.frequency_hz)
+
+
+@pytest.mark.parametrize(
+    ("rig", "plan", "error", "words"),
+    [
+        (Rig("rigid"), SweepPlan(n_lines=8, settle_time=0.01, max_windows=5), NotSettledError, "is still transient"),
+        (Rig(effects=(ForceDropout(), FastSweep())), SweepPlan(), SetupError, "give force_dropout or fast_sweep"),
+    ],
+)
+def test_what_a_worker_complains_of_arrives_whole(rotor_fmu, rig, plan, error, words):
+    with executor(workers=1) as pool, pytest.raises(error, match=words):
+        list(sweep_all(rotor_fmu, [(rig, plan)], pool))
+
+
+@pytest.mark.parametrize(
+    ("where", "words"),
+    [("cluster:8786", "write dask://HOST:PORT"), ("dask://127.0.0.1:1", "no dask scheduler answers there")],
+)
+def test_an_executor_that_is_not_there(where, words, draws_kept, monkeypatch):
+    monkeypatch.setattr(scale_out, "_ANSWERS_WITHIN", 1.0)
+    with pytest.raises(UserError, match=words), executor(where):
+        pass

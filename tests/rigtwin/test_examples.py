@@ -15,7 +15,9 @@ from tests.rigtwin.conftest import run
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
-@pytest.mark.parametrize("name", ["measure_k_b", "own_rotor", "diagnose_a_campaign", "in_libcosim"])
+@pytest.mark.parametrize(
+    "name", ["measure_k_b", "own_rotor", "diagnose_a_campaign", "in_libcosim", "in_ecos", "as_one_fmu"]
+)
 def test_an_example_runs_from_anywhere_and_its_number_holds(name, tmp_path):
     script = EXAMPLES / f"{name}.py"
     finished = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)

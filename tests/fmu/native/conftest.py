@@ -13,17 +13,42 @@ from rotor.rig import Rig, load_rig
 from sim.session import FmuSession
 
 
+def build(name: str, fmi: str, made: pytest.TempPathFactory) -> Path:
+    """One of the shipped rig's FMUs, for this machine."""
+    folder, options = made.mktemp("native"), {"fmi": fmi, "targets": [this_machine()]}
+    if name == "StiffnessEstimator":
+        return build_native_estimator_fmu(folder, **options)
+    return build_native_rotor_fmu(load_rig("nit-rourkela"), folder, **options)
+
+
 @pytest.fixture(scope="session")
 def rotor_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """``RotorRig.fmu`` of the shipped rig, FMI 2.0, for this machine."""
-    folder = tmp_path_factory.mktemp("native_rotor")
-    return build_native_rotor_fmu(load_rig("nit-rourkela"), folder, targets=[this_machine()])
+    """``RotorRig.fmu``, FMI 2.0."""
+    return build("RotorRig", "2.0", tmp_path_factory)
 
 
 @pytest.fixture(scope="session")
 def estimator_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """``StiffnessEstimator.fmu``, FMI 2.0, for this machine."""
-    return build_native_estimator_fmu(tmp_path_factory.mktemp("native_estimator"), targets=[this_machine()])
+    """``StiffnessEstimator.fmu``, FMI 2.0."""
+    return build("StiffnessEstimator", "2.0", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def rotor3(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``RotorRig.fmu``, FMI 3.0."""
+    return build("RotorRig", "3.0", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def estimator3(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``StiffnessEstimator.fmu``, FMI 3.0."""
+    return build("StiffnessEstimator", "3.0", tmp_path_factory)
+
+
+@pytest.fixture(params=["rotor_fmu", "estimator_fmu", "rotor3", "estimator3"])
+def any_fmu(request: pytest.FixtureRequest) -> Path:
+    """Each of the four in turn."""
+    return request.getfixturevalue(request.param)
 
 
 @pytest.fixture(scope="session")

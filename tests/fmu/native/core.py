@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import ctypes as ct
-import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fmu_src.compiling import compiler, this_machine
 from fmu_src.native_sources import CONDITION_WORDS, EFFECT_WORDS, NATIVE, ROTOR_CORE
 from rotor.condition import Condition
 from rotor.effects import Effect
@@ -24,7 +23,7 @@ DOUBLES, INTS = ct.POINTER(ct.c_double), ct.POINTER(ct.c_int)
 
 def compiled(folder: Path) -> ct.CDLL:
     """The core, compiled without a warning and without fused operations: sums are those of numpy."""
-    command = [shutil.which("cc")] if shutil.which("cc") else [sys.executable, "-m", "ziglang", "cc"]
+    command = compiler(this_machine())
     flags = ["-O2", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-shared", "-fPIC"]
     library = folder / "core.so"
     subprocess.run(

@@ -12,23 +12,9 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from numpy.testing import assert_array_equal
 
-from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
-from fmu_src.compiling import this_machine
-from rotor.rig import load_rig
 from tests.fmu.test_model_description import fmutool_report
 
 N_NODES = 7
-
-
-@pytest.fixture(scope="module")
-def rotor3(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("rotor3")
-    return build_native_rotor_fmu(load_rig("nit-rourkela"), folder, fmi="3.0", targets=[this_machine()])
-
-
-@pytest.fixture(scope="module")
-def estimator3(tmp_path_factory) -> Path:
-    return build_native_estimator_fmu(tmp_path_factory.mktemp("estimator3"), fmi="3.0", targets=[this_machine()])
 
 
 @pytest.fixture(params=["rotor3", "estimator3"])

@@ -18,26 +18,10 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from numpy.testing import assert_allclose
 
-from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
-from fmu_src.compiling import this_machine
 from fmu_src.ssp import write_ssp
-from rotor.rig import load_rig
 
 H, N_STEPS = 1e-3, 50
 STOP = H * N_STEPS
-
-
-@pytest.fixture(scope="module")
-def fmi3(tmp_path_factory) -> dict[str, Path]:
-    folder, target = tmp_path_factory.mktemp("fmi3"), [this_machine()]
-    rotor = build_native_rotor_fmu(load_rig("nit-rourkela"), folder, fmi="3.0", targets=target)
-    return {"rotor": rotor, "estimator": build_native_estimator_fmu(folder, fmi="3.0", targets=target)}
-
-
-@pytest.fixture(params=["rotor 2.0", "estimator 2.0", "rotor 3.0", "estimator 3.0"])
-def any_fmu(request, rotor_fmu, estimator_fmu, fmi3) -> Path:
-    name, version = request.param.split()
-    return {"rotor": rotor_fmu, "estimator": estimator_fmu}[name] if version == "2.0" else fmi3[name]
 
 
 def without_binaries(fmu: Path, folder: Path) -> Path:

@@ -19,14 +19,12 @@ from typing import Any, NoReturn
 from uuid import UUID
 from xml.etree.ElementTree import Element
 
-from pythonfmu.enums import Fmi2Causality, Fmi2Variability
 from pythonfmu.fmi2slave import Fmi2Slave
-from pythonfmu.variables import Boolean, Integer, Real
 
 from fmu_src.model_description import Model, fmi2, variability
 from fmu_src.variables import Variable
 
-_FMI_CLASS = {"Real": Real, "Integer": Integer, "Boolean": Boolean}
+_KINDS = ("Real", "Integer", "Boolean", "String")
 
 # What pythonfmu's glue calls on an instance.
 _HOST_CALLS = (
@@ -80,14 +78,11 @@ class TableSlave(Fmi2Slave):
         self._description = Model(name, *described, self._table)
         self._number = {v.name: number for number, v in enumerate(self._table)}
         self._references = {
-            kind: frozenset(number for number, v in enumerate(self._table) if v.kind == kind)
-            for kind in (*_FMI_CLASS, "String")
+            kind: frozenset(number for number, v in enumerate(self._table) if v.kind == kind) for kind in _KINDS
         }
         self._values: list[Any] = [_start_value(v) for v in self._table]
         self._initialised = False
         self._stale = True
-        for number, variable in enumerate(self._table):
-            self.register_variable(self._declare(number, variable), nested=False)
         _end_glue_early(Path(kwargs["resources"]).parent / "binaries" / "linux64" / f"{self.modelName}.so")
 
     def __init_subclass__(cls, **kwargs: Any):
@@ -232,15 +227,6 @@ class TableSlave(Fmi2Slave):
         return content if isinstance(content, dict) else None
 
     # -- model description ---------------------------------------------------------------------
-
-    def _declare(self, number: int, variable: Variable) -> Real | Integer | Boolean:
-        """A variable as pythonfmu's own bookkeeping wants it; the host reads the model description."""
-        return _FMI_CLASS[variable.kind](
-            variable.name,
-            causality=Fmi2Causality[variable.causality],
-            variability=Fmi2Variability[variability(variable)],
-            getter=lambda: self._values[number],
-        )
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """The complete FMI 2.0 model description; the same sources give the same one."""

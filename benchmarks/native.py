@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import platform
@@ -45,6 +46,19 @@ SPECIAL = {
     "rub": {"rub.gap": 1e-5},
 }
 
+CALLS = """#if defined _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+void network(const float *features, float *estimate);
+EXPORT void calls(int n, const float *features, float *estimates)
+{
+    for (int i = 0; i < n; i++)
+        network(features + 6 * i, estimates + 5 * i);
+}
+"""
+
 # A motion that repeats no better than this is left to chance, digit by digit.
 PERIODIC = 1e-6
 CYCLES = 10_000
@@ -76,7 +90,7 @@ def main() -> None:
             sweeps = {name: _best(lambda s=s: _sweeps(s)) for name, s in (("python", python), ("native", native))}
             change = _best(lambda: _change_k_b(native)) / 200
             growth = _growth(native)
-        calls = _estimates(*estimators)
+        calls = _estimates(*estimators) | {"network": _network_call(estimators[1], folder / "calls")}
     page = _page(agreements, steps, sweeps, change, growth, calls)
     DOC.write_text(page, encoding="utf-8")
     print(page)
@@ -191,6 +205,20 @@ def _estimates(slow: Path, fast: Path) -> dict[str, float]:
     return found | {"difference": worst}
 
 
+def _network_call(fmu: Path, folder: Path, n: int = 200_000) -> float:
+    """Seconds of a call of the estimator's network by C, at inputs that differ from call to call."""
+    shutil.unpack_archive(fmu, folder, format="zip")
+    target, sources, library = this_machine(), folder / "sources", folder / f"calls{this_machine().suffix}"
+    (sources / "calls.c").write_text(CALLS, encoding="utf-8")
+    compile_library(sources, ["calls.c", "network.c"], target, library)
+    inputs = np.array(list(StiffnessEstimator().card["example_inputs"].values()))
+    features = (inputs * np.exp(np.random.default_rng(0).normal(0, 1e-3, (n, 6)))).astype(np.float32)
+    answers = np.empty((n, 5), dtype=np.float32)
+    calls = ctypes.CDLL(str(library)).calls
+    calls.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p]
+    return _best(lambda: calls(n, features.ctypes.data, answers.ctypes.data)) / n
+
+
 def _empty_fmu(fmu: Path, folder: Path) -> Path:
     """The same FMU with a model that does nothing: what FMI itself costs."""
     shutil.unpack_archive(fmu, folder, format="zip")
@@ -250,6 +278,7 @@ Not periodic, where two exact solvers part in their last digits: {chance}.
 
 {bar("a step over one of an empty FMU with the same variables", steps["native"] / steps["empty"], at_most=1.3)}
 {bar("two-support sweep", sweeps["native"], at_most=0.7, unit="s")}
+{bar("a call of the estimator's network by C", 1e6 * calls["network"], at_most=1.0, unit="µs")}
 {bar("estimator against onnxruntime, of k_b", calls["difference"], at_most=1e-6)}
 {bar(f"growth of the process over {CYCLES} instances made and freed", growth, at_most=0.1, unit="MB")}
 Changing k_b while it runs takes {1e3 * change:.2f} ms: the core builds its matrices, modes and propagators anew.

@@ -4,25 +4,36 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from fmpy import extract, instantiate_fmu, read_model_description, simulate_fmu
 
-from build_fmu import build_rotor_fmu
+from benchmarks.page import bar, table
+from build_fmu import build_native_rotor_fmu, build_rotor_fmu
+from fmu_src.compiling import this_machine
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.frequency_response import accelerance
 from rotor.model import build_system
 from rotor.rig import load_rig
-from sim.campaign import Run
+from rotor.structure import Structure
+from sim.campaign import Channel, Run, SupportKind
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, Sweep, SweepPlan, measure_lines, sweep
 
 DOC = Path(__file__).resolve().parent.parent / "docs" / "virtual-rig.md"
 PLAN = SweepPlan()
-SUPPORTS = ("rigid", "bearing")
+SUPPORTS: tuple[SupportKind, ...] = ("rigid", "bearing")
+SHIPPED_K_B = 1e7
+
+# What a user would do instead: a force signal sampled so fast, for so long that 0.1 % of damping settles.
+RATE, DURATION = 20e3, 16.0
+TRIED_LINES = (60.0, 100.0, 350.0)
+PULSE, PULSE_PEAK = 2e-3, 100.0  # a hammer's blow [s, N]
+OUTPUTS = [f"node_{n}.acceleration_y" for n in range(1, 8)]
 
 # Channels are judged where a line is above this share of the channel's median.
 _SHARE_OF_MEDIAN = 0.01
@@ -39,30 +50,44 @@ class Accuracy:
     judged: int
 
 
+@dataclass(frozen=True)
+class Timings:
+    """Seconds for two supports; how many lines that are, and what it leaves."""
+
+    compiled: float
+    on_python: float
+    from_rest: float
+    sampled_line: float  # one line of fmpy.simulate_fmu
+    blows: float  # two runs of it
+    blow_error: float
+
+
 def main() -> None:
     """Measure, print, write the page."""
     rig = load_rig("nit-rourkela")
     structure = assemble(rig)
     with tempfile.TemporaryDirectory() as folder:
-        fmu = build_rotor_fmu(rig, Path(folder))
+        fmu = build_native_rotor_fmu(rig, Path(folder), targets=[this_machine()])
         with FmuSession(fmu) as session:
             accuracies = [_accuracy(session, structure, support, k) for k in (1e6, 1e7, 1e8) for support in SUPPORTS]
-            seconds, sweeps = _time_two_supports(session)
+            compiled, sweeps = _time_two_supports(session)
             hasty = _hasty(session, structure)
             from_rest = _time_from_rest(session, sweeps)
-        per_line = _time_sampled_sine(fmu, sweeps[1].run)
-    page = _page(accuracies, seconds, sweeps, hasty, from_rest, per_line)
+        with FmuSession(build_rotor_fmu(rig, Path(folder) / "python")) as session:
+            on_python, _ = _time_two_supports(session)
+        timings = Timings(compiled, on_python, from_rest, _time_sampled_sine(fmu), *_blows(fmu, structure))
+    page = _page(accuracies, sweeps, hasty, timings)
     DOC.write_text(page, encoding="utf-8")
     print(page)
 
 
-def _accuracy(session: FmuSession, structure, support: str, k_b: float) -> Accuracy:
+def _accuracy(session: FmuSession, structure: Structure, support: SupportKind, k_b: float) -> Accuracy:
     run = sweep(session, Rig(support, parameters={"k_b": k_b}), PLAN).run
     errors = _errors(run, structure, k_b)
     return Accuracy(support, k_b, len(run.frequency_hz), float(errors.max()), errors.size)
 
 
-def _errors(run: Run, structure, k_b: float) -> np.ndarray:
+def _errors(run: Run, structure: Structure, k_b: float) -> np.ndarray:
     system = build_system(structure, Condition(k_b=k_b, rigid_support=run.support == "rigid"))
     exact = accelerance(system, run.frequency_hz)[:, :, 0]
     moving = np.abs(exact).max(axis=0) > 0
@@ -81,11 +106,11 @@ def _time_two_supports(session: FmuSession) -> tuple[float, list[Sweep]]:
     return best, sweeps
 
 
-def _hasty(session: FmuSession, structure) -> float:
+def _hasty(session: FmuSession, structure: Structure) -> float:
     """The same sweep with a tenth of the settling time and no check."""
     plan = SweepPlan(settle_time=PLAN.settle_time / 10, settling_tolerance=np.inf, refine=False)
     lines = sweep(session, Rig("bearing"), PLAN).run.frequency_hz
-    return float(_errors(measure_lines(session, Rig("bearing"), plan, lines).run, structure, 1e7).max())
+    return float(_errors(measure_lines(session, Rig("bearing"), plan, lines).run, structure, SHIPPED_K_B).max())
 
 
 def _time_from_rest(session: FmuSession, sweeps: list[Sweep]) -> float:
@@ -97,81 +122,104 @@ def _time_from_rest(session: FmuSession, sweeps: list[Sweep]) -> float:
     return time.perf_counter() - start
 
 
-def _time_sampled_sine(fmu: Path, run: Run, settle: float = 16.0, rate: float = 20e3) -> list[float]:
-    """Seconds a line with ``fmpy.simulate_fmu`` and a sampled sine on the force input.
+def _time_sampled_sine(fmu: Path) -> float:
+    """Seconds a line with ``fmpy.simulate_fmu`` and a sampled sine on the force input, the median of three."""
+    run = _sampled(fmu)
+    return float(np.median([run(lambda t, f=f: np.sin(2 * np.pi * f * t), {})[0] for f in TRIED_LINES]))
+
+
+def _blows(fmu: Path, structure: Structure) -> tuple[float, float]:
+    """Seconds of a sampled hammer's blow on each support with ``fmpy.simulate_fmu``, and its largest error."""
+    run, seconds, worst = _sampled(fmu), 0.0, 0.0
+    for support in SUPPORTS:
+        took, force, motion = run(_pulse, {"rigid_support": support == "rigid"})
+        seconds += took
+        frequency = np.fft.rfftfreq(len(force), 1 / RATE)
+        band = (frequency >= PLAN.f_min_hz) & (frequency <= PLAN.f_max_hz)
+        H = (np.fft.rfft(motion, axis=0) / np.fft.rfft(force)[:, None])[band]
+        channels = tuple(Channel(n) for n in range(1, 8))
+        measured = Run(frequency[band], H, channels, support=support, name=f"blow, {support}")
+        worst = max(worst, float(_errors(measured, structure, SHIPPED_K_B).max()))
+    return seconds, worst
+
+
+def _pulse(t: np.ndarray) -> np.ndarray:
+    return np.where(t < PULSE, PULSE_PEAK * np.sin(np.pi * t / PULSE) ** 2, 0.0)
+
+
+def _sampled(fmu: Path) -> Callable[..., tuple[float, np.ndarray, np.ndarray]]:
+    """A run with ``fmpy.simulate_fmu``: seconds, force (n,) and accelerations (n, 7).
 
     Unpacked once, one instance, as fmpy's own example of efficient loops does it.
     """
     unpacked = extract(str(fmu))
     description = read_model_description(unpacked)
     instance = instantiate_fmu(unpacked, description, "CoSimulation")
-    seconds = []
-    for f in (60.0, 100.0, 350.0):
-        t = np.arange(0.0, settle, 1 / rate)
-        signal = np.array(
-            list(zip(t, np.sin(2 * np.pi * f * t), strict=True)), dtype=[("time", float), ("force", float)]
-        )
+
+    def run(force: Callable, start_values: dict) -> tuple[float, np.ndarray, np.ndarray]:
+        t = np.arange(0.0, DURATION, 1 / RATE)
+        signal = np.array(list(zip(t, force(t), strict=True)), dtype=[("time", float), ("force", float)])
         instance.reset()
         start = time.perf_counter()
-        simulate_fmu(
+        result = simulate_fmu(
             unpacked,
             model_description=description,
             fmu_instance=instance,
+            start_values=start_values,
             input=signal,
-            output=[f"node_{n}.acceleration_y" for n in range(1, 8)],
-            step_size=1 / rate,
-            output_interval=1 / rate,
-            stop_time=settle,
+            output=OUTPUTS,
+            step_size=1 / RATE,
+            output_interval=1 / RATE,
+            stop_time=DURATION,
         )
-        seconds.append(time.perf_counter() - start)
-    instance.freeInstance()
-    return seconds
+        seconds = time.perf_counter() - start
+        return seconds, force(result["time"]), np.column_stack([result[name] for name in OUTPUTS])
+
+    return run
 
 
-def _page(
-    accuracies: list[Accuracy],
-    seconds: float,
-    sweeps: list[Sweep],
-    hasty: float,
-    from_rest: float,
-    per_line: list[float],
-) -> str:
-    lines = [len(s.lines) for s in sweeps]
-    sampled = float(np.median(per_line)) * sum(lines)
-    rows = "\n".join(f"| {a.support} | {a.k_b:.0e} | {a.lines} | {a.judged} | {a.worst:.1e} |" for a in accuracies)
-    worst = max(a.worst for a in accuracies)
+def _page(accuracies: list[Accuracy], sweeps: list[Sweep], hasty: float, timings: Timings) -> str:
+    first, second = (len(s.lines) for s in sweeps)
+    rows = [(a.support, f"{a.k_b:.0e}", str(a.lines), str(a.judged), f"{a.worst:.1e}") for a in accuracies]
+    exactness = table(("support", "k_b, N/m", "lines", "values judged", "largest error"), rows)
     drift = max(line.drift_per_period for s in sweeps for line in s.lines)
     windows = sum(line.windows for s in sweeps for line in s.lines)
+    sampled, one = timings.sampled_line * (first + second), timings.compiled
+    ways = [
+        ("virtual rig, compiled FMU, each line settled from the one before", one),
+        ("the same with pythonfmu's FMU", timings.on_python),
+        ("virtual rig, compiled FMU, every line settled from rest", timings.from_rest),
+        ("`fmpy.simulate_fmu`, compiled FMU, a 20 kHz sampled sine for each line", sampled),
+        ("`fmpy.simulate_fmu`, compiled FMU, one sampled hammer's blow on each support", timings.blows),
+    ]
+    speed = table(("how", "time, s", "ratio"), [(name, f"{s:.3g}", f"{s / one:.3g}") for name, s in ways])
     return f"""# The virtual rig, measured
 
 Written by `python -m benchmarks.virtual_rig`. Timings depend on the machine; quote the ratios.
 
 ## Exactness
 
-Accelerance measured through `RotorRig.fmu` (built-in sine, {PLAN.samples_per_period} samples a period, settled lines,
-20 to 400 Hz, refined round the resonances) against the direct frequency response of the same matrices. Largest complex
-error relative to each line's own value, over all moving nodes, where the line is above 1 % of its channel's median.
+Accelerance measured through `RotorRig.fmu` (compiled, built-in sine, {PLAN.samples_per_period} samples a period,
+settled lines, 20 to 400 Hz, refined round the resonances) against the direct frequency response of the same matrices.
+Largest complex error relative to each line's own value, over all moving nodes, where the line is above 1 % of its
+channel's median.
 
-| support | k_b, N/m | lines | values judged | largest error |
-|---|---|---|---|---|
-{rows}
-
-Bar: 1e-4. Largest: **{worst:.1e}**. The same lines with a tenth of the settling time and the check switched off:
-{hasty:.1e}.
+{exactness}
+{bar("largest error", max(a.worst for a in accuracies), at_most=1e-4)}
+The same lines with a tenth of the settling time and the check switched off: {hasty:.1e}.
 
 ## Speed
 
-Two supports, {lines[0]} + {lines[1]} lines, 7 nodes, from rest, {PLAN.settle_time:g} s between windows, {windows}
-windows in all, largest drift {drift:.0e} per period: **{seconds:.2f} s** (bar: 2 s).
+Two supports, {first} + {second} lines, 7 nodes, from rest, {PLAN.settle_time:g} s between windows, {windows} windows in
+all, largest drift {drift:.0e} per period.
 
-| how | time, s | ratio |
-|---|---|---|
-| virtual rig, each line settled from the one before | {seconds:.2f} | 1 |
-| virtual rig, every line settled from rest on a reset instance | {from_rest:.2f} | {from_rest / seconds:.1f} |
-| `fmpy.simulate_fmu`, 20 kHz sampled sine on `force` | {sampled:.0f} | {sampled / seconds:.0f} |
-
-The last row is extrapolated from three lines of 16 s, {np.median(per_line):.2f} s each. The sampled sine is
-held between samples, so its result also carries a phase error of half a sample and more (see the FMU's documentation).
+{speed}
+{bar("two supports", one, at_most=0.7, unit="s")}
+{bar("its share of the time that a sampled sine for each line takes", one / sampled, at_most=1 / 2000)}
+A sampled line is {DURATION:g} s, of which three were timed, {timings.sampled_line:.2f} s each. A sampled force is held
+between samples, so the result also carries a phase error of half a sample and more (see the FMU's documentation). The
+blows, {DURATION:g} s of ring-down each, give the whole band at once, in lines {1 / DURATION:.4g} Hz apart, with errors
+of up to {timings.blow_error:.1e}.
 """
 
 

@@ -3,6 +3,7 @@
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects, benchmark-native, benchmark-scale   the figures in docs/, measured again
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
 # make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
+# make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu, beside this platform's
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
 # make laws   print the force laws anew, for Python and for C, after a change of rotor/force_laws.py
@@ -14,7 +15,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus native fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-blind paper-rig laws effect-pages clean
+.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-blind paper-rig laws effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -32,6 +33,9 @@ fmus: $(VENV)/installed
 
 native: $(VENV)/installed
 	$(PYTHON) build_fmu.py --native
+
+elsewhere: $(VENV)/installed
+	$(PYTHON) -m tests.fmu.native.elsewhere
 
 fuzz: $(VENV)/installed
 	$(PYTHON) -m tests.fmu.native.sanitizers 100000

@@ -11,12 +11,15 @@ import hashlib
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
 from fmu_src.model_description import Model, variability
 from fmu_src.rotor_variables import effects_in_fmu
 from fmu_src.variables import Variable
+from rotor import design, nonlinear_stepper, simulator, stepper, system
+from rotor.effects import nonlinear
 from rotor.effects.effect import SWITCH
 from rotor.structure import Structure
 
@@ -67,13 +70,34 @@ EFFECT_WORDS = {
     "unbalance": {"node": "unbalance_node", "moment": "unbalance_moment", "phase": "unbalance_phase"},
 }
 
+# Numbers that decide what the core computes, where they are written in Python; C knows them without an underscore.
+_CONSTANTS: tuple[tuple[ModuleType, tuple[str, ...]], ...] = (
+    (design, ("CRACK_LENGTH",)),
+    (nonlinear, ("SHARP", "SHARP_LENGTH")),
+    (system, ("_RIGID_BODY", "_BUCKLED")),
+    (stepper, ("_NO_STEADY_STATE",)),
+    (simulator, ("TICKS_PER_SECOND", "_SAME_TIME", "_LAST_TIME")),
+    (
+        nonlinear_stepper,
+        (
+            "FORCE_ERROR", "_BEND", "_UNNOTICED", "_VELOCITY_CHANGE", "_STIFFNESS", "_EASY", "_PER_PERIOD",
+            "_PERIODS_KEPT", "_SUBSTEPS_BETWEEN", "_FIRST", "_SHORTEST", "_MOST_SUBSTEPS", "_NEWTON_SHARE",
+            "_NEWTON_RELATIVE", "_NEWTON_STEPS", "_ROUND_OFF", "_STRAIGHT", "_CENTRE",
+        ),
+    ),
+)  # fmt: skip
+
 _PRINTED = "/* Printed when the FMU was built; do not edit. */\n"
 
 
 def rotor_sources(model: Model, structure: Structure, fmi: str) -> dict[str, str]:
     """C sources of ``RotorRig`` by file name, headers among them; those of FMI come from elsewhere."""
     names = (*INSTANCE, *ROTOR_CORE, SHELLS[fmi])
-    printed = {"variables.c": variables_code(model), "rig.c": rig_code(model, structure)}
+    printed = {
+        "constants.h": constants_code(),
+        "variables.c": variables_code(model),
+        "rig.c": rig_code(model, structure),
+    }
     return {**_written((*names, "rotor_model")), **printed}
 
 
@@ -97,6 +121,12 @@ def _written(names: Iterable[str]) -> dict[str, str]:
     """Hand-written sources, and every header they may include."""
     files = [*(NATIVE / f"{name}.c" for name in names), *sorted(NATIVE.glob("*.h"))]
     return {path.name: path.read_text(encoding="utf-8") for path in files}
+
+
+def constants_code() -> str:
+    """``constants.h``: the core's numbers."""
+    named = [(name.lstrip("_"), getattr(module, name)) for module, names in _CONSTANTS for name in names]
+    return _PRINTED + "".join(f"#define {name} {value!r}\n" for name, value in named)
 
 
 def variables_code(model: Model) -> str:

@@ -1,5 +1,6 @@
 #include "nonlinear.h"
 
+#include "constants.h"
 #include "laws.h"
 #include "linalg.h"
 
@@ -7,30 +8,10 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Those of rotor/nonlinear_stepper.py, by the same names. */
-#define FORCE_ERROR 3e-5
-#define BEND 1e-3
-#define UNNOTICED 1e-7
-#define VELOCITY_CHANGE 0.2
-#define STIFFNESS 0.2
-#define EASY 0.2
-#define PER_PERIOD 32
-#define PERIODS_KEPT 10
-#define SUBSTEPS_BETWEEN 256
-#define FIRST 0.1
-#define SHORTEST 1e-5
-#define NEWTON_SHARE 0.01
-#define NEWTON_RELATIVE (NEWTON_SHARE * FORCE_ERROR)
-#define NEWTON_STEPS 12
-#define ROUND_OFF 1e-9
-#define STRAIGHT 1e-13
-#define CENTRE 1e-15
-
 #define PULLS 4       /* a cubic's coefficients */
 #define TAYLOR 10     /* terms of a force's series: (2 pi / 32)^10 / 10! = 2e-14 */
 #define LONG 4.0      /* rate times substep, beyond which the exponential would be squared anyway */
-#define ROWS 16        /* of a block of W whose sums stay in registers */
-#define MOST_SUBSTEPS (1L << 24)
+#define ROWS 16       /* of a block of W whose sums stay in registers */
 #define MOST_LEVEL 60 /* the step is halved no more often than this */
 
 static const double TWO_PI = 6.283185307179586;

@@ -1,16 +1,14 @@
 #include "rotor.h"
 
+#include "constants.h"
 #include "laws.h"
 
 #include <math.h>
 #include <string.h>
 
 #define DOF 4
-#define CRACK_LENGTH 0.8
-#define SHARP 1e-6         /* length over which a law's corner is rounded, over the law's own length */
-#define SHARP_LENGTH 1e-12 /* the same for a law without a length [m] */
-#define MOST_ENTRIES 8     /* of a pattern: a point between two mesh nodes, and a base */
-#define MOST_LAWS 5        /* at a bearing */
+#define MOST_ENTRIES 8 /* of a pattern: a point between two mesh nodes, and a base */
+#define MOST_LAWS 5    /* at a bearing */
 
 /* Where a plane's (w, slope) at both ends of an element are among its eight degrees of freedom, with their signs. */
 static const int PLACES[2][4] = {{0, 3, 4, 7}, {1, 2, 5, 6}};

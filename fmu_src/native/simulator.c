@@ -1,5 +1,6 @@
 #include "simulator.h"
 
+#include "constants.h"
 #include "laws.h"
 #include "linalg.h"
 #include "nonlinear.h"
@@ -9,9 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define TICKS_PER_SECOND 68719476736.0 /* 2^36: times add up exactly */
-#define SAME_TIME 1e-6
-#define LAST_TIME 1e9
 #define SCALARS 6 /* of a snapshot, before the state */
 
 static const double TWO_PI = 6.283185307179586;

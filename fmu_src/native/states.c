@@ -1,12 +1,10 @@
 #include "states.h"
 
+#include "constants.h"
 #include "linalg.h"
 
 #include <math.h>
 #include <string.h>
-
-#define RIGID_BODY 1e-6
-#define BUCKLED 1e-12
 
 void states_memory(int n, int *doubles, int *ints)
 {

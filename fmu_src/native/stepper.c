@@ -1,12 +1,10 @@
 #include "stepper.h"
 
+#include "constants.h"
 #include "linalg.h"
 
 #include <math.h>
 #include <string.h>
-
-/* Steady response above which a block counts as undamped at a resonance, in units of b / omega. */
-#define NO_STEADY_STATE 1e5
 
 /* Largest matrix: twice as many real equations as complex ones; sines and cosines beside the states. */
 #define WIDE(n) (2 * (n) + 2 * MOST_INPUTS + 1)

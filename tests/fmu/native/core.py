@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fmu_src.compiling import compiler, this_machine
-from fmu_src.native_sources import CONDITION_WORDS, EFFECT_WORDS, NATIVE, ROTOR_CORE
+from fmu_src.native_sources import CONDITION_WORDS, EFFECT_WORDS, NATIVE, ROTOR_CORE, constants_code
 from rotor.condition import Condition
 from rotor.effects import Effect
 from rotor.effects.effect import SWITCH
@@ -26,9 +26,9 @@ def compiled(folder: Path) -> ct.CDLL:
     command = compiler(this_machine())
     flags = ["-O2", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-shared", "-fPIC"]
     library = folder / "core.so"
-    subprocess.run(
-        [*command, *flags, *(str(NATIVE / f"{name}.c") for name in ROTOR_CORE), "-o", str(library), "-lm"], check=True
-    )
+    (folder / "constants.h").write_text(constants_code(), encoding="utf-8")
+    sources = [str(NATIVE / f"{name}.c") for name in ROTOR_CORE]
+    subprocess.run([*command, *flags, f"-I{folder}", *sources, "-o", str(library), "-lm"], check=True)
     core = ct.CDLL(str(library))
     core.simulator_new.restype = ct.c_void_p
     for name in ("simulator_configure", "simulator_advance", "simulator_start_at", "simulator_restore", "system_build"):

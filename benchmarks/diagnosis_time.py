@@ -1,0 +1,104 @@
+"""What one diagnosis alone costs: ``python -m benchmarks.diagnosis_time`` writes docs/diagnosis-time.md."""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.page import DOCS, bar, table
+from gap.blind.generate import Order, make
+from gap.diagnose import diagnose
+from rigtwin.diagnose import measured_on_the_virtual_rig
+from sim.campaign_folder import load_campaign
+
+# Campaigns of the tuning split that no threshold has seen.
+SEED = 21
+CONFIRMED = "held out"  # the lap in which the FMU is asked
+
+
+@dataclass(frozen=True)
+class Group:
+    """Campaigns of a kind; what they may take [s]."""
+
+    words: str
+    set: str
+    count: int
+    nonlinear: bool
+    most: float
+
+
+GROUPS = (
+    Group("one linear effect or artefact", "W1", 10, False, 20.0),
+    Group("no gap", "W3", 4, False, 20.0),
+    Group("pairs", "W4", 5, False, 40.0),
+    Group("three levels, nonlinear", "W1", 5, True, 90.0),
+)
+
+
+def main() -> None:
+    """Make, diagnose one after another, print, write the page."""
+    rows, bars = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for group in GROUPS:
+            times = [_diagnosed(campaign) for campaign in _campaigns(group, Path(folder))]
+            alone, fmu = (np.array(values) for values in zip(*times, strict=True))
+            cells = (group.words, str(len(times)), _seconds(alone), f"{alone.max():.1f}", _seconds(fmu))
+            rows.append(cells)
+            bars.append(bar(f"{group.words}, median", float(np.median(alone)), at_most=group.most, unit="s"))
+    page = _page(rows, bars)
+    (DOCS / "diagnosis-time.md").write_text(page, encoding="utf-8")
+    print(page)
+
+
+def _campaigns(group: Group, folder: Path) -> list[Path]:
+    """The first campaigns of the kind, two supports and 280 lines each."""
+    found: list[Path] = []
+    index = 0
+    while len(found) < group.count:
+        order = Order(group.set, "tuning", SEED, index)
+        levels = make(order, folder)["levels"]
+        assert isinstance(levels, list)
+        if (len(levels) > 1) == group.nonlinear:
+            found.append(folder / order.name / "measured")
+        index += 1
+    return found
+
+
+def _diagnosed(folder: Path) -> tuple[float, float]:
+    """Seconds of the diagnosis, and of the FMU that confirms it."""
+    campaign = load_campaign(folder)
+    start = time.perf_counter()
+    confirm = partial(measured_on_the_virtual_rig, campaign, progress=lambda done, total, words: None)
+    found = diagnose(campaign, confirm=confirm).diagnosis
+    fmu = found.timing_s.get(CONFIRMED, 0.0)
+    return time.perf_counter() - start - fmu, fmu
+
+
+def _seconds(values: np.ndarray) -> str:
+    return f"{np.median(values):.1f}"
+
+
+def _page(rows: Sequence[tuple[str, ...]], bars: Sequence[str]) -> str:
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, {date.today().isoformat()}"
+    header = ("campaign", "how many", "median, s", "longest, s", "confirmation by the FMU, median, s")
+    return f"""# What a diagnosis costs
+
+Written by `python -m benchmarks.diagnosis_time` ({machine}), one diagnosis at a time, one thread. Campaigns of the
+blind generator: two supports, 280 lines, seven nodes or one; the nonlinear ones at three levels. Building the FMU and
+measuring the held-out lines on it are timed apart.
+
+{table(header, rows)}
+{"".join(f"{line}" + chr(10) for line in bars)}"""
+
+
+if __name__ == "__main__":
+    main()

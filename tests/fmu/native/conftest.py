@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
+from fmu_src import compiling
 from fmu_src.compiling import this_machine
 from rotor.rig import Rig, load_rig
 from sim.session import FmuSession
+from tests.fmu.native.sanitizers import SANITIZED, sanitized_compiler
+
+if SANITIZED in os.environ:
+    compiling.compiler = sanitized_compiler
 
 
 def build(name: str, fmi: str, made: pytest.TempPathFactory) -> Path:

@@ -1,11 +1,12 @@
-"""Random calls of the FMUs under the address and the undefined-behaviour sanitizer.
+"""The FMUs under the address and the undefined-behaviour sanitizer.
 
-``python -m tests.fmu.native.sanitizers 100000`` makes so many sequences of calls of each of the
-four FMUs, in parts with a seed each; half an hour. It needs a C compiler with sanitizers on Linux.
+``python -m tests.fmu.native.sanitizers 100000`` runs the FMUs' tests, and then makes so many sequences of
+random calls of each of the four FMUs, in parts with a seed each; an hour. It needs gcc on Linux.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,9 @@ HERE = Path(__file__).parent
 FLAGS = ("-std=c99", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined,float-cast-overflow")
 STRICT = ("-fno-sanitize-recover=all", "-Wall", "-Wextra", "-Werror")
 PART = 5000
+
+# Set where FMUs are to be built with sanitizers; see conftest.py.
+SANITIZED = "RIGTWIN_TESTS_SANITIZED"
 
 
 def program(fmu: Path, fmi: str, folder: Path) -> Path:
@@ -44,8 +48,29 @@ def run(made: Path, seed: int, sequences: int) -> str:
     return finished.stdout
 
 
+def sanitized_compiler(_target: object) -> list[str]:
+    """In place of the compiler that FMUs are built with."""
+    return ["gcc", "-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+
+
+def suite() -> None:
+    """The tests of the FMUs, on FMUs that watch themselves; raises CalledProcessError where one fails."""
+    names = ("libasan.so", "libstdc++.so")  # the second, so that the first finds what throws
+    ask = [["gcc", f"-print-file-name={name}"] for name in names]
+    runtimes = [subprocess.run(one, capture_output=True, text=True, check=True).stdout.strip() for one in ask]
+    watched = {
+        "LD_PRELOAD": " ".join(runtimes),
+        "ASAN_OPTIONS": "detect_leaks=0:quarantine_size_mb=1",
+        SANITIZED: "1",
+    }
+    tests = [str(HERE / f"{name}.py") for name in ("test_core", "test_fmi3", "test_all_again")]
+    subprocess.run([sys.executable, "-m", "pytest", "-x", *tests], env=os.environ | watched, check=True)
+    print("the tests of the FMUs, with sanitizers: nothing found", flush=True)
+
+
 def main(sequences: int) -> None:
-    """Both FMUs in both versions of FMI."""
+    """The tests, then both FMUs in both versions of FMI."""
+    suite()
     rig, target = load_rig("nit-rourkela"), [this_machine()]
     with tempfile.TemporaryDirectory(prefix="random_calls_") as scratch:
         for fmi in ("2.0", "3.0"):

@@ -79,7 +79,7 @@ def run_gates(fmu: Path, expectation: Expectation | None = None) -> list[Gate]:
     """
     manifest(fmu)
     gates = [
-        _gate("FMI 2.0 model description and archive (fmpy)", lambda: validate(fmu)),
+        _gate("model description and archive (fmpy)", lambda: validate(fmu)),
         _gate("FMU Manipulation Toolbox -check", lambda: fmutool(fmu)),
     ]
     with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder, _Apart() as apart:
@@ -133,7 +133,7 @@ class _Apart:
 
 def _with_estimator(fmu: Path, expectation: Expectation, folder: Path) -> Expectation:
     """The expectation with the estimator FMU to ask. Raises UserError where none fits."""
-    if "facts" not in manifest(fmu):
+    if "rig" not in manifest(fmu):
         raise UserError(f"{fmu}: --expect-k-b needs a RotorRig.fmu of rigtwin build; leave it out to check other FMUs")
     found = estimator_for(fmu, expectation.estimator, folder)
     trained, built = trained_rig(fmu_card(found)), manifest(fmu)["rig"]
@@ -205,7 +205,9 @@ def replays(fmu: Path) -> str:
 def refuses(fmu: Path) -> str:
     """A value below a variable's own minimum is refused in words, and the FMU then still steps."""
     with _open(fmu) as session:
-        minima = [(v.name, v.min) for v in session.description.modelVariables if v.type == "Real" and v.min]
+        minima = [
+            (v.name, v.min) for v in session.description.modelVariables if session.kind(v.name) == "Real" and v.min
+        ]
         if not minima:
             raise NotRun("no Real variable states a minimum")
         name, minimum = minima[0]
@@ -265,9 +267,10 @@ def _open(fmu: Path) -> Iterator[FmuSession]:
 
 def _record(session: FmuSession) -> np.ndarray:
     """(_SAMPLES, n) Real outputs over some steps. Raises GateError where the FMU fails."""
-    description = session.description
-    outputs = [v.name for v in description.modelVariables if v.causality == "output" and v.type == "Real"]
-    experiment = description.defaultExperiment
+    variables, experiment = session.description.modelVariables, session.description.defaultExperiment
+    outputs = [
+        v.name for v in variables if v.causality == "output" and session.kind(v.name) == "Real" and not v.dimensions
+    ]
     h = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
     try:
         return session.sample(outputs, h, _SAMPLES)

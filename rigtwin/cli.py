@@ -205,7 +205,7 @@ def estimate(
 
 @app.command(short_help="Gate for CI: compliance, replay, known stiffness.")
 def check(
-    fmu: Annotated[Path, typer.Argument(help="RotorRig.fmu, StiffnessEstimator.fmu, or another FMI 2.0 FMU.")],
+    fmu: Annotated[Path, typer.Argument(help="RotorRig.fmu, StiffnessEstimator.fmu, or another for co-simulation.")],
     expect_k_b: Annotated[float | None, typer.Option(help="The rig must give back this stiffness [N/m].")] = None,
     tolerance: Annotated[float, typer.Option(help="Largest relative error of it.")] = 0.05,
     estimator: Annotated[Path | None, typer.Option(help="Estimator FMU; default the one beside it.")] = None,

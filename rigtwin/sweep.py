@@ -174,7 +174,7 @@ def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, 
         if name not in variables:
             known = ", ".join(known for known in variables if "." not in known)
             raise UserError(f"--set {setting}: the FMU has no parameter {name}; it has {known}, and those of --effect")
-        parameters[name] = _value(setting, text, variables[name].type)
+        parameters[name] = _value(setting, text, session.kind(name))
     return parameters
 
 

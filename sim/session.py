@@ -1,4 +1,4 @@
-"""One FMU instance from unzip to free, driven through fmpy's FMI 2.0 co-simulation interface."""
+"""One FMU instance from unzip to free, driven through fmpy's co-simulation interfaces, FMI 2.0 and FMI 3.0."""
 
 from __future__ import annotations
 
@@ -15,18 +15,10 @@ from typing import Any
 import numpy as np
 from fmpy import extract, read_model_description
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import (
-    FMU2Slave,
-    defaultCallbacks,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-    fmi2Real,
-    fmi2ValueReference,
-    fmi2Warning,
-)
 from fmpy.model_description import ModelDescription
 
 from sim.campaign import FloatArray
+from sim.instances import FAILED, KINDS, Instance, instance
 
 # pythonfmu's loader reads its resources from a file URI of which it decodes only %20; any other
 # escaped character is a segmentation fault.
@@ -91,6 +83,11 @@ class FmuSession:
         """Names of all variables."""
         return list(self._variables)
 
+    def kind(self, name: str) -> str:
+        """Type of a variable: "Real", "Integer", "Boolean" or "String", of FMI 3.0 any other that it has."""
+        kind = str(self._variable(name).type)
+        return KINDS.get(kind, kind)
+
     def start(self, values: Mapping[str, float | int | bool] | None = None) -> None:
         """(Re)start at time zero from rest with these start values.
 
@@ -147,18 +144,14 @@ class FmuSession:
         (n, n_outputs) values; the instance then stands n - 1 steps later
         """
         self._require_open()
-        size = len(outputs)
-        references = (fmi2ValueReference * size)(*(self._variable(o).valueReference for o in outputs))
-        values = np.empty((n, size))
-        rows = (fmi2Real * size * n).from_buffer(values.data)
-        # fmpy's own calls take longer than a step
-        do_step, get_real = self._fmu.dll.fmi2DoStep, self._fmu.dll.fmi2GetReal
-        component, start = self._fmu.component, self.time
+        values, start = np.empty((n, len(outputs))), self.time
+        step = self._fmu.stepping()
+        read = self._fmu.reading([self._variable(o).valueReference for o in outputs], values)
         for row in range(n):
-            if row and (status := do_step(component, start + (row - 1) * h, h, 1)) > fmi2Warning:
-                raise self._error(FMICallException(function="fmi2DoStep", status=status))
-            if (status := get_real(component, references, size, rows[row])) > fmi2Warning:
-                raise self._error(FMICallException(function="fmi2GetReal", status=status))
+            if row and (status := step(start + (row - 1) * h, h)) >= FAILED:
+                raise self._error(FMICallException(function="doStep", status=status))
+            if (status := read(row)) >= FAILED:
+                raise self._error(FMICallException(function="getReal", status=status))
         self.time = start + (n - 1) * h
         return values
 
@@ -171,29 +164,14 @@ class FmuSession:
             raise FmuError(f"{self.description.modelName} has no variable {name!r}")
         return self._variables[name]
 
-    def _instantiate(self) -> FMU2Slave:
-        if self.description.coSimulation is None or self.description.fmiVersion != "2.0":
-            raise FmuError(f"{self.description.modelName} is not an FMI 2.0 co-simulation FMU")
-        self._callbacks = fmi2CallbackFunctions(
-            logger=fmi2CallbackLoggerTYPE(self._take_log),
-            allocateMemory=defaultCallbacks.allocateMemory,
-            freeMemory=defaultCallbacks.freeMemory,
-        )
+    def _instantiate(self) -> Instance:
         try:
             with chdir(Path.cwd()):  # fmpy stays in the FMU's own folder when its library does not load
-                fmu = FMU2Slave(
-                    guid=self.description.guid,
-                    unzipDirectory=str(self._folder),
-                    modelIdentifier=self.description.coSimulation.modelIdentifier,
-                    instanceName=self.description.modelName,
-                )
-            fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
+                fmu = instance(self.description, str(self._folder))
+            fmu.begin(self._log.append)
         except Exception as error:  # fmpy raises bare Exception here
             raise self._error(error) from error
         return fmu
-
-    def _take_log(self, _environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
-        self._log.append(message.decode("utf-8", errors="replace"))
 
     def _call(self, function: Any, *arguments: Any, **options: Any) -> Any:
         self._require_open()
@@ -203,7 +181,8 @@ class FmuSession:
             raise self._error(error) from error
 
     def _error(self, error: Exception) -> FmuError:
-        log, self._log = " ".join(self._log), []
+        log = " ".join(self._log)
+        self._log.clear()
         return FmuError(f"{error}: {log}" if log else str(error))
 
 

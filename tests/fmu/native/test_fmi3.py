@@ -12,6 +12,8 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from numpy.testing import assert_array_equal
 
+from sim.session import FmuError, FmuSession
+from sim.stepped_sine import Rig, SweepPlan, sweep
 from tests.fmu.test_model_description import fmutool_report
 
 N_NODES = 7
@@ -154,3 +156,54 @@ def test_another_builds_token_is_refused(rotor3, tmp_path):
     )
     with pytest.raises(Exception, match="Failed to instantiate"):
         slave.instantiate()
+
+
+# -- the virtual rig's session ---------------------------------------------------------------------------
+
+
+@pytest.fixture
+def both_sessions(rotor_session, rotor3):
+    with FmuSession(rotor3) as session3:
+        yield rotor_session, session3
+
+
+def test_a_session_measures_the_same_through_either_version(both_sessions):
+    start = {"force_amplitude": 1.0, "force_frequency": 60.0, "rigid_support": True, "excitation_node": 3}
+    outputs = ["node_2.acceleration_y", "node_4.acceleration_z", "force_applied"]
+    readings = []
+    for session in both_sessions:
+        session.start(start)
+        session.step(0.1)
+        session.set({"k_b": 5e6})
+        readings.append(session.sample(outputs, 1e-3, 50))
+        assert session.get(["excitation_node", "rigid_support", "k_b"]) == [3, True, 5e6]
+        assert [session.kind(name) for name in ("k_b", "excitation_node", "rigid_support")] == [
+            "Real", "Integer", "Boolean",
+        ]  # fmt: skip
+    assert_array_equal(*readings)
+
+
+def test_a_session_goes_back_through_either_version(both_sessions):
+    for session in both_sessions:
+        session.start({"force_amplitude": 1.0, "force_frequency": 60.0})
+        session.step(0.1)
+        saved = session.save_state()
+        first = session.sample(["node_2.acceleration_y"], 1e-3, 20)
+        session.restore_state(saved)
+        assert session.time == pytest.approx(0.1)
+        assert_array_equal(session.sample(["node_2.acceleration_y"], 1e-3, 20), first)
+
+
+def test_a_session_hears_why_a_value_is_refused(both_sessions):
+    for session in both_sessions:
+        session.start()
+        with pytest.raises(FmuError, match="k_b"):
+            session.set({"k_b": -1.0})
+        with pytest.raises(FmuError, match="communication step"):
+            session.sample(["node_2.acceleration_y"], -1.0, 2)
+
+
+def test_a_sweep_is_the_same_through_either_version(both_sessions):
+    plan = SweepPlan(f_min_hz=80.0, f_max_hz=110.0, n_lines=8)
+    first, second = (sweep(session, Rig("bearing"), plan).run for session in both_sessions)
+    assert_array_equal(first.H, second.H)

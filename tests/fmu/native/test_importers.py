@@ -19,6 +19,7 @@ from fmpy.validation import validate_fmu
 from numpy.testing import assert_allclose
 
 from fmu_src.ssp import write_ssp
+from rigtwin.check import Expectation, run_gates
 
 H, N_STEPS = 1e-3, 50
 STOP = H * N_STEPS
@@ -47,6 +48,16 @@ def test_fmpy_compiles_its_sources(any_fmu, tmp_path):
     name = "node_2.acceleration_y" if rotor else "k_b"
     start = {"force_amplitude": 1.0, "force_frequency": 60.0} if rotor else {}
     assert_allclose(fmpy_says(own, name, start), fmpy_says(any_fmu, name, start), rtol=1e-9, atol=1e-12)
+
+
+def test_every_gate_of_the_check_passes(any_fmu):
+    assert {gate.name: gate.outcome for gate in run_gates(any_fmu) if gate.outcome != "passed"} == {}
+
+
+def test_the_check_gets_k_b_back_through_fmi_3(rotor3, estimator3):
+    gate = run_gates(rotor3, Expectation(3e6, 0.01, estimator3))[-1]
+    assert "gives back k_b" in gate.name
+    assert gate.outcome == "passed", gate.message
 
 
 def ecos(path: Path, folder: Path, *options: str) -> dict[str, np.ndarray]:

@@ -1,0 +1,114 @@
+"""Co-simulation instances of fmpy, FMI 2.0 and FMI 3.0, by the names that FMI 2.0 has for what they do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from ctypes import byref
+from typing import Any
+
+from fmpy.fmi2 import (
+    FMU2Slave,
+    defaultCallbacks,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    fmi2Real,
+    fmi2ValueReference,
+)
+from fmpy.fmi3 import FMU3Slave, fmi3Boolean, fmi3Float64, fmi3ValueReference
+from fmpy.model_description import ModelDescription
+
+from sim.campaign import FloatArray
+
+# FMI 2.0's words for the types of FMI 3.0 that have one.
+KINDS = {"Float64": "Real", "Int32": "Integer"}
+
+# Status of a call, of either version, from which it has failed.
+FAILED = 2
+
+Log = Callable[[str], None]
+
+
+# fmpy reads the version off the beginning of a class' name.
+
+
+class FMU2Instance(FMU2Slave):
+    """FMI 2.0."""
+
+    def begin(self, log: Log) -> None:
+        """Instantiate; log gets every message."""
+
+        def take(_environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
+            log(message.decode("utf-8", errors="replace"))
+
+        own = fmi2CallbackFunctions(
+            logger=fmi2CallbackLoggerTYPE(take),
+            allocateMemory=defaultCallbacks.allocateMemory,
+            freeMemory=defaultCallbacks.freeMemory,
+        )
+        self.instantiate(callbacks=own, loggingOn=True)
+
+    # fmpy's wrapper of a call takes longer than a step of the compiled FMU.
+
+    def stepping(self) -> Callable[[float, float], int]:
+        """doStep without fmpy's wrapper: takes time and size, returns the status."""
+        call, component = self.dll.fmi2DoStep, self.component
+        return lambda time, h: call(component, time, h, 1)
+
+    def reading(self, references: Sequence[int], values: FloatArray) -> Callable[[int], int]:
+        """The same of getReal: reads into a row of values (n, n_references), returns the status."""
+        call, component, size = self.dll.fmi2GetReal, self.component, len(references)
+        asked, rows = (fmi2ValueReference * size)(*references), (fmi2Real * size * len(values)).from_buffer(values.data)
+        return lambda row: call(component, asked, size, rows[row])
+
+
+class FMU3Instance(FMU3Slave):
+    """FMI 3.0."""
+
+    getFMUstate = FMU3Slave.getFMUState
+    setFMUstate = FMU3Slave.setFMUState
+    freeFMUstate = FMU3Slave.freeFMUState
+    serializeFMUstate = FMU3Slave.serializeFMUState
+    deSerializeFMUstate = FMU3Slave.deserializeFMUState
+
+    def begin(self, log: Log) -> None:
+        """Instantiate; log gets every message."""
+
+        def take(_environment: Any, _status: int, _category: bytes, message: bytes) -> None:
+            log(message.decode("utf-8", errors="replace"))
+
+        self.instantiate(loggingOn=True, logMessage=take)
+
+    def setupExperiment(self, startTime: float) -> None:
+        """Nothing: the start time, zero, is an argument of enterInitializationMode."""
+
+    def stepping(self) -> Callable[[float, float], int]:
+        """doStep without fmpy's wrapper: takes time and size, returns the status."""
+        call, component = self.dll.fmi3DoStep, self.component
+        flags = [byref(fmi3Boolean()) for _ in range(3)]  # events, an end, an early return: none is offered
+        last = byref(fmi3Float64())
+        return lambda time, h: call(component, time, h, True, *flags, last)
+
+    def reading(self, references: Sequence[int], values: FloatArray) -> Callable[[int], int]:
+        """The same of getFloat64: reads into a row of values (n, n_references), returns the status."""
+        call, component, size = self.dll.fmi3GetFloat64, self.component, len(references)
+        asked = (fmi3ValueReference * size)(*references)
+        rows = (fmi3Float64 * size * len(values)).from_buffer(values.data)
+        return lambda row: call(component, asked, size, rows[row], size)
+
+
+Instance = FMU2Instance | FMU3Instance
+
+_INSTANCES = {"2.0": FMU2Instance, "3.0": FMU3Instance}
+
+
+def instance(description: ModelDescription, folder: str) -> Instance:
+    """An instance of an unpacked FMU, not begun yet. Raises ValueError where it is not for co-simulation."""
+    kind = _INSTANCES.get(str(description.fmiVersion))
+    if description.coSimulation is None or kind is None:
+        raise ValueError(f"{description.modelName} is not an FMI 2.0 or 3.0 co-simulation FMU")
+    return kind(
+        guid=description.guid,
+        unzipDirectory=folder,
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName=description.modelName,
+    )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import os
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import astuple, dataclass, replace
@@ -118,9 +117,8 @@ def _measure_chunk(task: _Task) -> np.ndarray:
         rows = np.array([_measure_one(session, task, i) for i in range(len(task.rigs))])
     if kept:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        beside = kept.with_suffix(f".{os.getpid()}.npy")
-        np.save(beside, rows)
-        os.replace(beside, kept)
+        with replacing(kept) as beside, beside.open("wb") as file:
+            np.save(file, rows)
     return rows
 
 

@@ -8,6 +8,7 @@ It needs `pip install fmu-manipulation-toolbox` and a C compiler or `pip install
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -42,8 +43,10 @@ def pack(folder: Path) -> Path:
         "auto_link": False,
     }
     (folder / "plan.json").write_text(json.dumps(plan), encoding="utf-8")
-    tool = Path(sys.executable).with_name("fmucontainer")
-    subprocess.run([tool, "-container", "plan.json", "-fmu-directory", folder], check=True, capture_output=True)
+    tool = shutil.which("fmucontainer", path=Path(sys.executable).parent) or shutil.which("fmucontainer")
+    if tool is None:
+        raise SystemExit("fmucontainer is missing: pip install fmu-manipulation-toolbox")
+    subprocess.run([tool, "-container", "plan.json", "-fmu-directory", folder], check=True)
     return folder / "StiffnessTest.fmu"
 
 

@@ -10,7 +10,9 @@ and a C compiler or `pip install ziglang`.
 from __future__ import annotations
 
 import csv
+import os
 import subprocess
+import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,10 +32,11 @@ def ecos() -> Path:
     spec = find_spec("ecospy")
     if spec is None or not spec.origin:
         raise SystemExit("ecospy is missing: pip install ecospy")
-    folder = Path(spec.origin).parent / "binaries"
-    for name in ("ecos", "proxyfmu"):
-        (folder / name).chmod(0o755)
-    return folder / "ecos"
+    folder, suffix = Path(spec.origin).parent / "binaries", ".exe" if sys.platform == "win32" else ""
+    for program in (folder / f"ecos{suffix}", folder / f"proxyfmu{suffix}"):
+        if not os.access(program, os.X_OK):
+            program.chmod(0o755)
+    return folder / f"ecos{suffix}"
 
 
 def peak(table: Path, column: str) -> float:

@@ -9,17 +9,16 @@ from __future__ import annotations
 import json
 import os
 import platform
+import secrets
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 import zlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ import numpy as np
 
 from rigtwin.console import note, say
 from rigtwin.exits import UserError
-from rigtwin.scale_out import executor, single_threaded
+from rigtwin.scale_out import ONE_THREAD, executor
 from sim.formats.atomic import replacing
 
 SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
@@ -86,12 +85,14 @@ def _make_and_diagnose(request: BlindRequest, name: str) -> str:
     from gap.blind import generate
 
     campaigns, answers = _places(request, name)
-    pool = partial(executor, request.executor, request.workers)
     orders = [generate.Order(name, request.split, request.seed, index) for index in range(request.count)]
-    if generate.make_all(orders, campaigns, pool):
-        note(f"{name}: some campaigns could not be made; they are missing from the page")
-    with pool() as chosen:
-        diagnose_all(campaigns, answers, chosen)
+    with executor(request.executor, request.workers) as pool:
+        if failed := generate.make_all(orders, campaigns, pool):
+            note(
+                f"{name}: {failed} campaigns could not be made; they are missing from the page, run again to try again"
+            )
+    with executor(request.executor, request.workers) as pool:
+        diagnose_all(campaigns, answers, pool)
     made = len(json.loads((campaigns / "index.json").read_text(encoding="utf-8")))
     return f"{made} campaigns, labels sealed: {(campaigns / 'labels.sha256').read_text(encoding='utf-8').split()[0]}"
 
@@ -107,35 +108,46 @@ def diagnose_all(campaigns: Path, answers: Path, pool: Executor) -> None:
         for entry in entries
         if not (answers / entry["campaign"] / _SECONDS).exists()
     ]
-    waiting = [pool.submit(in_own_process, *job) for job in jobs]
+    waiting = {pool.submit(in_own_process, *job): job[0].name for job in jobs}
     for number, done in enumerate(as_completed(waiting), start=1):
-        name, words = done.result()
-        note(f"{campaigns.name} {number}/{len(jobs)} {name}: {words}")
+        try:
+            words = done.result()
+        except OSError as error:  # of one campaign; the next ones go on
+            words = f"no answer: {error}"
+        note(f"{campaigns.name} {number}/{len(jobs)} {waiting[done]}: {words}")
 
 
-def in_own_process(campaign: Path, answer: Path, exclude: Sequence[str]) -> tuple[str, str]:
-    """Diagnose in a process of its own; a failure is written down. Returns the campaign's name and what happened.
+def in_own_process(campaign: Path, answer: Path, exclude: Sequence[str]) -> str:
+    """Diagnose in a process of its own; a failure is written down. Returns what happened.
 
     The answer is made beside its place: a worker that is given up may still be at it when another begins.
     """
-    answer.parent.mkdir(parents=True, exist_ok=True)
-    beside = Path(tempfile.mkdtemp(prefix=f"{answer.name}.", dir=answer.parent))
+    beside = answer.with_name(f".{answer.name}.{secrets.token_hex(4)}")
+    beside.mkdir(parents=True)
     command = [*_ANSWER, str(campaign), str(beside), *exclude]
     try:
-        with single_threaded():
-            process = subprocess.run(command, timeout=_LONGEST, check=False)
+        process = subprocess.run(command, timeout=_LONGEST, check=False, env=os.environ | ONE_THREAD)
         if process.returncode and not (beside / _FAILURE).exists():
             _write(beside / _FAILURE, f"the process died with exit code {process.returncode}")
     except subprocess.TimeoutExpired:
         _write(beside / _FAILURE, f"took longer than {_LONGEST:.0f} s")
-    if (answer / _SECONDS).exists():  # a worker that had been given up was faster
-        shutil.rmtree(beside)
-    else:
+    words = _words(beside)
+    if not (answer / _SECONDS).exists():
         shutil.rmtree(answer, ignore_errors=True)  # of a run that failed
-        beside.rename(answer)
+        try:
+            beside.rename(answer)
+        except OSError:
+            if not (answer / _SECONDS).exists():  # else a worker that had been given up was faster
+                raise
+    shutil.rmtree(beside, ignore_errors=True)
+    return words
+
+
+def _words(answer: Path) -> str:
+    """How an answer ended."""
     if (answer / _FAILURE).exists():
-        return campaign.name, (answer / _FAILURE).read_text(encoding="utf-8")
-    return campaign.name, f"{json.loads((answer / _SECONDS).read_text(encoding='utf-8'))['seconds']:.0f} s"
+        return (answer / _FAILURE).read_text(encoding="utf-8")
+    return f"{json.loads((answer / _SECONDS).read_text(encoding='utf-8'))['seconds']:.0f} s"
 
 
 def diagnose_one(campaign: Path, answer: Path, exclude: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from rigtwin.exits import GATE_FAILED, CommandGroup, UserError
-from rigtwin.scale_out import ExecutorOption
+from rigtwin.scale_out import ONE_THREAD, ExecutorOption
 
 app = typer.Typer(
     name="rigtwin",
@@ -169,9 +169,10 @@ def train(
     from rigtwin.training import TrainingPlan, print_trained, train, train_from_data
 
     plan = TrainingPlan(rig, rigs, seed, calibration_rigs, out, executor)
-    if from_data and (rig, rigs, seed, calibration_rigs) != (RIG, 512, 1, 128):
+    if from_data and (rig, rigs, seed, calibration_rigs, executor) != (RIG, 512, 1, 128, None):
         raise UserError(
-            "--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed"
+            "--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed, "
+            "--executor"
         )
     print_trained(train_from_data(out) if from_data else train(plan))
 
@@ -307,9 +308,8 @@ def report(
 
 def main() -> None:
     """The ``rigtwin`` command."""
-    # The matrices are small: one BLAS thread per process is several times faster than many.
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    for name, value in ONE_THREAD.items():
+        os.environ.setdefault(name, value)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "±" must not stop a command

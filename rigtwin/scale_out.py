@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Annotated
@@ -17,13 +17,10 @@ from rigtwin.exits import UserError
 
 DASK = "dask://"
 
-# The matrices are small: one thread a process is faster than many.
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+# The matrices are small: one thread a process is several times faster than many.
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
-# A task whose worker dies is given to another one, so many times.
-_RETRIES = 3
-
-# Seconds for a scheduler to answer.
+# Seconds for a scheduler to answer, and for its first worker to be there.
 _ANSWERS_WITHIN = 10.0
 
 ExecutorOption = Annotated[
@@ -43,25 +40,29 @@ def executor(where: str | None = None, workers: int | None = None) -> Iterator[E
 
     Raises
     ------
-    UserError : there is no such scheduler, or dask is not installed
+    UserError : there is no such scheduler, dask is not installed, or a worker died and took its task along
     """
-    with single_threaded(), _dask(where) if where else _processes(workers) as chosen:
-        try:
-            yield chosen
-        except KeyboardInterrupt:
-            note("finishing what is under way; what is done is kept, the same command goes on from there")
-            raise
+    with _dask(where) if where else _processes(workers) as chosen:
+        yield chosen
 
 
 @contextmanager
 def _processes(workers: int | None) -> Iterator[Executor]:
-    pool = ProcessPoolExecutor(
-        workers or os.cpu_count(), mp_context=get_context("spawn"), initializer=_leave_interrupts_to_the_parent
-    )
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+    with _single_threaded():
+        pool = ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_the_parent
+        )
+        try:
+            yield pool
+        except KeyboardInterrupt:
+            note("waiting for what is under way")
+            raise
+        except BrokenExecutor as error:
+            raise UserError(
+                "a worker process died, perhaps for want of memory; what is done is kept, the same command goes on"
+            ) from error
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _leave_interrupts_to_the_parent() -> None:
@@ -73,26 +74,35 @@ def _dask(where: str) -> Iterator[Executor]:
     if not where.startswith(DASK):
         raise UserError(f"--executor {where}: write {DASK}HOST:PORT, the address of a dask scheduler")
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError:
         raise UserError(f"--executor {where}: dask is not installed; pip install 'rigtwin[dask]'") from None
     try:
         client = Client(where.replace(DASK, "tcp://", 1), timeout=_ANSWERS_WITHIN)
-    except (OSError, ValueError) as error:
+    except Exception as error:  # whatever answers there may say anything
         raise UserError(f"--executor {where}: no dask scheduler answers there ({error})") from error
     with client:
-        chosen = client.get_executor(retries=_RETRIES, pure=False)
+        try:
+            client.wait_for_workers(1, timeout=_ANSWERS_WITHIN)
+        except TimeoutError:
+            raise UserError(f"--executor {where}: the scheduler has no workers; start some: dask worker") from None
+        chosen = client.get_executor(pure=False)
         try:
             yield chosen
+        except (KilledWorker, CancelledError) as error:
+            raise UserError(
+                f"--executor {where}: the cluster lost its workers ({error}); what is done is kept, the same command "
+                "goes on"
+            ) from error
         finally:
             chosen.shutdown(wait=False)
 
 
 @contextmanager
-def single_threaded() -> Iterator[None]:
+def _single_threaded() -> Iterator[None]:
     """Processes that are started meanwhile use one thread each for linear algebra."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:

@@ -61,8 +61,9 @@ class Trained:
 def train(plan: TrainingPlan) -> Trained:
     """Measure what is not measured yet, train, calibrate, export, build the estimator FMU."""
     _need_torch()
-    if min(plan.rigs, plan.calibration_rigs) < 16:
-        raise UserError(f"--rigs {min(plan.rigs, plan.calibration_rigs)}: at least 16 are needed")
+    for option, number in (("--rigs", plan.rigs), ("--calibration-rigs", plan.calibration_rigs)):
+        if number < 16:
+            raise UserError(f"{option} {number}: at least 16 are needed")
     rig = load_rig(plan.rig)
     prior, sweep_plan = PRIOR, FEATURE_PLAN
     if not is_shipped(rig):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -34,8 +35,8 @@ PERIODIC = 1e-3
 _FORCE_STEPS = 20
 
 
-# Samples a period while waiting: what folds back is the same in every window.
-_WAITING_SAMPLES = 32
+# Samples a period while waiting: what folds back is the same in every window that begins at the same phase.
+_WAITING_SAMPLES = 64
 
 
 class NotSettledError(RuntimeError):
@@ -73,6 +74,7 @@ class _Settled:
 
     windows: list[Phasors]
     estimate: float  # remaining transient, relative [-]
+    remark: str = ""  # what is wrong, where it did not settle
 
 
 class LineReader:
@@ -146,7 +148,7 @@ class LineReader:
             return self._settled_line(frequency_hz, at)
         self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
         self._session.step(self._plan.dwell)
-        return self._line(frequency_hz, at, _Settled([], np.nan), 1.0, "")
+        return self._line(frequency_hz, at, _Settled([], np.nan), 1.0)
 
     # -- waiting -------------------------------------------------------------------------------
 
@@ -155,7 +157,7 @@ class LineReader:
         tried: list[tuple[float, float]] = []
         while True:
             self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
-            settled, remark = self._settle(frequency_hz, at)
+            settled = self._settle(frequency_hz, at)
             factor = self._force_factor(at)
             wanted = self._plan.force_amplitude * abs(factor)
             off = abs(wanted / self._amplitude - 1)
@@ -164,6 +166,7 @@ class LineReader:
                 break
             tried.append((self._amplitude, wanted))
             self._amplitude = _next_amplitude(tried)
+        remark = ""
         if not agreed:
             remark = (
                 f"{frequency_hz:.4f} Hz: force and motion of the exciter at constant current do not come to agree, "
@@ -173,26 +176,37 @@ class LineReader:
                 raise NotSettledError(remark, frequency_hz=frequency_hz, estimate=off)
         return self._line(frequency_hz, at, settled, factor, remark)
 
-    def _settle(self, frequency_hz: float, at: float) -> tuple[_Settled, str]:
-        """Take windows until the transient is estimated to be gone; and what is wrong where it is not."""
+    def _settle(self, frequency_hz: float, at: float) -> _Settled:
+        """Take windows until the transient is estimated to be gone."""
         plan, windows, estimate = self._plan, [], np.inf
+        wait, samples = self._wait(at), self._waiting_samples(at)
         while len(windows) < plan.max_windows:
-            self._session.step(plan.settle_time)
-            windows.append(self._phasors(at))
+            self._session.step(wait)
+            windows.append(per_force(detect(self._window(at, 1, samples), samples)))
             estimate = remaining_transient(windows, time_stepped=self._rig.nonlinear)
             if len(windows) >= 3 and estimate <= plan.settling_tolerance:
-                return _Settled(windows, estimate), ""
+                return _Settled(windows, estimate)
             if plan.accept_nonperiodic and _is_stationary(windows):
                 break
         share = f"{estimate:.1e}" if np.isfinite(estimate) else "an unknown share"
         waited = f"{frequency_hz:.4f} Hz: {share} of the response {{}} after {len(windows) * plan.settle_time:.0f} s"
         if plan.accept_nonperiodic:
-            return _Settled(windows, estimate), waited.format("still changes from window to window")
+            return _Settled(windows, estimate, waited.format("still changes from window to window"))
         raise NotSettledError(
             waited.format("is still transient") + "; raise settle_time, or the damping if it is too low",
             frequency_hz=frequency_hz,
             estimate=estimate,
         )
+
+    def _waiting_samples(self, at: float) -> int:
+        """Samples of the window of one period that shows whether the motion still changes."""
+        return min(self._plan.samples(at), _WAITING_SAMPLES)
+
+    def _wait(self, at: float) -> float:
+        """Seconds from a window's last sample to the next one's first; of a nonlinear rotor they begin at one phase."""
+        if not self._rig.nonlinear:
+            return self._plan.settle_time
+        return (math.ceil(self._plan.settle_time * at) + 1 / self._waiting_samples(at)) / at
 
     def _force_factor(self, at: float) -> complex:
         """Force on the rotor over the nominal one, by the motion at the exciter."""
@@ -218,12 +232,7 @@ class LineReader:
         turn = np.exp(2j * np.pi * self._spin_hz * (self._session.time + h * np.arange(size)))
         return self._session.sample(self._outputs, h, size) - (turn[:, None] * self._run_out).real
 
-    def _phasors(self, at: float) -> Phasors:
-        """Phasors of one period, to see whether they still change."""
-        samples = min(self._plan.samples(at), _WAITING_SAMPLES)
-        return per_force(detect(self._window(at, 1, samples), samples))
-
-    def _line(self, frequency_hz: float, at: float, settled: _Settled, force: complex, remark: str) -> Line:
+    def _line(self, frequency_hz: float, at: float, settled: _Settled, force: complex, remark: str = "") -> Line:
         plan, windows = self._plan, settled.windows
         samples = plan.samples(at)
         run_in = int(self._rig.nonlinear)  # what is stepped in time finds into the samples' rhythm
@@ -242,6 +251,7 @@ class LineReader:
         periodic = not windows or relative_spread <= PERIODIC
         drift = _change(windows[-2], windows[-1], self._share) if len(windows) > 1 else np.nan
         factor = self._reported(at, force)
+        trouble = settled.remark if periodic else _does_not_repeat(frequency_hz, relative_spread)
         return Line(
             frequency_hz=frequency_hz,
             response=phasors.amplitude * factor,
@@ -252,7 +262,7 @@ class LineReader:
             force=applied,
             spread=relative_spread,
             periodic=periodic,
-            remark=remark if periodic else _does_not_repeat(frequency_hz, relative_spread),
+            remark="; ".join(filter(None, (remark, trouble))),
         )
 
     def _stream(self, frequency_hz: float) -> tuple[str | int | float, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
+from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from dataclasses import dataclass
@@ -23,6 +24,9 @@ from sim.instances import FAILED, KINDS, Instance, instance
 # pythonfmu's loader reads its resources from a file URI of which it decodes only %20; any other
 # escaped character is a segmentation fault.
 _SAFE_PATH = re.compile(r"[A-Za-z0-9_./\\: ~-]+")
+
+# Messages of an FMU that are kept for the one that goes with an error.
+_MESSAGES = 20
 
 
 class FmuError(RuntimeError):
@@ -50,7 +54,7 @@ class FmuSession:
     """
 
     def __init__(self, fmu: str | Path):
-        self._log: list[str] = []
+        self._log: deque[str] = deque(maxlen=_MESSAGES)
         self._folder = _unpack(Path(fmu))
         try:
             self.description = _describe(fmu, self._folder)
@@ -193,9 +197,11 @@ def _unpack(fmu: Path) -> Path:
         raise FmuError(f"the folder for temporary files, {folder}, has characters FMU loaders cannot read; set TMPDIR")
     try:
         extract(str(fmu), unzipdir=folder)
-    except Exception as error:
+    except BaseException as error:
         shutil.rmtree(folder)
-        raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error
+        if isinstance(error, Exception):  # fmpy raises whatever zipfile does
+            raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error
+        raise
     return Path(folder)
 
 

@@ -1,22 +1,18 @@
 """Write blind campaigns and seal their labels.
 
-    python -m gap.blind.generate --set W1 --split tuning --count 40 --out DIR
-
 DIR/<campaign>/measured and held_out are for the diagnosis; DIR/<campaign>/truth, DIR/labels.json are for the scorer.
-DIR/index.json says which campaigns there are and which effects to exclude. Run again to go on where it stopped.
+DIR/index.json says which campaigns there are and which effects to exclude. What is there already is not made again.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
-import multiprocessing
+import secrets
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,9 +31,6 @@ LABEL = "label.json"
 DATA = Path(__file__).parent / "data"
 BETWEEN_STORED = 8
 REDRAWS = 5  # of a campaign whose motions at all levels and drive nodes cannot be found
-ROUNDS = 3  # a worker that dies takes its pool along; the rest is made in a new one
-
-Pool = Callable[[], AbstractContextManager[Executor]]
 
 
 @dataclass(frozen=True)
@@ -61,9 +54,20 @@ class Order:
 
 
 def make(order: Order, out: Path) -> dict[str, object]:
-    """Draw, measure and write one campaign, or take a stored one; its label, which is written last."""
-    stored = stored_case(order)
-    return take(stored, order, out) if stored else draw_and_measure(order, out)
+    """Draw, measure and write one campaign, or take a stored one; its label.
+
+    It is made beside its place: a worker that is given up may still be at it when another begins.
+    """
+    beside = out / f".{secrets.token_hex(4)}"
+    try:
+        stored = stored_case(order)
+        label = take(stored, order, beside) if stored else draw_and_measure(order, beside)
+        if not (out / order.name / TRUTH / LABEL).exists():
+            shutil.rmtree(out / order.name, ignore_errors=True)
+            (beside / order.name).rename(out / order.name)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+    return label
 
 
 def stored_case(order: Order) -> Path | None:
@@ -110,26 +114,13 @@ def draw_and_measure(order: Order, out: Path) -> dict[str, object]:
     return label
 
 
-def processes(workers: int) -> Pool:
-    """A pool of so many processes of this machine, whenever one is asked for."""
-    return lambda: ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
-
-
-def generate(orders: Sequence[Order], out: Path, pool: Pool) -> Iterator[tuple[Order, str]]:
-    """Make what is missing; yields each order as it is done, with an error's text or nothing."""
-    for _ in range(ROUNDS):
-        missing = [order for order in orders if not (out / order.name / TRUTH / LABEL).exists()]
-        lost = False
-        with pool() as executor:
-            futures = {executor.submit(make, order, out): order for order in missing}
-            for future in as_completed(futures):
-                error = future.exception()
-                if isinstance(error, BrokenExecutor):
-                    lost = True
-                else:
-                    yield futures[future], "" if error is None else f"{type(error).__name__}: {error}"
-        if not lost:
-            return
+def make_missing(orders: Sequence[Order], out: Path, executor: Executor) -> Iterator[tuple[Order, str]]:
+    """Make what is not there yet; yields each order as it is done, with an error's text or nothing."""
+    missing = [order for order in orders if not (out / order.name / TRUTH / LABEL).exists()]
+    waiting = {executor.submit(make, order, out): order for order in missing}
+    for future in as_completed(waiting):
+        error = future.exception()
+        yield waiting[future], "" if error is None else f"{type(error).__name__}: {error}"
 
 
 def seal(out: Path) -> str:
@@ -143,28 +134,11 @@ def seal(out: Path) -> str:
     return digest
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m gap.blind.generate", description="Write blind campaigns and seal their labels."
-    )
-    parser.add_argument("--set", choices=SETS, required=True)
-    parser.add_argument("--split", choices=SPLITS, default="tuning")
-    parser.add_argument("--count", type=int, required=True)
-    parser.add_argument("--first", type=int, default=0, help="index of the first campaign")
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args(arguments)
-    indices = range(options.first, options.first + options.count)
-    orders = [Order(options.set, options.split, options.seed, index) for index in indices]
-    return 1 if make_all(orders, options.out, processes(options.workers)) else 0
-
-
-def make_all(orders: Sequence[Order], out: Path, pool: Pool) -> int:
+def make_all(orders: Sequence[Order], out: Path, executor: Executor) -> int:
     """Make what is missing of a set and seal it; returns how many could not be made."""
     out.mkdir(parents=True, exist_ok=True)
     failed = 0
-    for done, (order, error) in enumerate(generate(orders, out, pool), start=1):
+    for done, (order, error) in enumerate(make_missing(orders, out, executor), start=1):
         if error:
             failed += 1
             print(f"\ncampaign {order.index} of {order.set}: {error}", file=sys.stderr)
@@ -173,7 +147,3 @@ def make_all(orders: Sequence[Order], out: Path, pool: Pool) -> int:
     digest = seal(out)
     print(f"{out}: labels sealed, SHA-256 {digest}")
     return failed
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
@@ -24,7 +23,8 @@ from rigtwin.exits import UserError
 from rigtwin.scale_out import executor
 from rotor.effects import FastSweep, ForceDropout
 from sim.runs import sweep_all
-from sim.stepped_sine import NotSettledError, Rig, SetupError, SweepPlan
+from sim.session import FmuSession
+from sim.stepped_sine import NotSettledError, Rig, SetupError, SweepPlan, sweep
 
 COARSE = SweepPlan(n_lines=96)
 PATIENCE = 60.0  # seconds for a process to come up
@@ -94,7 +94,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_doubles_nothing(rotor_fmu,
         found = measure_rigs(rotor_fmu, rigs, pool, plan=COARSE, store=store, progress=kill_one)
     assert cluster.workers[0].wait(PATIENCE) == -signal.SIGKILL
     assert seen == list(range(1, 7))
-    assert len(list(store.iterdir())) == 6
+    assert sorted(path.suffix for path in store.iterdir()) == [".npy"] * 6
     with executor(workers=2) as pool:
         assert_array_equal(found.features, measure_rigs(rotor_fmu, rigs, pool, plan=COARSE).features)
 
@@ -120,9 +120,23 @@ def test_runs_are_those_of_one_instance_wherever_they_are_measured(rotor_fmu):
     runs = [(Rig("bearing"), SweepPlan(n_lines=24, refine=False, force_amplitude=f)) for f in (1.0, 2.0)]
     with executor(workers=2) as pool:
         found = dict(sweep_all(rotor_fmu, runs, pool))
-    assert [found[k].run.force_amplitude_N for k in (0, 1)] == [1.0, 2.0]
-    assert np.all(np.isfinite(found[0].run.H))
-    assert_array_equal(found[0].run.frequency_hz, found[1].run.frequency_hz)
+    with FmuSession(rotor_fmu) as session:
+        for place, (rig, plan) in enumerate(runs):
+            assert found[place].run.force_amplitude_N == plan.force_amplitude
+            assert_array_equal(found[place].run.H, sweep(session, rig, plan).run.H)
+
+
+def test_a_worker_process_that_dies_is_told_in_a_sentence():
+    with pytest.raises(UserError, match="a worker process died"), executor(workers=1) as pool:
+        pool.submit(os._exit, 3).result()
+
+
+def test_workers_use_one_thread_each_and_this_process_keeps_its_own(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    with executor(workers=1) as pool:
+        assert [pool.submit(os.getenv, name).result() for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")] == ["1", "1"]
+    assert (os.environ["OMP_NUM_THREADS"], os.environ.get("MKL_NUM_THREADS")) == ("7", None)
 
 
 @pytest.mark.parametrize(
@@ -135,6 +149,15 @@ def test_runs_are_those_of_one_instance_wherever_they_are_measured(rotor_fmu):
 def test_what_a_worker_complains_of_arrives_whole(rotor_fmu, rig, plan, error, words):
     with executor(workers=1) as pool, pytest.raises(error, match=words):
         list(sweep_all(rotor_fmu, [(rig, plan)], pool))
+
+
+def test_a_scheduler_without_workers(cluster, monkeypatch):
+    monkeypatch.setattr(scale_out, "_ANSWERS_WITHIN", 2.0)
+    for worker in cluster.workers:
+        worker.kill()
+        worker.wait()
+    with pytest.raises(UserError, match="has no workers"), executor(f"dask://{cluster.address}"):
+        pass
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,9 @@ STARTS = {
 }
 SINE = {"force_amplitude": 20.0, "force_frequency": 60.0, "shaft_damping_ratio": 0.005}
 
+# Largest difference, of the largest number; the network computes with single precision.
+LARGEST = {"RotorRig": 1e-9, "StiffnessEstimator": 1e-6}
+
 # The command that runs a program of another platform.
 RUNNERS = {
     "x86_64-windows": ("wine",),
@@ -104,7 +107,7 @@ def main() -> int:
     if not others:
         print("neither wine nor qemu-aarch64 is here: apt install wine wine64 qemu-user libc6-arm64-cross")
         return 1
-    worst = 0.0
+    failed = 0
     with tempfile.TemporaryDirectory(prefix="elsewhere_") as name:
         folder = Path(name)
         rotor = build_native_rotor_fmu(load_rig("nit-rourkela"), folder, targets=[own, *others])
@@ -114,9 +117,10 @@ def main() -> int:
             here = run(fmu, own, script, folder / own.fmi3)
             for target in others:
                 there = run(fmu, target, script, folder / target.fmi3)
-                worst = max(worst, found := difference(here, there))
+                found = difference(here, there)
+                failed += found > LARGEST[fmu.stem]
                 print(f"{fmu.stem}, {what}, {target.fmi3}: {len(there)} numbers, largest difference {found:.1e}")
-    return int(worst > 1e-9)
+    return int(failed > 0)
 
 
 if __name__ == "__main__":

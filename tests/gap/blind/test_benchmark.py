@@ -61,16 +61,16 @@ def answered(monkeypatch):
     """Stands in for the process of a diagnosis: the first campaign dies, the others have no gap. Counts the calls."""
     calls: list[str] = []
 
-    def stand_in(campaign: Path, answer: Path, exclude) -> tuple[str, str]:
+    def stand_in(campaign: Path, answer: Path, exclude) -> str:
         calls.append(campaign.name)
         answer.mkdir(parents=True, exist_ok=True)
         if len(calls) == 1:
             (answer / "failure.txt").write_text("the process died", encoding="utf-8")
-            return campaign.name, "the process died"
+            return "the process died"
         (answer / "failure.txt").unlink(missing_ok=True)
         (answer / "diagnosis.json").write_text(json.dumps({"verdict": "no_gap"}), encoding="utf-8")
         (answer / "seconds.json").write_text(json.dumps({"seconds": 1.5, "processor": 1.0}), encoding="utf-8")
-        return campaign.name, "2 s"
+        return "2 s"
 
     monkeypatch.setattr(blind, "in_own_process", stand_in)
     monkeypatch.setattr(blind, "executor", lambda where, workers: ThreadPoolExecutor(workers))
@@ -103,8 +103,7 @@ def test_the_page_comes_from_the_results_alone(tmp_path, answered):
 
 def test_a_process_that_dies_leaves_a_failure(tmp_path, monkeypatch):
     monkeypatch.setattr(blind, "_ANSWER", (sys.executable, "-c", "import os; os._exit(7)"))
-    name, words = in_own_process(tmp_path / "c1", tmp_path / "answer", ())
-    assert name == "c1"
+    words = in_own_process(tmp_path / "c1", tmp_path / "answer", ())
     assert "exit code 7" in words
     assert (tmp_path / "answer" / "failure.txt").exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["answer"]
@@ -116,17 +115,18 @@ def test_an_answer_that_is_there_already_stays(tmp_path, monkeypatch):
     first = "from pathlib import Path; import sys; p = Path(sys.argv[2]); (p / 'seconds.json').write_text(sys.argv[3])"
     monkeypatch.setattr(blind, "_ANSWER", (sys.executable, "-c", first))
     for seconds in (3, 8):
-        assert in_own_process(tmp_path / "c1", answer, (f'{{"seconds": {seconds}}}',)) == ("c1", "3 s")
+        assert in_own_process(tmp_path / "c1", answer, (f'{{"seconds": {seconds}}}',)) == f"{seconds} s"
+    assert json.loads((answer / "seconds.json").read_text(encoding="utf-8")) == {"seconds": 3}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["answer"]
 
 
 def test_a_diagnosis_that_takes_too_long_is_a_failure(tmp_path, monkeypatch):
     monkeypatch.setattr(blind, "_ANSWER", (sys.executable, "-c", "import time; time.sleep(60)"))
     monkeypatch.setattr(blind, "_LONGEST", 0.2)
-    _, words = in_own_process(tmp_path / "c1", tmp_path / "answer", ())
+    words = in_own_process(tmp_path / "c1", tmp_path / "answer", ())
     assert words == "took longer than 0 s"
 
 
 def test_a_campaign_that_cannot_be_read_leaves_a_failure(tmp_path):
-    _, words = in_own_process(tmp_path / "nowhere", tmp_path / "answer", ())
+    words = in_own_process(tmp_path / "nowhere", tmp_path / "answer", ())
     assert "nowhere" in words

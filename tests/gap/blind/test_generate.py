@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from gap.blind.detection import THRESHOLD, Distance
 from gap.blind.draw import draw_campaign, empty_case
 from gap.blind.effects import Effect
 from gap.blind.folder import read_csv, write_campaign
-from gap.blind.generate import Order, make, seal
+from gap.blind.generate import Order, make, make_all, seal
 from gap.blind.machine import Workshop
 from gap.blind.response import reported
 from gap.blind.rig import read_rig
@@ -109,3 +110,28 @@ def test_small_means_small():
     for draw in draws:
         assert draw.ratio is not None
         assert draw.ratio >= 3
+
+
+def test_a_worker_that_dies_is_not_taken_for_a_campaign(tmp_path):
+    """Its campaigns are counted as missing, and made when the same is asked for again."""
+    orders = [Order("W3", "tuning", 7, index) for index in range(2)]
+
+    class Broken(Executor):
+        def submit(self, fn, /, *args, **kwargs):
+            future: Future = Future()
+            future.set_exception(BrokenExecutor("a worker died"))
+            return future
+
+    assert make_all(orders, tmp_path, Broken()) == 2
+    assert json.loads((tmp_path / "index.json").read_text(encoding="utf-8")) == []
+    with ThreadPoolExecutor(1) as pool:
+        assert make_all(orders, tmp_path, pool) == 0
+    assert len(json.loads((tmp_path / "index.json").read_text(encoding="utf-8"))) == 2
+
+
+def test_a_campaign_that_another_worker_has_made_meanwhile_stays(tmp_path):
+    order = Order("W3", "tuning", 7, 0)
+    make(order, tmp_path)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    make(order, tmp_path)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before

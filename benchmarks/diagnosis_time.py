@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import platform
 import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import date
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from benchmarks.page import DOCS, bar, table
+from benchmarks.page import DOCS, bar, best_seconds, machine, table
 from gap.blind.generate import Order, make
 from gap.diagnose import diagnose
 from rigtwin.diagnose import measured_on_the_virtual_rig
@@ -22,7 +19,6 @@ from sim.campaign_folder import load_campaign
 
 # Campaigns of the tuning split that no threshold has seen.
 SEED = 21
-CONFIRMED = "held out"  # the lap in which the FMU is asked
 
 
 @dataclass(frozen=True)
@@ -75,12 +71,17 @@ def _campaigns(group: Group, folder: Path) -> list[Path]:
 
 def _diagnosed(folder: Path) -> tuple[float, float]:
     """Seconds of the diagnosis, and of the FMU that confirms it."""
-    campaign = load_campaign(folder)
-    start = time.perf_counter()
-    confirm = partial(measured_on_the_virtual_rig, campaign, progress=lambda done, total, words: None)
-    found = diagnose(campaign, confirm=confirm).diagnosis
-    fmu = found.timing_s.get(CONFIRMED, 0.0)
-    return time.perf_counter() - start - fmu, fmu
+    campaign, fmu = load_campaign(folder), 0.0
+
+    def confirm(*asked: Any) -> Any:
+        nonlocal fmu
+        begin = time.perf_counter()
+        found = measured_on_the_virtual_rig(campaign, *asked, progress=lambda done, total, words: None)
+        fmu += time.perf_counter() - begin
+        return found
+
+    whole = best_seconds(lambda: diagnose(campaign, confirm=confirm), 1)
+    return whole - fmu, fmu
 
 
 def _seconds(values: np.ndarray) -> str:
@@ -88,13 +89,12 @@ def _seconds(values: np.ndarray) -> str:
 
 
 def _page(rows: Sequence[tuple[str, ...]], bars: Sequence[str]) -> str:
-    machine = f"{platform.machine()}, {os.cpu_count()} cores, {date.today().isoformat()}"
     header = ("campaign", "how many", "median, s", "longest, s", "confirmation by the FMU, median, s")
     return f"""# What a diagnosis costs
 
-Written by `python -m benchmarks.diagnosis_time` ({machine}), one diagnosis at a time, one thread. Campaigns of the
-blind generator: two supports, 280 lines, seven nodes or one; the nonlinear ones at three levels. Building the FMU and
-measuring the held-out lines on it are timed apart.
+Written by `python -m benchmarks.diagnosis_time` ({machine()}), one diagnosis at a time, by `make` with one thread.
+Campaigns of the blind generator: two supports, 280 lines, seven nodes or one; the nonlinear ones at three levels.
+Building the FMU and measuring the held-out lines on it are timed apart.
 
 {table(header, rows)}
 {"".join(f"{line}" + chr(10) for line in bars)}"""

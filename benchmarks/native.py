@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import ctypes
 import json
-import os
-import platform
 import resource
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.page import bar
+from benchmarks.page import DOCS, bar, best_seconds, machine
 from build_fmu import (
     FMI_HEADERS,
     build_estimator_fmu,
@@ -27,12 +23,12 @@ from build_fmu import (
 )
 from estimator.runtime import StiffnessEstimator
 from fmu_src.compiling import compile_library, this_machine
+from fmu_src.rotor_variables import effects_in_fmu
 from rotor.effects import EFFECTS
 from rotor.rig import load_rig
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, SweepPlan, sweep
 
-DOC = Path(__file__).resolve().parent.parent / "docs" / "native-fmus.md"
 EMPTY_MODEL = Path(__file__).with_name("empty_model.c")
 
 # The comparison's drive, under which every effect's motion becomes periodic; 10 s in steps of 1 ms.
@@ -85,19 +81,19 @@ def main() -> None:
         estimators = build_estimator_fmu(folder), build_native_estimator_fmu(folder / "native", targets=target)
         empty = _empty_fmu(fast, folder / "empty")
         with FmuSession(slow) as python, FmuSession(fast) as native, FmuSession(empty) as nothing:
-            agreements = [_agreement(effect_id, python, native) for effect_id in ("", *_effects_in_fmu())]
+            agreements = [
+                _agreement(effect_id, python, native) for effect_id in ("", *(effect.id for effect in effects_in_fmu()))
+            ]
             steps = {name: _step_cost(s) for name, s in (("python", python), ("native", native), ("empty", nothing))}
-            sweeps = {name: _best(lambda s=s: _sweeps(s)) for name, s in (("python", python), ("native", native))}
-            change = _best(lambda: _change_k_b(native)) / 200
+            sweeps = {
+                name: best_seconds(lambda s=s: _sweeps(s)) for name, s in (("python", python), ("native", native))
+            }
+            change = best_seconds(lambda: _change_k_b(native)) / 200
             growth = _growth(native)
         calls = _estimates(*estimators) | {"network": _network_call(estimators[1], folder / "calls")}
     page = _page(agreements, steps, sweeps, change, growth, calls)
-    DOC.write_text(page, encoding="utf-8")
+    (DOCS / "native-fmus.md").write_text(page, encoding="utf-8")
     print(page)
-
-
-def _effects_in_fmu() -> list[str]:
-    return [name for name, effect in EFFECTS.items() if effect.in_fmu]
 
 
 def _agreement(effect_id: str, python: FmuSession, native: FmuSession) -> Agreement:
@@ -123,15 +119,6 @@ def _agreement(effect_id: str, python: FmuSession, native: FmuSession) -> Agreem
     )
 
 
-def _best(measure: Callable[[], None], repeats: int = 3) -> float:
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        measure()
-        times.append(time.perf_counter() - begin)
-    return min(times)
-
-
 def _step_cost(session: FmuSession, n: int = 20_000) -> float:
     """Seconds of one set, one step and seven gets through fmpy's slave, best of five."""
     session.start({"force_amplitude": 1.0})
@@ -147,7 +134,7 @@ def _step_cost(session: FmuSession, n: int = 20_000) -> float:
             clock += 1e-4
             fmu.getReal(nodes)
 
-    return _best(loop, 5) / n
+    return best_seconds(loop, 5) / n
 
 
 def _sweeps(session: FmuSession) -> None:
@@ -192,7 +179,7 @@ def _estimates(slow: Path, fast: Path) -> dict[str, float]:
                     fmu.setReal(given, values)
                     fmu.getReal(asked)
 
-            found[name] = _best(loop) / 5000
+            found[name] = best_seconds(loop) / 5000
         for _ in range(2000):
             scale = np.exp(rng.normal(0, 1e-3, 3))
             values = np.array(list(card["example_inputs"].values()))
@@ -216,7 +203,7 @@ def _network_call(fmu: Path, folder: Path, n: int = 200_000) -> float:
     answers = np.empty((n, 5), dtype=np.float32)
     calls = ctypes.CDLL(str(library)).calls
     calls.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p]
-    return _best(lambda: calls(n, features.ctypes.data, answers.ctypes.data)) / n
+    return best_seconds(lambda: calls(n, features.ctypes.data, answers.ctypes.data)) / n
 
 
 def _empty_fmu(fmu: Path, folder: Path) -> Path:
@@ -243,11 +230,10 @@ def _page(
     linear = max(a.worst for a in agreements if a.family != "nonlinear")
     other = max(a.worst for a in agreements if a.family == "nonlinear" and a.spread < PERIODIC)
     chance = ", ".join(a.effect for a in agreements if a.spread >= PERIODIC and a.family == "nonlinear") or "none"
-    machine = f"{platform.machine()}, {os.cpu_count()} cores, {date.today().isoformat()}"
     drive, special = json.dumps(DRIVE), json.dumps({k: v for values in SPECIAL.values() for k, v in values.items()})
     return f"""# The self-contained FMUs, measured
 
-Written by `python -m benchmarks.native` ({machine}). Timings depend on the machine; quote the ratios.
+Written by `python -m benchmarks.native` ({machine()}). Timings depend on the machine; quote the ratios.
 
 ## The same motion
 

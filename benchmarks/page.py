@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import os
+import platform
+import time
+from collections.abc import Callable, Iterable, Sequence
+from datetime import date
 from pathlib import Path
 
 import matplotlib
@@ -18,6 +22,21 @@ HELD, MISSED = "**Bar held:**", "**Bar missed:**"
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+
+
+def machine() -> str:
+    """The machine and the day, as a page names them."""
+    return f"{platform.machine()}, {os.cpu_count()} cores, {date.today().isoformat()}"
+
+
+def best_seconds(work: Callable[[], object], repeats: int = 3) -> float:
+    """Shortest of several times that some work takes."""
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begin)
+    return min(times)
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -1,17 +1,12 @@
-"""What large work costs, and how cost grows: ``python -m benchmarks.scale [SAMPLES]`` writes docs/scale.md."""
+"""What large work costs, and how cost grows: ``python -m benchmarks.scale`` writes docs/scale.md; half an hour."""
 
 from __future__ import annotations
 
-import os
-import platform
-import sys
 import tempfile
-import time
-from collections.abc import Callable, Sequence
-from datetime import date
+from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.page import DOCS, bar, table
+from benchmarks.page import DOCS, bar, best_seconds, machine, table
 from build_fmu import build_native_rotor_fmu
 from estimator.dataset import measure_rigs
 from estimator.prior import PRIOR
@@ -39,7 +34,7 @@ ADDED = (
 )  # fmt: skip
 
 
-def main(samples: int = SAMPLES) -> None:
+def main() -> None:
     """Measure, print, write the page."""
     rig, target = load_rig("nit-rourkela"), [this_machine()]
     with tempfile.TemporaryDirectory() as folder:
@@ -50,17 +45,11 @@ def main(samples: int = SAMPLES) -> None:
             for n in (1, 2, 4, 8)
         ]
         growth = "\n".join((_over_lines(fmu), _over_effects(fmu), _over_mesh(meshes)))
-        work = [(FEW, 1), (FEW, WORKERS), (samples, WORKERS)]
+        work = [(FEW, 1), (FEW, WORKERS), (SAMPLES, WORKERS)]
         sampled = [(n, workers, _samples(fmu, n, workers)) for n, workers in work]
     page = _page(nonlinear, growth, sampled)
     (DOCS / "scale.md").write_text(page, encoding="utf-8")
     print(page)
-
-
-def _timed(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
 
 
 def _nonlinear_rig(fmu: Path, preload: float) -> tuple[float, float, float]:
@@ -73,14 +62,14 @@ def _nonlinear_rig(fmu: Path, preload: float) -> tuple[float, float, float]:
     ]
     done: dict[int, Sweep] = {}
     with executor(workers=WORKERS) as pool:
-        seconds = _timed(lambda: done.update(sweep_all(fmu, runs, pool)))
+        seconds = best_seconds(lambda: done.update(sweep_all(fmu, runs, pool)), 1)
     lines = [line for one in done.values() if one.run.support == "bearing" for line in one.lines]
     return preload, seconds, sum(line.periodic for line in lines) / len(lines)
 
 
 def _samples(fmu: Path, n: int, workers: int) -> float:
     with executor(workers=workers) as pool:
-        return _timed(lambda: measure_rigs(fmu, PRIOR.draw(n, SEED), pool))
+        return best_seconds(lambda: measure_rigs(fmu, PRIOR.draw(n, SEED), pool), 1)
 
 
 # -- growth --------------------------------------------------------------------------------------------
@@ -90,10 +79,7 @@ def _two_supports(fmu: Path, effects: Sequence[Effect] = (), plan: SweepPlan | N
     """Seconds of a sweep on both supports, the best of three."""
     plan = plan or SweepPlan(n_lines=LINES, refine=False)
     with FmuSession(fmu) as session:
-        return min(
-            _timed(lambda: [sweep(session, Rig(support, effects=tuple(effects)), plan) for support in SUPPORTS])
-            for _ in range(3)
-        )
+        return best_seconds(lambda: [sweep(session, Rig(s, effects=tuple(effects)), plan) for s in SUPPORTS])
 
 
 def _growth(what: str, steps: Sequence[tuple[str, float]]) -> str:
@@ -123,7 +109,6 @@ def _over_mesh(fmus: Sequence[Path]) -> str:
 def _page(
     nonlinear: Sequence[tuple[float, float, float]], growth: str, sampled: Sequence[tuple[int, int, float]]
 ) -> str:
-    machine = f"{platform.machine()}, {os.cpu_count()} cores, {date.today().isoformat()}"
     levels = ", ".join(f"{level:g}" for level in LEVELS)
     rigs = table(
         ("preload, N", "time, s", "lines on bearings that repeat"),
@@ -133,10 +118,10 @@ def _page(
         ("samples", "processes", "time, s", "a second"),
         [(str(n), str(workers), f"{s:.1f}", f"{n / s:.1f}") for n, workers, s in sampled],
     )
-    (_, _, alone), (_, _, together), (samples, _, whole) = sampled
+    (_, _, alone), (_, _, together), (_, _, whole) = sampled
     return f"""# What large work costs
 
-Written by `python -m benchmarks.scale` ({machine}). Through the compiled FMU; timings depend on the machine.
+Written by `python -m benchmarks.scale` ({machine()}). Through the compiled FMU; timings depend on the machine.
 
 ## A nonlinear rig
 
@@ -153,7 +138,7 @@ half a second apart, while contacts of less than a microsecond are resolved: tha
 A sample is a rig of the prior swept on both supports, refined, with its modes fitted: six features.
 
 {rates}
-{bar(f"{samples} samples, {WORKERS} processes", whole / 60, at_most=15.0, unit="min")}
+{bar(f"{SAMPLES} samples, {WORKERS} processes", whole / 60, at_most=15.0, unit="min")}
 {bar(f"{FEW} samples by {WORKERS} processes, over half the time of one", together / (alone / WORKERS), at_most=1.25)}
 ## How cost grows
 
@@ -163,4 +148,4 @@ Both supports, {LINES} lines each unless the table says otherwise, no refinement
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main()

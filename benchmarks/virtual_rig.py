@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from fmpy import extract, instantiate_fmu, read_model_description, simulate_fmu
 
-from benchmarks.page import bar, table
+from benchmarks.page import DOCS, bar, best_seconds, table
 from build_fmu import build_native_rotor_fmu, build_rotor_fmu
 from fmu_src.compiling import this_machine
 from rotor.assembly import assemble
@@ -24,7 +26,6 @@ from sim.campaign import Channel, Run, SupportKind
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, Sweep, SweepPlan, measure_lines, sweep
 
-DOC = Path(__file__).resolve().parent.parent / "docs" / "virtual-rig.md"
 PLAN = SweepPlan()
 SUPPORTS: tuple[SupportKind, ...] = ("rigid", "bearing")
 SHIPPED_K_B = 1e7
@@ -77,7 +78,7 @@ def main() -> None:
             on_python, _ = _time_two_supports(session)
         timings = Timings(compiled, on_python, from_rest, _time_sampled_sine(fmu), *_blows(fmu, structure))
     page = _page(accuracies, sweeps, hasty, timings)
-    DOC.write_text(page, encoding="utf-8")
+    (DOCS / "virtual-rig.md").write_text(page, encoding="utf-8")
     print(page)
 
 
@@ -98,12 +99,12 @@ def _errors(run: Run, structure: Structure, k_b: float) -> np.ndarray:
 
 def _time_two_supports(session: FmuSession) -> tuple[float, list[Sweep]]:
     """Best of three: both supports, base lines and refinement, from rest."""
-    best, sweeps = np.inf, []
-    for _ in range(3):
-        start = time.perf_counter()
-        sweeps = [sweep(session, Rig(support), PLAN) for support in SUPPORTS]
-        best = min(best, time.perf_counter() - start)
-    return best, sweeps
+    sweeps: list[Sweep] = []
+
+    def both() -> None:
+        sweeps[:] = [sweep(session, Rig(support), PLAN) for support in SUPPORTS]
+
+    return best_seconds(both), sweeps
 
 
 def _hasty(session: FmuSession, structure: Structure) -> float:
@@ -124,15 +125,16 @@ def _time_from_rest(session: FmuSession, sweeps: list[Sweep]) -> float:
 
 def _time_sampled_sine(fmu: Path) -> float:
     """Seconds a line with ``fmpy.simulate_fmu`` and a sampled sine on the force input, the median of three."""
-    run = _sampled(fmu)
-    return float(np.median([run(lambda t, f=f: np.sin(2 * np.pi * f * t), {})[0] for f in TRIED_LINES]))
+    with _sampled(fmu) as run:
+        return float(np.median([run(lambda t, f=f: np.sin(2 * np.pi * f * t), {})[0] for f in TRIED_LINES]))
 
 
 def _blows(fmu: Path, structure: Structure) -> tuple[float, float]:
     """Seconds of a sampled hammer's blow on each support with ``fmpy.simulate_fmu``, and its largest error."""
-    run, seconds, worst = _sampled(fmu), 0.0, 0.0
+    seconds = worst = 0.0
     for support in SUPPORTS:
-        took, force, motion = run(_pulse, {"rigid_support": support == "rigid"})
+        with _sampled(fmu) as run:
+            took, force, motion = run(_pulse, {"rigid_support": support == "rigid"})
         seconds += took
         frequency = np.fft.rfftfreq(len(force), 1 / RATE)
         band = (frequency >= PLAN.f_min_hz) & (frequency <= PLAN.f_max_hz)
@@ -147,7 +149,8 @@ def _pulse(t: np.ndarray) -> np.ndarray:
     return np.where(t < PULSE, PULSE_PEAK * np.sin(np.pi * t / PULSE) ** 2, 0.0)
 
 
-def _sampled(fmu: Path) -> Callable[..., tuple[float, np.ndarray, np.ndarray]]:
+@contextmanager
+def _sampled(fmu: Path) -> Iterator[Callable[..., tuple[float, np.ndarray, np.ndarray]]]:
     """A run with ``fmpy.simulate_fmu``: seconds, force (n,) and accelerations (n, 7).
 
     Unpacked once, one instance, as fmpy's own example of efficient loops does it.
@@ -175,7 +178,11 @@ def _sampled(fmu: Path) -> Callable[..., tuple[float, np.ndarray, np.ndarray]]:
         seconds = time.perf_counter() - start
         return seconds, force(result["time"]), np.column_stack([result[name] for name in OUTPUTS])
 
-    return run
+    try:
+        yield run
+    finally:
+        instance.freeInstance()
+        shutil.rmtree(unpacked)
 
 
 def _page(accuracies: list[Accuracy], sweeps: list[Sweep], hasty: float, timings: Timings) -> str:

@@ -37,6 +37,7 @@ WHILE_RUNNING: dict[str, tuple[str, list[Any], str]] = {
     "rigid support late": ("set", [{"rigid_support": True}], "rigid_support can only be set before the simulation"),
     "node late": ("set", [{"excitation_node": 3}], "excitation_node can only be set before the simulation starts"),
     "plane late": ("set", [{"excitation_plane": 2}], "excitation_plane can only be set before the simulation starts"),
+    "buckling": ("set", [{"axial_load.force": -1e6}], "the rotor buckles"),
     "output": ("set", [{"node_2.acceleration_y": 1.0}], "node_2.acceleration_y is an output and cannot be set"),
     "applied force": ("set", [{"force_applied": 1.0}], "force_applied is an output and cannot be set"),
     "step zero": ("doStep", [0.125, 0.0], "the communication step must be positive, got 0 s"),
@@ -76,10 +77,11 @@ def make_bad_calls(fmu, calls):
     outputs = ["node_2.acceleration_y", "node_5.acceleration_z", "force_applied"]
 
     def run(session, bad_call):
-        session.start({"force": 0.5, "force_amplitude": 1.0, "spin_speed": 200.0})
+        pushed = {"axial_load.enabled": True, "axial_load.force": -1e3}
+        session.start({"force": 0.5, "force_amplitude": 1.0, "spin_speed": 200.0, **pushed})
         session.step(0.125)
         message = bad_call(session)
-        return message, session.sample(outputs, 1e-3, 30).tolist() + session.get(["k_b", "force", "excitation_node"])
+        return message, session.sample(outputs, 1e-3, 30).tolist() + session.get(session.variables)
 
     def bad(session, method, arguments):
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -156,6 +157,20 @@ def test_another_builds_token_is_refused(rotor3, tmp_path):
     )
     with pytest.raises(Exception, match="Failed to instantiate"):
         slave.instantiate()
+
+
+def test_a_state_with_a_setting_out_of_its_range_is_refused(rotor):
+    """Bytes that were tampered with: k_b stands among them as it was set."""
+    started(rotor, k_b=1234567.0, force_amplitude=1.0)
+    run(rotor, 0.0, 5)
+    content = rotor.fmu.serializeFMUState(rotor.fmu.getFMUState())
+    assert content.count(struct.pack("=d", 1234567.0)) == 1
+    forged = rotor.fmu.deserializeFMUState(content.replace(struct.pack("=d", 1234567.0), struct.pack("=d", -1.0)))
+    with pytest.raises(FMICallException):
+        rotor.fmu.setFMUState(forged)
+    assert "k_b must be at least" in rotor.messages[-1]
+    assert rotor.get("k_b") == [1234567.0]
+    run(rotor, 5e-3, 1)
 
 
 # -- the virtual rig's session ---------------------------------------------------------------------------

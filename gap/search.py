@@ -219,8 +219,7 @@ def _rough_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        points = [np.concatenate([base, start]) for start in hypothesis.starts()]
-        found = _down(few, hypothesis, points)
+        found = _down(few, hypothesis, _points(base, hypothesis))
         weak = (_scanned(problem, hypothesis, nominal) or _promises(score, nominal, hypothesis))[0]
         rough.append(_Rough(hypothesis, found, weak))
     rough.sort(key=lambda each: each.cost)
@@ -246,6 +245,23 @@ class _Rough:
         """Where its fits begin."""
         chosen = [_begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
         return [*chosen, self.weak.start] if self.weak.gain > 0 else chosen
+
+
+def _points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
+    """A hypothesis' starts after the coordinates that are known, k_b the first of them.
+
+    Bearings with two principal stiffnesses show two resonances for each of the nominal model's, whose k_b suits one of
+    them: the mean that goes with a start makes either of the two stiffnesses that k_b.
+    """
+    starts = hypothesis.starts()
+    if hypothesis.ids != ("plane_anisotropy",):
+        return [np.concatenate([u, start]) for start in starts]
+    place = [free.name for free in hypothesis.free].index("anisotropy")
+    shifts = [np.log1p(sign * start[place] / 2) for start in starts for sign in (-1, 1)]
+    return [
+        np.concatenate([[u[0] - shift], u[1:], start])
+        for start, shift in zip(np.repeat(starts, 2, axis=0), shifts, strict=True)
+    ]
 
 
 def _down(few: Problem, hypothesis: Hypothesis, points: Sequence[FloatArray]) -> list[tuple[FloatArray, float]]:
@@ -422,8 +438,8 @@ def pairs(
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
             pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
             by_gain += _promises(score, leader, second, pair)
-            for start in second.starts():
-                x, cost = few.rough(pair, np.concatenate([leader.u, start]), 0)
+            for point in _points(leader.u, second):
+                x, cost = few.rough(pair, point, 0)
                 by_rough.append((cost, _begin(pair, x, leader)))
     by_gain.sort(key=lambda promise: promise.gain, reverse=True)
     by_rough.sort(key=lambda entry: entry[0])

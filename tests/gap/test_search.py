@@ -17,6 +17,7 @@ from rotor.effects import (
     CompliantRigidSupport,
     FastSweep,
     PedestalFlexibility,
+    PlaneAnisotropy,
     SensorDelay,
     SensorGain,
     ShaftModulus,
@@ -79,6 +80,8 @@ def test_an_effect_on_the_wrong_side_gains_nothing():
         (CompliantRigidSupport(stiffness=9e8), ("axial_load", "sensor_position")),
         # Two resonances of its own, narrow ones.
         (PedestalFlexibility(stiffness=1.02e7, mass=4.2, damping=140.0), ("bearing_damping", "attached_mass")),
+        # Two resonances for each of the nominal model's, whose k_b suits one of them.
+        (PlaneAnisotropy(anisotropy=0.45, angle=0.6), ("bearing_asymmetry", "pedestal_flexibility")),
     ],
 )
 def test_the_right_one_wins_the_race(effect, rivals):

@@ -88,9 +88,14 @@ def _accuracy(session: FmuSession, structure: Structure, support: SupportKind, k
     return Accuracy(support, k_b, len(run.frequency_hz), float(errors.max()), errors.size)
 
 
-def _errors(run: Run, structure: Structure, k_b: float) -> np.ndarray:
+def _exact(run: Run, structure: Structure, k_b: float) -> np.ndarray:
+    """(n_freq, n_nodes) what the run should have measured."""
     system = build_system(structure, Condition(k_b=k_b, rigid_support=run.support == "rigid"))
-    exact = accelerance(system, run.frequency_hz)[:, :, 0]
+    return accelerance(system, run.frequency_hz)[:, :, 0]
+
+
+def _errors(run: Run, structure: Structure, k_b: float) -> np.ndarray:
+    exact = _exact(run, structure, k_b)
     moving = np.abs(exact).max(axis=0) > 0
     size = np.abs(exact[:, moving])
     judged = size > _SHARE_OF_MEDIAN * np.median(size, axis=0)
@@ -130,7 +135,10 @@ def _time_sampled_sine(fmu: Path) -> float:
 
 
 def _blows(fmu: Path, structure: Structure) -> tuple[float, float]:
-    """Seconds of a sampled hammer's blow on each support with ``fmpy.simulate_fmu``, and its largest error."""
+    """Seconds of a sampled hammer's blow on each support with ``fmpy.simulate_fmu``, and its largest error.
+
+    The error is relative to the channel's largest value.
+    """
     seconds = worst = 0.0
     for support in SUPPORTS:
         with _sampled(fmu) as run:
@@ -141,7 +149,10 @@ def _blows(fmu: Path, structure: Structure) -> tuple[float, float]:
         H = (np.fft.rfft(motion, axis=0) / np.fft.rfft(force)[:, None])[band]
         channels = tuple(Channel(n) for n in range(1, 8))
         measured = Run(frequency[band], H, channels, support=support, name=f"blow, {support}")
-        worst = max(worst, float(_errors(measured, structure, SHIPPED_K_B).max()))
+        exact = _exact(measured, structure, SHIPPED_K_B)
+        largest = np.abs(exact).max(axis=0)
+        error = np.abs(H - exact)[:, largest > 0] / largest[largest > 0]
+        worst = max(worst, float(error.max()))
     return seconds, worst
 
 
@@ -226,7 +237,7 @@ all, largest drift {drift:.0e} per period.
 A sampled line is {DURATION:g} s, of which three were timed, {timings.sampled_line:.2f} s each. A sampled force is held
 between samples, so the result also carries a phase error of half a sample and more (see the FMU's documentation). The
 blows, {DURATION:g} s of ring-down each, give the whole band at once, in lines {1 / DURATION:.4g} Hz apart, with errors
-of up to {timings.blow_error:.1e}.
+of up to {100 * timings.blow_error:.1f} % of a channel's largest value, near which the virtual rig's are below 1e-6 %.
 """
 
 

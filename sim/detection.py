@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -36,8 +37,7 @@ def detect(samples: FloatArray, samples_per_period: int, *, any_harmonics: bool 
     N = len(samples)
     if samples_per_period < 8 or N == 0 or N % samples_per_period:
         raise ValueError(f"{N} samples are not whole periods of {samples_per_period} (at least 8) samples")
-    phase = 2 * np.pi * np.arange(N) / samples_per_period
-    basis = np.exp(-1j * np.outer(HARMONICS, phase))  # (n_harmonics, N)
+    basis = _basis(N, samples_per_period)
     amplitude = np.asarray(2 / N * (basis @ samples), dtype=complex)
     if any_harmonics and samples_per_period < N:
         periods = samples.reshape(-1, samples_per_period, samples.shape[1])
@@ -47,3 +47,11 @@ def detect(samples: FloatArray, samples_per_period: int, *, any_harmonics: bool 
         freedom = N - 1 - 2 * len(HARMONICS)
     variance = np.sum((samples - fitted) ** 2, axis=0) / freedom
     return Phasors(amplitude, 2 * np.sqrt(variance / N))
+
+
+@lru_cache(maxsize=4)
+def _basis(N: int, samples_per_period: int) -> ComplexArray:
+    """(n_harmonics, N) e^{-ik phi}: a sweep asks for the same ones again and again."""
+    basis = np.exp(-2j * np.pi / samples_per_period * np.outer(HARMONICS, np.arange(N)))
+    basis.setflags(write=False)
+    return basis

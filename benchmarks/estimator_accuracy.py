@@ -6,10 +6,8 @@ training rigs, measured through the FMU by the virtual rig, without noise and wi
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import tempfile
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +21,7 @@ from estimator.prior import PRIOR
 from estimator.root_finding import StiffnessFinder
 from estimator.runtime import StiffnessEstimator
 from rigtwin.fmus import build_rotor_for_the_rig
+from rigtwin.scale_out import executor
 from rotor.assembly import assemble
 from rotor.rig import load_rig
 
@@ -51,11 +50,11 @@ def main() -> None:
         coarse = build_rotor_for_the_rig(rig, Path(folder) / "coarse")
         ask = _EstimatorFmu(build_estimator_fmu(Path(folder)))
         finder = StiffnessFinder(assemble(rig))
-        with _executor() as executor:
+        with executor() as pool:
             fresh = PRIOR.draw(200, _FRESH_SEED, k_b=PRIOR.k_b)
-            clean = measure_rigs(fine, fresh, executor)
-            loud = measure_rigs(fine, fresh, executor, plan=noisy(FEATURE_PLAN, 0.01, _NOISE_SEED))
-            outside = [_outside(coarse, executor, limits) for limits in ((2e5, 9.7e5), (1.03e8, 1e9))]
+            clean = measure_rigs(fine, fresh, pool)
+            loud = measure_rigs(fine, fresh, pool, plan=noisy(FEATURE_PLAN, 0.01, _NOISE_SEED))
+            outside = [_outside(coarse, pool, limits) for limits in ((2e5, 9.7e5), (1.03e8, 1e9))]
         sections = [
             _accuracy_section("noise-free", _answers(clean, ask, finder)),
             _accuracy_section("1 % noise on every line", _answers(loud, ask, finder)),
@@ -65,10 +64,6 @@ def main() -> None:
     page = "\n".join([_HEAD.format(card=_card_lines()), *sections])
     DOC.write_text(page, encoding="utf-8")
     print(page)
-
-
-def _executor() -> Executor:
-    return ProcessPoolExecutor(os.cpu_count(), mp_context=multiprocessing.get_context("spawn"))
 
 
 class _EstimatorFmu:

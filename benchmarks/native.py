@@ -84,10 +84,9 @@ def main() -> None:
             agreements = [
                 _agreement(effect_id, python, native) for effect_id in ("", *(effect.id for effect in effects_in_fmu()))
             ]
-            steps = {name: _step_cost(s) for name, s in (("python", python), ("native", native), ("empty", nothing))}
-            sweeps = {
-                name: best_seconds(lambda s=s: _sweeps(s)) for name, s in (("python", python), ("native", native))
-            }
+            both = {"python": python, "native": native}
+            steps = {name: _step_cost(session) for name, session in (both | {"empty": nothing}).items()}
+            sweeps = {name: best_seconds(lambda s=session: _sweeps(s)) for name, session in both.items()}
             change = best_seconds(lambda: _change_k_b(native)) / 200
             growth = _growth(native)
         calls = _estimates(*estimators) | {"network": _network_call(estimators[1], folder / "calls")}

@@ -257,10 +257,10 @@ def _points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
     if hypothesis.ids != ("plane_anisotropy",):
         return [np.concatenate([u, start]) for start in starts]
     place = [free.name for free in hypothesis.free].index("anisotropy")
-    shifts = [np.log1p(sign * start[place] / 2) for start in starts for sign in (-1, 1)]
     return [
-        np.concatenate([[u[0] - shift], u[1:], start])
-        for start, shift in zip(np.repeat(starts, 2, axis=0), shifts, strict=True)
+        np.concatenate([[u[0] - np.log1p(sign * start[place] / 2)], u[1:], start])
+        for start in starts
+        for sign in (-1, 1)
     ]
 
 

@@ -91,7 +91,7 @@ def _make_and_diagnose(request: BlindRequest, name: str) -> str:
             note(
                 f"{name}: {failed} campaigns could not be made; they are missing from the page, run again to try again"
             )
-    with executor(request.executor, request.workers) as pool:
+    with executor(request.executor, request.workers) as pool:  # another one: a generator may have broken the first
         diagnose_all(campaigns, answers, pool)
     made = len(json.loads((campaigns / "index.json").read_text(encoding="utf-8")))
     return f"{made} campaigns, labels sealed: {(campaigns / 'labels.sha256').read_text(encoding='utf-8').split()[0]}"

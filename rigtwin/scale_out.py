@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
-from multiprocessing import get_context
 from typing import Annotated
 
 import typer
@@ -48,6 +47,9 @@ def executor(where: str | None = None, workers: int | None = None) -> Iterator[E
 
 @contextmanager
 def _processes(workers: int | None) -> Iterator[Executor]:
+    from concurrent.futures import ProcessPoolExecutor  # no other command needs what this loads
+    from multiprocessing import get_context
+
     with _single_threaded():
         pool = ProcessPoolExecutor(
             workers, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_the_parent

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from ctypes import byref
-from typing import Any
 
 from fmpy.fmi2 import (
     FMU2Slave,
@@ -28,6 +27,11 @@ FAILED = 2
 Log = Callable[[str], None]
 
 
+def _taking(log: Log) -> Callable[..., None]:
+    """The callback of a logger, whose last argument is the message in either version."""
+    return lambda *about: log(about[-1].decode("utf-8", errors="replace"))
+
+
 # fmpy reads the version off the beginning of a class' name.
 
 
@@ -36,12 +40,8 @@ class FMU2Instance(FMU2Slave):
 
     def begin(self, log: Log) -> None:
         """Instantiate; log gets every message."""
-
-        def take(_environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
-            log(message.decode("utf-8", errors="replace"))
-
         own = fmi2CallbackFunctions(
-            logger=fmi2CallbackLoggerTYPE(take),
+            logger=fmi2CallbackLoggerTYPE(_taking(log)),
             allocateMemory=defaultCallbacks.allocateMemory,
             freeMemory=defaultCallbacks.freeMemory,
         )
@@ -72,11 +72,7 @@ class FMU3Instance(FMU3Slave):
 
     def begin(self, log: Log) -> None:
         """Instantiate; log gets every message."""
-
-        def take(_environment: Any, _status: int, _category: bytes, message: bytes) -> None:
-            log(message.decode("utf-8", errors="replace"))
-
-        self.instantiate(loggingOn=True, logMessage=take)
+        self.instantiate(loggingOn=True, logMessage=_taking(log))
 
     def setupExperiment(self, startTime: float) -> None:
         """Nothing: the start time, zero, is an argument of enterInitializationMode."""

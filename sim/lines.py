@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -66,6 +67,11 @@ class Line:
     spread: float = 0.0  # of the fundamental over the periods read, largest over channels, relative [-]
     periodic: bool = True  # whether the spread is below PERIODIC
     remark: str = ""  # a sentence where something is wrong with the line
+
+    @cached_property
+    def size(self) -> float:
+        """Root-sum-square of the fundamental over all channels."""
+        return float(np.linalg.norm(self.response[0]))
 
 
 @dataclass(frozen=True)
@@ -182,14 +188,14 @@ class LineReader:
         wait, samples = self._wait(at), self._waiting_samples(at)
         while len(windows) < plan.max_windows:
             self._session.step(wait)
-            windows.append(per_force(detect(self._window(at, 1, samples), samples)))
+            windows.append(self._phasors(at, samples))
             estimate = remaining_transient(windows, time_stepped=self._rig.nonlinear)
             if len(windows) >= 3 and estimate <= plan.settling_tolerance:
                 return _Settled(windows, estimate)
             if plan.accept_nonperiodic and _is_stationary(windows):
                 break
         share = f"{estimate:.1e}" if np.isfinite(estimate) else "an unknown share"
-        waited = f"{frequency_hz:.4f} Hz: {share} of the response {{}} after {len(windows) * plan.settle_time:.0f} s"
+        waited = f"{frequency_hz:.4f} Hz: {share} of the response {{}} after {len(windows) * wait:.0f} s"
         if plan.accept_nonperiodic:
             return _Settled(windows, estimate, waited.format("still changes from window to window"))
         raise NotSettledError(
@@ -214,8 +220,7 @@ class LineReader:
             return 1.0
         if self._beside_drive:  # the sensor reads beside the exciter: set it back for a moment
             self._session.set({"sensor_position.enabled": False})
-        samples = self._plan.samples(at)
-        phasors = per_force(detect(self._window(at, 1, samples), samples))
+        phasors = self._phasors(at, self._plan.samples(at))
         if self._beside_drive:
             self._session.set({"sensor_position.enabled": True})
         drive = [c.node for c in self.channels].index(self._rig.excitation_node)
@@ -223,6 +228,10 @@ class LineReader:
         return complex(force_factor(self._effects, omega, -phasors.amplitude[0, drive] / omega**2)[0])
 
     # -- reading -------------------------------------------------------------------------------
+
+    def _phasors(self, at: float, samples: int) -> Phasors:
+        """Of one period, per newton."""
+        return per_force(detect(self._window(at, 1, samples), samples))
 
     def _window(self, at: float, periods: int, n: int) -> FloatArray:
         """n samples of each of whole periods, less the motion by unbalance."""

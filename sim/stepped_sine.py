@@ -121,7 +121,6 @@ class _Raster:
         self._reader, self._plan, self._count, self._keep_states = reader, plan, count, keep_states
         self._states: dict[float, tuple[SavedState, float]] = {}
         self.lines: dict[float, Line] = {}
-        self._sizes: dict[float, float] = {}  # root-sum-square over all channels
         reader.start()
 
     def at(self, frequencies: Iterable[float]) -> None:
@@ -130,7 +129,6 @@ class _Raster:
             if self._keep_states:
                 self._approach(f)
             self.lines[f] = self._reader.read(f)
-            self._sizes[f] = float(np.linalg.norm(self.lines[f].response[0]))
             if self._keep_states:
                 self._states[f] = self._reader.state()
             self._count()
@@ -171,8 +169,8 @@ class _Raster:
 
     def _magnitude(self) -> tuple[FloatArray, FloatArray]:
         """Frequencies and root-sum-square displacement over all channels."""
-        f = np.array(sorted(self._sizes))
-        return f, np.array([self._sizes[x] for x in f]) / f**2
+        f = np.array(sorted(self.lines))
+        return f, np.array([self.lines[x].size for x in f]) / f**2
 
     def _candidates(self) -> list[float]:
         """Lines that stand out; the ends count when the response rises towards them."""

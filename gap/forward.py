@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.nonlinear import CORNER, FINE, Known, NonlinearModal
+from gap.transients import as_read, transients
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import Effect, FastSweep, HubStiffening, OpenCrack
@@ -46,6 +47,9 @@ _STEP = 1e-3
 # among them: between resonances, where the response nearly vanishes, its drift is seen.
 _DRIFTING = 3.0
 MODES = 8  # at most
+
+# Above so many times the highest line, transients do without their modes where they do without images.
+_RINGING = 1.5
 
 # What a workshop does not know: relative standard deviations of a uniform +-0.1 %.
 TOLERANCE = 0.001 / np.sqrt(3)
@@ -98,6 +102,7 @@ class Modal:
     effects: tuple[Effect, ...]
     sensitivity: ComplexArray  # (MODES, n_tolerances) of the logarithm of each resonance's pole: frequency and damping
     scale: ComplexArray  # (n_freq,) powers of i omega and nominal force
+    images: bool = True  # whether transients are seen with their images, and those of far modes at all
 
     @property
     def frequencies_hz(self) -> FloatArray:
@@ -105,6 +110,11 @@ class Modal:
         group = self.groups[0]
         positive = (group.mode >= 0) & (group.poles.imag > 0)
         return np.sort(np.abs(group.poles[positive])) / (2 * np.pi)
+
+    @property
+    def in_order(self) -> IntArray:
+        """(n_freq,) places of the lines in the order in which they were swept."""
+        return np.arange(len(self.omega))[:: -1 if self.run.sweep == "down" else 1]
 
     def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
         """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,), all relative."""
@@ -211,24 +221,20 @@ class Modal:
     def _unsettled(self, poles: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) what the transients add to 1 / (i omega - lambda), read over one period after the dwell.
 
-        A unit force whose phase theta goes on from line to line drives xi' = lambda xi + e^{i theta}. The real
-        signal is the imaginary part, so the conjugate pole's transient is seen as well; over a period T synchronous
-        detection takes the mean of e^{(lambda - i omega) t}. Accelerometers read lambda^2 of a transient.
+        The real signal is the imaginary part of what a force e^{i theta} makes, so the conjugate pole's transient is
+        seen as well: an image that turns with twice the phase of all dwells so far, 1e5 radians for a second more.
         """
         assert self.dwell_s is not None
-        order = np.arange(len(self.omega))[:: -1 if self.run.sweep == "down" else 1]
-        w = self.omega[order, None]
-        T, own, steady = 2 * np.pi / w, poles - 1j * w, 1 / (1j * w - poles)
-        phase = np.exp(1j * self.dwell_s * np.cumsum(w, axis=0))  # at the end of every dwell
-        turn = np.exp(1j * w * self.dwell_s)
-        decay = np.exp(own * (self.dwell_s + T))
-        after = _affine(turn * decay, phase * steady * (1 - decay))
-        before = np.vstack([np.zeros(len(poles)), after[:-1]])
-        left = (before / phase * turn - steady) * np.exp(own * self.dwell_s)
-        twin = np.abs(poles[:, None] - poles.conj()).argmin(axis=1)
-        image = left[:, twin].conj() / phase**2
-        seen = np.empty((len(w), len(poles)), dtype=complex)
-        seen[order] = (left - image) * np.expm1(own * T) / (own * T) * (poles / (1j * w)) ** 2
+        w = self.omega[self.in_order, None]
+        seen = np.zeros((len(w), len(poles)), dtype=complex)
+        if self.images:
+            left = transients(w, poles, self.dwell_s)
+            twin = np.abs(poles[:, None] - poles.conj()).argmin(axis=1)
+            left -= left[:, twin].conj() * np.exp(-2j * self.dwell_s * np.cumsum(w, axis=0))
+            seen[self.in_order] = as_read(left, w, poles)
+        else:
+            near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
+            seen[np.ix_(self.in_order, near)] = as_read(transients(w, poles[near], self.dwell_s), w, poles[near])
         return seen
 
     def _force_slope(self, drive: ComplexArray, force: ComplexArray) -> ComplexArray:
@@ -258,6 +264,7 @@ class Forward:
         self.structure, self.belief, self._fine = structure, belief, fine or structure
         self.refined = False  # whether the finer mesh is used
         self.resolution = FINE  # of nonlinear motions
+        self.images = True  # whether a fast sweep's transients are seen with their images
         self.with_data = True  # whether a run's values say which branch it is on
         self._known: dict[tuple, Known] = {}
         self._sensitivities: dict[tuple, FloatArray] = {}
@@ -324,7 +331,7 @@ class Forward:
         amplitude = run.force_amplitude_N or 1.0
         unit = amplitude if run.quantity == "acceleration" else 1.0
         scale = unit * (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
-        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, scale)
+        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, scale, self.images)
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
         condition, finely = self.condition(run, k_b), self.resolution
@@ -458,16 +465,6 @@ def _chain(effects: Sequence[Effect], run: Run, columns: IntArray) -> ComplexArr
     """(n_freq, n_columns) reported over true response of some channels."""
     omega = 2 * np.pi * run.frequency_hz
     return np.array([channel_factor(effects, omega, run.channels[c].node) for c in columns]).T
-
-
-def _affine(a: ComplexArray, b: ComplexArray) -> ComplexArray:
-    """(n, ...) x_k = a_k x_(k-1) + b_k from x_(-1) = 0, all at once: maps of 1, 2, 4, ... steps are composed."""
-    a, b, reach = a.copy(), b.copy(), 1
-    while reach < len(a):
-        b[reach:] = a[reach:] * b[:-reach] + b[reach:]
-        a[reach:] = a[reach:] * a[:-reach]
-        reach *= 2
-    return b
 
 
 def _driven(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:

@@ -31,6 +31,7 @@ class Free:
     high: float
     log: bool
     fades: int = 0  # -1: the low end is as good as none of it, 1: the high end is
+    step: float = 1e-5  # share of the range for a derivative
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -215,7 +216,11 @@ def _free(name: str, role: Parameter) -> Free:
         low, high = min(low, role.null), max(high, role.null)
     if role.minimum == 0.0:
         fades = -1
-    return Free(name, low, high, role.log and low > 0, fades)
+    return Free(name, low, high, role.log and low > 0, fades, _STEPS.get(name, Free.step))
+
+
+# Steps of numbers that a response follows wildly: the phase of a fast sweep sums up all dwells.
+_STEPS = {"dwell": 1e-10}
 
 
 # An effect may be weaker than its prior range says, by so much; a damping may be lower than the nominal one.

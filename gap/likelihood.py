@@ -8,6 +8,7 @@ and are integrated over in the evidence (Laplace). What a nuisance takes is judg
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -259,6 +260,12 @@ class Problem:
         some = [Observed(replace(o.run.on_lines(lines), std=None), o.std[lines]) for o in self.observed]
         return Problem(self.forward, some, self.model_error if model_error is None else model_error)
 
+    def without_images(self) -> Problem:
+        """The same, a fast sweep's transients without their images: a misfit that is smooth over some 0.1 ms."""
+        forward = copy.copy(self.forward)
+        forward.images = False
+        return Problem(forward, self.observed, self.model_error)
+
     def loosened(self, factor: float) -> Problem:
         """The same with priors of the nuisances wider by a factor."""
         made = Problem(self.forward, self.observed, self.model_error)
@@ -452,7 +459,7 @@ class Problem:
         if j == 0 and not self.with_k_b:
             return 0.0, []
         low, high = hypothesis.ends[j]
-        step = 1e-5 * (high - low)
+        step = hypothesis.coordinates[j].step * (high - low)
         if u[j] + step > high:
             step = -step
         v = u.copy()

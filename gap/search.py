@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gap.dwell import dwell_fits
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis, Term
 from gap.likelihood import Fit, Problem, Score
 from rotor.condition import Condition
@@ -29,6 +30,9 @@ _WORTH_FACTOR, _WORTH = 3.0, 0.02
 
 # To first order, a candidate is worth a fit from this share of the largest gain, or within so much of it.
 _WORTH_GAIN, _WORTH_MISFIT = 0.3, 40.0
+
+# An effect that takes away such a share of the misfit leaves nothing for others to do.
+_ALL = 0.9
 
 # At least so many candidates are raced.
 _AT_LEAST = 12
@@ -211,21 +215,26 @@ def _begin(hypothesis: Hypothesis, u: FloatArray, like: Fit) -> Start:
 def _rough_starts(
     problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None
 ) -> list[Start]:
-    """Starts of the candidates whose rough cost is near the best one's, most promising first."""
+    """Starts of the candidates whose rough cost is near the best one's, most promising first.
+
+    Where a grid has found an effect that leaves next to nothing, no rough descents are needed.
+    """
     few = problem.thinned(_THIRD)
     base = few.rough(NOMINAL, nominal.u[:1], sum(_DOWN))[0] if problem.with_k_b else nominal.u[:1]
     score = problem.score(nominal)
+    by_grid = {h: _scanned(problem, h, nominal) for h in hypotheses}
+    found_by_grid = any(p.gain > _ALL * nominal.cost for promises in by_grid.values() for p in promises)
     rough: list[_Rough] = []
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        found = _down(few, hypothesis, _points(base, hypothesis))
-        weak = (_scanned(problem, hypothesis, nominal) or _promises(score, nominal, hypothesis))[0]
+        found = [] if found_by_grid else _down(few, hypothesis, _points(base, hypothesis))
+        weak = (by_grid[hypothesis] or _promises(score, nominal, hypothesis))[0]
         rough.append(_Rough(hypothesis, found, weak))
     rough.sort(key=lambda each: each.cost)
     limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
     told = sorted((each.weak.gain for each in rough), reverse=True)[:_AT_LEAST]
-    worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost <= limit or e.weak.gain >= told[-1]]
+    worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit or e.weak.gain >= told[-1]]
     return [start for each in worth for start in each.starts(nominal)]
 
 
@@ -234,12 +243,12 @@ class _Rough:
     """A candidate after a rough descent."""
 
     hypothesis: Hypothesis
-    found: list[tuple[FloatArray, float]]  # coordinates and cost, best first
+    found: list[tuple[FloatArray, float]]  # coordinates and cost, best first; none were looked for where it is empty
     weak: _Promise
 
     @property
     def cost(self) -> float:
-        return self.found[0][1]
+        return self.found[0][1] if self.found else np.inf
 
     def starts(self, nominal: Fit) -> list[Start]:
         """Where its fits begin."""
@@ -315,25 +324,12 @@ def _promises(score: Score, fit: Fit, hypothesis: Hypothesis, pair: Hypothesis |
 
 
 def _scanned(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[_Promise]:
-    """The same for an effect whose misfit has many minima along its number: by a fine grid; empty for others.
-
-    What is left of the transients after a dwell turns with the beat between a line and a resonance.
-    """
+    """The same for an effect whose misfit has many minima along its number: by grids; empty for others."""
     if hypothesis.ids != ("fast_sweep",):
         return []
-    (free,) = hypothesis.free
-    best = [float(np.mean(free.ends))]
-    for width, points, added in _SCANS:
-        places = np.concatenate([np.clip(u + width * np.linspace(-1, 1, points), *free.ends) for u in best])
-        costs = [problem.cost(hypothesis, np.array([fit.u[0], u]), fit.nu, added) for u in places]
-        best = [float(places[k]) for k in np.argsort(costs)[:_RIVALS]]
     before = problem.cost(NOMINAL, fit.u[:1], fit.nu)
-    starts = [Start(hypothesis, np.array([fit.u[0], u]), fit.nu) for u in best]
-    return [_Promise(before - problem.cost(hypothesis, start.u, start.nu), start) for start in starts]
-
-
-# Such grids, finer and finer: half width of the number's logarithm, points, and the relative error that is added.
-_SCANS = ((4.5, 400, 0.3), (0.03, 100, 0.1), (1.5e-3, 60, 0.03), (8e-5, 40, 0.0))
+    found = [Start(hypothesis, made.u, made.nu) for made in dwell_fits(problem, hypothesis, fit)[:_RIVALS]]
+    return [_Promise(before - problem.cost(hypothesis, start.u, start.nu), start) for start in found]
 
 
 def _scaled(term: Term, point: FloatArray, scale: float, condition: Condition) -> FloatArray | None:

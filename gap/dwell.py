@@ -1,0 +1,226 @@
+"""The dwell of a fast sweep: its misfit has thousands of minima, a beat between two frequencies apart.
+
+Near a resonance the beats are slow, and nothing but that resonance rings: there a dwell and a shift of the resonance
+are told apart by the lines' own pattern, whatever the rest of the model says. With resonances set right, the misfit of
+all lines shows one minimum far below the others. That is seen without the transients' images, whose phase turns once
+in some microseconds of dwell; they are let in at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from gap.forward import MODES, Modal
+from gap.hypotheses import Free, Hypothesis
+from gap.likelihood import Fit, Problem
+from gap.transients import as_read, transients
+from rotor.structure import ComplexArray, FloatArray
+
+# Beyond this dwell next to nothing is left of any transient [s].
+_LONGEST = 15.0
+
+# Strong transients: dwells that are tried near resonances, in even steps [s] up to a split, then in relative ones.
+_STEP, _SPLIT, _RELATIVE, _STRONG = 1.5e-3, 0.5, 3e-3, 4.0
+
+# Relative shifts of a resonance.
+_SHIFTS = np.linspace(-6e-3, 6e-3, 41)
+
+# Lines that count as near, by their relative distance; how many there must be; lines before them that still ring.
+_NEAR, _FEWEST, _RINGING = 0.15, 8, 25
+
+# Relative error of such a local fit; transients are seen where they take away so much of the logarithm of the misfit.
+_LOCAL_ERROR, _SEEN = 0.02, 0.2
+
+# The dwell of all lines: searched within this factor of the local one, by these steps [s] and relative ones; minima
+# this far apart [s] are rivals, of which so many are fitted.
+_WITHIN, _FINE_STEP, _FINE_RELATIVE, _APART, _RIVALS = 1.25, 4e-4, 1e-3, 1.5e-3, 3
+
+# Drifts as wide as this many of their priors take the shifts up at first; steps then, and with the prior.
+_LOOSE, _LOOSE_STEPS, _STEPS = 30.0, 5, 6
+
+# Weak transients, which leave the nominal model right but for them: grids, finer and finer, of the dwell's logarithm:
+# steps, points to either side of the best ones, and the relative error that is added; so many of them go on.
+_GRIDS, _KEPT = ((0.01, 290, 0.3), (8e-4, 30, 0.1), (5e-5, 16, 0.03)), 4
+
+# Dwells processed at once; relative errors added to all lines, roughly and finely.
+_BLOCK, _ADDED, _FINELY = 200, 0.3, 0.02
+
+# Images: dwells tried to either side [s], in such steps [s], both wider from a second on; minima so far apart [s], and
+# how many of them are fitted.
+_ASIDE, _IMAGE_STEP, _IMAGE_APART, _IMAGES = 4e-4, 1e-6, 4e-6, 3
+
+# Rounds of that, and by how much they must lower the misfit.
+_ROUNDS, _BETTER = 3, 0.9
+
+# What a fit must take away for images to be let in: misfit, and a share of what the nominal model leaves above noise.
+_GAIN, _SHARE = 50.0, 0.3
+
+
+def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
+    """Fits of a fast sweep from the most likely dwells, best first.
+
+    Parameters
+    ----------
+    problem : the runs
+    hypothesis : the fast sweep, its dwell the only number
+    nominal : the recalibrated nominal model
+    """
+    smooth = problem.without_images()
+    fits = [*_strong(smooth, hypothesis, nominal), *_weak(smooth, hypothesis, nominal)]
+    fits.sort(key=lambda fit: fit.cost)
+    if fits:
+        gain = nominal.cost - problem.cost(hypothesis, fits[0].u, fits[0].nu)
+        if gain > max(_GAIN, _SHARE * (nominal.cost - nominal.n_data)):
+            return [_with_images(problem, fits[0]), *fits[1:]]
+    return fits
+
+
+def _fitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, anneal: Sequence[float]):
+    """A list of the one fit, empty where there is no model."""
+    try:
+        return [problem.fit(hypothesis, u, nu, anneal=anneal, steps=_STEPS)]
+    except (ValueError, np.linalg.LinAlgError):
+        return []
+
+
+# -- weak transients -----------------------------------------------------------------------------------
+
+
+def _weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
+    """Fits next to the nominal model."""
+
+    low, high = np.log(hypothesis.free[0].low), np.log(min(hypothesis.free[0].high, _LONGEST))
+    best = np.array([(low + high) / 2])
+    for step, points, added in _GRIDS:
+        around = step * np.arange(-points, points + 1)
+        places = np.unique(np.clip(best[:, None] + around, low, high))
+        costs = [problem.cost(hypothesis, np.array([nominal.u[0], u]), nominal.nu, added) for u in places]
+        best = places[_minima(places, costs, 1.5 * step, _KEPT)]
+    starts = [np.array([nominal.u[0], u]) for u in best]
+    return [fit for u in starts for fit in _fitted(problem, hypothesis, u, nominal.nu, (_FINELY,))]
+
+
+# -- strong transients ---------------------------------------------------------------------------------
+
+
+def _strong(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
+    """Fits whose resonances differ from the nominal model's; none where no transients are plain to see."""
+    fits = []
+    for dwell, nu in _dwells(problem, hypothesis, nominal)[:_RIVALS]:
+        u = np.array([nominal.u[0], np.log(dwell)])
+        for loose in _fitted(problem.loosened(_LOOSE), hypothesis, u, nu, (_ADDED, 0.1)):
+            fits += _fitted(problem, hypothesis, loose.u, loose.nu, (0.1, _FINELY))
+    return fits
+
+
+def _dwells(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[tuple[float, FloatArray]]:
+    """Dwells and the nuisances that go with them, by the misfit of all lines."""
+    dwells = _grid(*hypothesis.free)
+    total, shifts, near = np.zeros(len(dwells)), np.zeros((len(dwells), problem.nuisances.n)), 0
+    for r, modal in enumerate(problem.modals(nominal.k_b, ())):
+        if isinstance(modal, Modal):
+            for m, n_lines, left in _resonances(modal, dwells):
+                near += n_lines
+                total += n_lines * np.log(left.min(axis=1) + _LOCAL_ERROR**2)
+                shifts[:, problem.nuisances.drift[r].start + m] = _SHIFTS[left.argmin(axis=1)]
+    if total[-1] - total.min() <= _SEEN * near:
+        return []
+    shifts[:, problem.nuisances.gain] = nominal.nu[problem.nuisances.gain]
+    middle = dwells[np.argmin(total)]
+    step = max(_FINE_STEP, _FINE_RELATIVE * middle)
+    fine = np.arange(max(middle / _WITHIN, dwells[0]), min(middle * _WITHIN, dwells[-1]), step)
+    nus = shifts[np.searchsorted(dwells, fine).clip(max=len(dwells) - 1)]
+    loose = problem.loosened(1 / np.finfo(float).eps)
+    costs = [
+        loose.cost(hypothesis, np.array([nominal.u[0], np.log(dwell)]), nu, _ADDED)
+        for dwell, nu in zip(fine, nus, strict=True)
+    ]
+    return [(float(fine[k]), nus[k]) for k in _minima(fine, costs, _APART, _RIVALS)]
+
+
+def _minima(places: FloatArray, costs: Sequence[float], apart: float, count: int) -> list[int]:
+    """The lowest places that are so far apart, lowest first."""
+    chosen: list[int] = []
+    for k in map(int, np.argsort(costs)):
+        if len(chosen) < count and all(abs(places[k] - places[other]) > apart for other in chosen):
+            chosen.append(k)
+    return chosen
+
+
+def _grid(dwell: Free) -> FloatArray:
+    longest = min(dwell.high, _STRONG)
+    n = int(np.ceil(np.log(longest / _SPLIT) / _RELATIVE))
+    return np.concatenate([np.arange(dwell.low, _SPLIT, _STEP), np.geomspace(_SPLIT, longest, n)])
+
+
+def _resonances(modal: Modal, dwells: FloatArray) -> Iterator[tuple[int, int, FloatArray]]:
+    """Of each resonance among the lines its number, how many lines are near, and their misfit for dwells and shifts.
+
+    Channels are added up by the resonance's shape, to which amplitude and phase are fitted beside a straight line that
+    stands for all other resonances. The misfit (n_dwells, n_shifts) is relative to the mean square.
+    """
+    group, order = modal.groups[0], modal.in_order
+    omega = modal.omega[order]
+    measured = np.where(np.isfinite(modal.run.H), modal.run.H, 0.0) / modal.scale[:, None]
+    for m in range(MODES):
+        (places,) = np.nonzero((group.mode == m) & (group.poles.imag > 0))
+        if not len(places):
+            continue
+        pole, shape = complex(group.poles[places[0]]), group.residues[:-1, places[0]]
+        near = np.flatnonzero(np.abs(omega / abs(pole) - 1) < _NEAR)
+        if len(near) < _FEWEST or not omega.min() < abs(pole) < omega.max():
+            continue
+        trace = _trace(measured[order[near]], shape, modal.run.magnitude_only)
+        since = max(int(near[0]) - _RINGING, 0)
+        ringing = omega[since : near[-1] + 1]
+        straight, _ = np.linalg.qr(np.vander(omega[near] - abs(pole), 2))
+        misfit = [
+            _misfit(trace, _near_shares(ringing, pole, some)[near - since], straight, modal.run.magnitude_only)
+            for some in np.array_split(dwells, -(-len(dwells) // _BLOCK))
+        ]
+        yield m, len(near), np.concatenate(misfit)
+
+
+def _trace(y: ComplexArray, shape: ComplexArray, magnitude_only: bool) -> ComplexArray | FloatArray:
+    """(n_lines,) the channels by a shape; of magnitudes the channel that moves most."""
+    return np.abs(y[:, np.abs(shape).argmax()]) if magnitude_only else y @ shape.conj()
+
+
+def _near_shares(omega: FloatArray, pole: complex, dwells: FloatArray) -> ComplexArray:
+    """(n_lines, n_dwells, n_shifts) 1 / (i omega - lambda) with transients."""
+    w, poles = omega[:, None, None], pole * (1 + _SHIFTS)
+    return 1 / (1j * w - poles) + as_read(transients(w, poles, dwells[:, None]), w, poles)
+
+
+def _misfit(trace: ComplexArray | FloatArray, shares: ComplexArray, straight: FloatArray, magnitude_only: bool):
+    """(n_dwells, n_shifts) mean square that no multiple of the shares and no straight line explains, relative."""
+    if magnitude_only:
+        shares = np.abs(shares)
+    bent = trace - straight @ (straight.T @ trace)
+    flat = shares.reshape(len(trace), -1)
+    flat = flat - straight @ (straight.T @ flat)
+    explained = np.abs(bent.conj() @ flat) ** 2 / np.maximum(np.sum(np.abs(flat) ** 2, axis=0), 1e-300)
+    left = 1 - explained / max(float(np.sum(np.abs(bent) ** 2)), 1e-300)
+    return left.reshape(shares.shape[1:])
+
+
+# -- images ----------------------------------------------------------------------------------------------
+
+
+def _with_images(problem: Problem, fit: Fit) -> Fit:
+    """A fit without images carried on with them: the best of the many minima round it, as long as that gets better."""
+    best = None
+    for _ in range(_ROUNDS):
+        dwell = float(np.exp(fit.u[1]))
+        dwells = dwell + max(dwell, 1.0) * np.arange(-_ASIDE, _ASIDE, _IMAGE_STEP)
+        places = [np.array([fit.u[0], u]) for u in np.log(dwells[dwells > fit.hypothesis.free[0].low])]
+        costs = [problem.cost(fit.hypothesis, u, fit.nu, _FINELY) for u in places]
+        found = []
+        for k in _minima(dwells, costs, _IMAGE_APART, _IMAGES):
+            found += _fitted(problem, fit.hypothesis, places[k], fit.nu, (_FINELY, 0.0))
+        if not found or (best and min(each.cost for each in found) > _BETTER * best.cost):
+            break
+        fit = best = min(found, key=lambda each: each.cost)
+    return best or fit

@@ -376,6 +376,7 @@ class Problem:
             held[0] = True
         return held
 
+    @np.errstate(over="ignore", invalid="ignore")  # a trial may lie anywhere
     def cost(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float = 0.0) -> float:
         """Misfit and penalty at a point, with a relative error added to the data's own; inf without a model."""
         try:

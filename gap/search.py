@@ -72,19 +72,14 @@ POLISHED, _PATIENCE = 4, 60
 # Misfit behind the best one's by this factor, and so much more, cannot be made good.
 _BEHIND, _HOPELESS = 2.0, 400.0
 
-# Leaders of pairs: of all runs, and of the rigid runs alone, in which fewer effects can act.
-_LEADERS, _RIGID_LEADERS = 3, 2
+# Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
+# logarithms, and the cost over the best one's from which none is one.
+_LEADERS, _ROUGH_LEADERS, _RIGID_LEADERS = 3, 2, 2
+_ROUGHLY, _NO_LEADER = 0.3, 30.0
 
-# Pairs that are raced: the most promising to first order, and by a rough fit.
-_BY_GAIN, _BY_ROUGH, _PAIR_STEPS = 24, 16, 5
-
-
-@dataclass(frozen=True)
-class Search:
-    """What a search led to."""
-
-    nominal: Fit
-    fits: tuple[Fit, ...]  # best first by evidence, the nominal model not among them
+# Pairs that are raced: those that gain most to first order, shared by the leaders, each of which has at least some;
+# and those by a rough fit.
+_BY_SCORE, _OF_EACH, _BY_ROUGH, _PAIR_STEPS = 24, 6, 16, 5
 
 
 @dataclass(frozen=True)
@@ -94,6 +89,15 @@ class Start:
     hypothesis: Hypothesis
     u: FloatArray
     nu: FloatArray
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search led to."""
+
+    nominal: Fit
+    fits: tuple[Fit, ...]  # best first by evidence, the nominal model not among them
+    rough: tuple[Start, ...] = ()  # best first by logarithms, one of every effect; none close to the nominal model
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,8 @@ def search(
     if _close(nominal):
         fits = race(problem, weak_starts(problem, hypotheses, nominal, progress), CLOSE, progress)
     else:
-        fits = race(problem, _rough_starts(problem, hypotheses, nominal, progress), FAR, progress)
+        starts, rough = _rough_starts(problem, hypotheses, nominal, progress)
+        return Search(nominal, tuple(race(problem, starts, FAR, progress)), rough)
     return Search(nominal, tuple(fits))
 
 
@@ -214,8 +219,8 @@ def _begin(hypothesis: Hypothesis, u: FloatArray, like: Fit) -> Start:
 
 def _rough_starts(
     problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None
-) -> list[Start]:
-    """Starts of the candidates whose rough cost is near the best one's, most promising first.
+) -> tuple[list[Start], tuple[Start, ...]]:
+    """Starts of the candidates whose rough cost is near the best one's, and the best of every effect by that alone.
 
     Where a grid has found an effect that leaves next to nothing, no rough descents are needed.
     """
@@ -235,7 +240,9 @@ def _rough_starts(
     limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
     told = sorted((each.weak.gain for each in rough), reverse=True)[:_AT_LEAST]
     worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit or e.weak.gain >= told[-1]]
-    return [start for each in worth for start in each.starts(nominal)]
+    first = {each.hypothesis.ids: each for each in reversed(rough) if each.found}
+    best = sorted(first.values(), key=lambda each: each.cost)
+    return [start for each in worth for start in each.starts(nominal)], tuple(each.starts(nominal)[0] for each in best)
 
 
 @dataclass(frozen=True)
@@ -420,43 +427,57 @@ def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> f
 def pairs(
     problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
 ) -> list[Fit]:
-    """Pairs of effects: every candidate beside each of the leaders, started from the leader's fit."""
-    by_gain: list[_Promise] = []
+    """Pairs of effects that do not fall behind, best first by evidence and prior."""
+    return race(problem, pair_starts(problem, found, hypotheses, progress), FAR, progress)
+
+
+def pair_starts(
+    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+) -> list[Start]:
+    """Every candidate beside each of the leaders, from the leader's fit; those of most gain first, leader by leader."""
+    starts: list[Start] = []
     by_rough: list[tuple[float, Start]] = []
     leaders = _leaders(problem, found, hypotheses)
     few = problem.thinned(_FIFTH)
     for number, leader in enumerate(leaders):
-        score = problem.score(leader)
+        score, by_score = problem.score(leader), []
         for second in hypotheses:
             if second.ids == leader.hypothesis.ids:
                 continue
             if progress:
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
             pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
-            by_gain += _promises(score, leader, second, pair)
+            by_score += _promises(score, leader, second, pair)
             for point in _points(leader.u, second):
                 x, cost = few.rough(pair, point, 0)
                 by_rough.append((cost, _begin(pair, x, leader)))
-    by_gain.sort(key=lambda promise: promise.gain, reverse=True)
+        by_score.sort(key=lambda promise: promise.gain, reverse=True)
+        starts += [promise.start for promise in by_score[: max(_BY_SCORE // len(leaders), _OF_EACH)]]
     by_rough.sort(key=lambda entry: entry[0])
-    starts = [promise.start for promise in by_gain[:_BY_GAIN]]
     for _, start in by_rough[: 2 * _BY_ROUGH]:
         x, _ = few.rough(start.hypothesis, start.u, _PAIR_STEPS)
         starts.append(Start(start.hypothesis, x, start.nu))
-    return race(problem, starts, FAR, progress)
+    return starts
 
 
 def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
-    """The best fit of each of the best few effects: of all runs, and of the rigid runs with k_b fitted afterwards."""
+    """Effects that others are tried beside: the best of all runs, and those of a part of what there is to see.
+
+    The latter are the best by logarithms, which far misfits do not rule, and the best of the rigid runs, in which fewer
+    effects can act. What leaves many times as much as the best is no leader.
+    """
     leaders = _of_each_effect(found.fits)[:_LEADERS]
+    there = {fit.hypothesis.ids for fit in leaders}
+    rough = [start for start in found.rough[:_ROUGH_LEADERS] if start.hypothesis.ids not in there]
+    leaders += [problem.fit(s.hypothesis, s.u, s.nu, anneal=(_ROUGHLY,), steps=2) for s in rough]
     rigid = problem.only("rigid")
-    if rigid is None or not problem.with_k_b:
-        return leaders
-    there = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
-    for fit in _of_each_effect(search(rigid, there).fits)[:_RIGID_LEADERS]:
-        u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
-        leaders.append(problem.fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6))
-    return leaders
+    if rigid is not None and problem.with_k_b:
+        acting = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
+        for fit in _of_each_effect(search(rigid, acting).fits)[:_RIGID_LEADERS]:
+            u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
+            leaders.append(problem.fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6))
+    costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
+    return [fit for fit, cost in zip(leaders, costs, strict=True) if cost < _NO_LEADER * min(costs)]
 
 
 def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:

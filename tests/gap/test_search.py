@@ -10,11 +10,13 @@ from numpy.testing import assert_allclose
 
 from gap.forward import Forward
 from gap.likelihood import Problem, observe
-from gap.search import most_left, pairs, polished, recalibrate, search, strained, weak_starts
+from gap.search import Search, most_left, pair_starts, pairs, polished, recalibrate, search, strained, weak_starts
 from rotor.assembly import assemble
 from rotor.effects import (
     AttachedMass,
+    BearingDamping,
     CompliantRigidSupport,
+    DiskInertia,
     FastSweep,
     PedestalFlexibility,
     PlaneAnisotropy,
@@ -146,6 +148,32 @@ def test_a_second_effect_that_tolerances_hide_is_seen_by_what_is_left():
     both = pairs(problem, found, hypotheses)[0]
     assert set(both.hypothesis.ids) == {"sensor_delay", "shaft_modulus"}
     assert both.log_evidence() > single.log_evidence() + 25
+
+
+def test_pairs_are_started_beside_what_leaves_little():
+    """Beside an effect that leaves nearly all, any second one gains more than the right one does beside a leader."""
+    effects = (BearingDamping(damping=60.0), DiskInertia(factor=0.1))
+    problem = problem_of(measure("bearing", effects))
+    nominal = recalibrate(problem)
+    hypotheses = of(problem.runs, "bearing_damping", "disk_inertia", "attached_mass", "sensor_mass")
+    near, hopeless = (
+        problem.fit(next(h for h in hypotheses if h.ids == (effect.id,)), np.append(nominal.u, u), anneal=(0.1, 0.0))
+        for effect, u in zip(effects, (np.log(60.0), 0.1), strict=True)
+    )
+    starts = pair_starts(problem, Search(nominal, (hopeless, near)), hypotheses)
+    assert starts[0].hypothesis.ids == ("bearing_damping", "disk_inertia")
+    assert {start.hypothesis.ids[0] for start in starts} == {"bearing_damping"}
+
+
+def test_pairs_are_started_beside_what_logarithms_see():
+    """A stiffer shaft shifts narrow resonances of two-plane bearings: fine misfits say nothing, logarithms do."""
+    effects = (ShaftModulus(factor=1.025), PlaneAnisotropy(anisotropy=0.25, angle=0.37))
+    problem = problem_of(measure("bearing", effects))
+    hypotheses = of(problem.runs, "shaft_modulus", "sensor_delay", "bearing_damping")
+    found = search(problem, hypotheses)
+    others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
+    starts = pair_starts(problem, replace(found, fits=others), hypotheses)
+    assert "shaft_modulus" in {start.hypothesis.ids[0] for start in starts}
 
 
 def test_where_nothing_is_nothing_is_left():

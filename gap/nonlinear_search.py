@@ -15,7 +15,7 @@ import numpy as np
 
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import Fit, Observed, Problem, Score
-from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH, NonlinearModal
+from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH, NonlinearModal, Resolution
 from gap.search import Progress, Search, best_first, recalibrate
 from rotor.structure import FloatArray
 
@@ -31,7 +31,6 @@ _POINTS = {
     "bearing_hertz": (10,),
     "bearing_clearance": (7, 6),
     "bearing_friction": (10, 5),
-    "bilinear_support": (7,),
     "rub": (4, 6),
 }
 
@@ -41,8 +40,9 @@ _SMALL = 0.01
 # Friction forces where its two stiffnesses are those of the lowest and the highest level.
 _FORCES = 30
 
-# Of a bilinear support, ratios of a grid, and its step along the logarithm of k_b.
-_RATIOS, _FINELY = 7, 0.02
+# Of a bilinear support, logarithms of the ratio that are started from, how finely, and relative errors that are added.
+_RATIOS, _UNEVEN = (0.1, 0.2, 0.4, 0.7, 1.0), Resolution(5, 128, 15)
+_UNEVEN_ERRORS = (0.3, 0.1, 0.03)
 
 # Relative distance to the data at which a line of the grid counts half.
 _HALF = 0.1
@@ -52,7 +52,7 @@ NEAR = 5.0
 
 # Effects whose stiffness at rest is not k_b; points that are descended from where the gap is small, and by how much
 # more of the misfit than the best one's a candidate may leave after that.
-_SHARES_STIFFNESS = ("bearing_friction", "bilinear_support")
+_SHARES_STIFFNESS = ("bearing_friction",)
 _NEAR_STARTS, _AHEAD = 6, 60.0
 
 # Of every effect, so many points of the grid are descended from; of one with places, so many places.
@@ -102,13 +102,18 @@ def search_nonlinear(
     every = _thinned(problem, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
     tell = _Teller(progress, len(hypotheses) + 3)
+    uneven = [hypothesis for hypothesis in hypotheses if hypothesis.ids == ("bilinear_support",)]
+    others = [hypothesis for hypothesis in hypotheses if hypothesis not in uneven]
     if nominal.chi2 < NEAR * nominal.n_data:
-        left = _near(problem, hypotheses, rest, nominal, tell)
+        left = _near(problem, others, rest, nominal, tell)
     else:
-        left = _far(problem, hypotheses, rest, nu, tell)
+        left = _far(problem, others, rest, nu, tell)
+    tell("bilinear_support")
+    left = [start for start in left if start.cost < _WITHIN * left[0].cost]
+    left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
     forward.resolution = FINAL
-    first = [_fitted(every, start, rounds=1, steps=3) for start in left if start.cost < _WITHIN * left[0].cost]
+    first = [_fitted(every, start, rounds=1, steps=3) for start in left]
     fits = sorted((fit for fit in first if fit is not None), key=lambda fit: fit.cost)[:_FINALISTS]
     again = [robust_fit(every, fit.hypothesis, fit.u, fit.nu) for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [fit for fit in again if fit is not None] + fits[len(again) :]
@@ -150,27 +155,29 @@ def _far(
     problem.forward.resolution = MIDDLE
     some = _thinned(problem, _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     left = _descend(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost], _THEN)
-    if not left or left[0].cost > _values(some):
-        bilinear = [hypothesis for hypothesis in hypotheses if hypothesis.ids == ("bilinear_support",)]
-        uneven = [start for each in bilinear for start in _uneven(problem, each, calm, nu)]
-        left = _best_of_each([*left, *_descend(some, uneven, (*_FIRST, *_THEN))])
     return _best_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), _THEN)])[:_LEFT]
 
 
 def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[_Start]:
-    """Starts of a bilinear support: a grid over ratio and k_b on one level, as it is the same at all of them.
+    """The start of a bilinear support: fits of one level, as it is the same at all of them, from several ratios.
 
-    How stiff it is on average is another number for every resonance, and tells in its harmonics.
+    How stiff it is on average is another number for every resonance, and takes several harmonics.
     """
-    low = _thinned(_at_level(problem, min), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
+    problem.forward.resolution = _UNEVEN
+    low = _thinned(_at_level(problem, min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
     (free,) = hypothesis.free
-    found = []
-    for log_ratio in np.linspace(0.1, 0.95, _RATIOS) * np.log(free.high):
-        soft = np.log(calm.k_b * (1 + np.exp(log_ratio / 2)) ** 2 / (4 * np.exp(log_ratio)))
-        for log_k_b in np.arange(soft - _FINELY, np.log(calm.k_b) + 2 * _FINELY, _FINELY):
-            u = hypothesis.clipped(np.array([log_k_b, log_ratio if free.log else np.exp(log_ratio)]))
-            found.append(_Start(_distance(low, hypothesis, u, calm.nu), hypothesis, u, nu))
-    return sorted(found, key=_cost)[:_STARTS]
+    starts = []
+    for log_ratio in _RATIOS:
+        ratio = log_ratio if free.log else np.exp(log_ratio)
+        u = hypothesis.clipped(np.array([np.log(calm.k_b) + _softer(log_ratio), ratio]))
+        starts.append(_Start(np.inf, hypothesis, u, calm.nu))
+    found = _descend(low, starts, _UNEVEN_ERRORS)
+    return [replace(start, nu=nu) for start in found]
+
+
+def _softer(log_ratio: float) -> float:
+    """Logarithm of a bilinear support's mean stiffness over that of a linear one of the same frequency."""
+    return float(np.log((1 + np.exp(log_ratio / 2)) ** 2 / (4 * np.exp(log_ratio))))
 
 
 def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nominal: Fit, tell: _Teller) -> list[_Start]:
@@ -313,8 +320,6 @@ def _grid(hypothesis: Hypothesis, rest: _Rest) -> Iterator[FloatArray]:
         own = [calm.k_b]
         if name == "bearing_friction":  # sticking or slipping at the lowest level
             own = [max(calm.k_b - float(np.exp(point[1])), 0.1 * calm.k_b), 0.7 * calm.k_b]
-        elif name == "bilinear_support":
-            own = [calm.k_b * (1 + np.exp(point[0] / 2)) ** 2 / (4 * np.exp(point[0]))]
         for stiffness in own:
             yield np.array([np.clip(np.log(stiffness), low, high), *point])
     if name == "bearing_friction" and rest.loud < calm.k_b:  # sticking at the lowest level, slipping at the highest

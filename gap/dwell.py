@@ -77,7 +77,9 @@ def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[F
     return fits
 
 
-def _fitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, anneal: Sequence[float]):
+def _fitted(
+    problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, anneal: Sequence[float]
+) -> list[Fit]:
     """A list of the one fit, empty where there is no model."""
     try:
         return [problem.fit(hypothesis, u, nu, anneal=anneal, steps=_STEPS)]
@@ -90,7 +92,6 @@ def _fitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatAr
 
 def _weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
     """Fits next to the nominal model."""
-
     low, high = np.log(hypothesis.free[0].low), np.log(min(hypothesis.free[0].high, _LONGEST))
     best = np.array([(low + high) / 2])
     for step, points, added in _GRIDS:
@@ -108,7 +109,7 @@ def _weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
 def _strong(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
     """Fits whose resonances differ from the nominal model's; none where no transients are plain to see."""
     fits = []
-    for dwell, nu in _dwells(problem, hypothesis, nominal)[:_RIVALS]:
+    for dwell, nu in _dwells(problem, hypothesis, nominal):
         u = np.array([nominal.u[0], np.log(dwell)])
         for loose in _fitted(problem.loosened(_LOOSE), hypothesis, u, nu, (_ADDED, 0.1)):
             fits += _fitted(problem, hypothesis, loose.u, loose.nu, (0.1, _FINELY))
@@ -194,7 +195,9 @@ def _near_shares(omega: FloatArray, pole: complex, dwells: FloatArray) -> Comple
     return 1 / (1j * w - poles) + as_read(transients(w, poles, dwells[:, None]), w, poles)
 
 
-def _misfit(trace: ComplexArray | FloatArray, shares: ComplexArray, straight: FloatArray, magnitude_only: bool):
+def _misfit(
+    trace: ComplexArray | FloatArray, shares: ComplexArray, straight: FloatArray, magnitude_only: bool
+) -> FloatArray:
     """(n_dwells, n_shifts) mean square that no multiple of the shares and no straight line explains, relative."""
     if magnitude_only:
         shares = np.abs(shares)

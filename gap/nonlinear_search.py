@@ -266,10 +266,6 @@ def _fitted(problem: Problem, start: _Start, **settings: int) -> Fit | None:
     return robust_fit(problem, start.hypothesis, start.u, start.nu, **settings)
 
 
-def _values(problem: Problem) -> int:
-    return sum(observed.n_values for observed in problem.observed)
-
-
 def _cost(start: _Start) -> float:
     return start.cost
 

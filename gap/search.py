@@ -236,7 +236,7 @@ def _rough_starts(
         found = [] if found_by_grid else _down(few, hypothesis, _points(base, hypothesis))
         weak = (by_grid[hypothesis] or _promises(score, nominal, hypothesis))[0]
         rough.append(_Rough(hypothesis, found, weak))
-    rough.sort(key=lambda each: each.cost)
+    rough.sort(key=lambda each: (each.cost, -each.weak.gain))
     limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
     told = sorted((each.weak.gain for each in rough), reverse=True)[:_AT_LEAST]
     worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit or e.weak.gain >= told[-1]]
@@ -477,7 +477,7 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
             u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
             leaders.append(problem.fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6))
     costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
-    return [fit for fit, cost in zip(leaders, costs, strict=True) if cost < _NO_LEADER * min(costs)]
+    return [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= _NO_LEADER * min(costs)]
 
 
 def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:

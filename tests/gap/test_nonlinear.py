@@ -195,7 +195,7 @@ def test_the_law_is_named_and_its_number_found(hardening):
     assert best.chi2 < 1.2 * best.n_data
     assert found.nominal.chi2 > 20 * best.chi2
     assert best.effects[0].stiffness == pytest.approx(1e15, rel=0.03)
-    assert best.k_b == pytest.approx(K_B, rel=0.03)
+    assert best.k_b == pytest.approx(K_B, rel=0.01)
 
 
 def test_lines_on_another_branch_do_not_decide(hardening):

@@ -65,8 +65,8 @@ benchmark-diagnosis: $(VENV)/installed
 	$(PYTHON) -m benchmarks.diagnosis_time
 
 benchmark-blind: $(VENV)/installed
-	$(VENV)/bin/rigtwin blind W1 --split report --count 200 --out runs/blind
-	$(VENV)/bin/rigtwin blind W1 W2 W3 W4 W5 W6 W7 W8 --split report --count 60 --out runs/blind --page docs/blind.md
+	$(VENV)/bin/rigtwin blind W1 --split report --seed 2 --count 200 --out runs/blind --page docs/blind.md
+	$(VENV)/bin/rigtwin blind W2 W3 W4 W5 W6 W7 W8 --split report --seed 2 --count 60 --out runs/blind --page docs/blind.md
 
 paper-rig: $(VENV)/installed
 	$(PYTHON) -m benchmarks.paper_rig

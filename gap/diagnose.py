@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
 from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
+from gap.helpers import helped_by
 from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Fit, Observed, Problem, observe
 from gap.next_test import best_next_test
@@ -98,6 +100,7 @@ def diagnose(
     exclude: Sequence[str] = (),
     progress: Progress | None = None,
     confirm: Confirm | None = None,
+    helpers: Executor | None = None,
 ) -> Outcome:
     """Say where the gap between the campaign and its model lies, what causes it, and how far it shrinks.
 
@@ -107,6 +110,7 @@ def diagnose(
     exclude : ids of effects that are withheld from the library
     progress : called with (done, total, words)
     confirm : measures the corrected rotor on the virtual rig, for the after-figure; None: the model's figure stands
+    helpers : workers that fits are shared with, one thread each; the answer is the same without
 
     Raises
     ------
@@ -127,7 +131,8 @@ def diagnose(
         linear=candidates(campaign.runs, problem.forward.structure, exclude),
         laws=candidates(campaign.runs, problem.forward.structure, exclude, nonlinear=True),
     )
-    problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
+    with helped_by(helpers):
+        problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
     standing = _standing(problem, nominal, fits)
     clock.lap("form")
     ranked = _rank(problem, nominal, standing)

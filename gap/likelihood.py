@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -196,6 +197,10 @@ class Problem:
         self.nuisances = Nuisances(self.runs, forward.belief)
         self.with_k_b = any(run.support == "bearing" for run in self.runs)
         self._memory: dict[tuple, Modal | NonlinearModal] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a helper in another process needs: all but what is remembered."""
+        return {**self.__dict__, "_memory": {}}
 
     def allow_for_tolerances(self, rig: Rig, k_b: float) -> None:
         """Let the workshop's tolerances bend the modes; see ``Forward``."""

@@ -9,12 +9,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from gap.dwell import dwell_fits
+from gap.helpers import each
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis, Term
 from gap.likelihood import Fit, Problem, Score
 from rotor.condition import Condition
@@ -31,8 +34,8 @@ _WORTH_FACTOR, _WORTH = 3.0, 0.02
 # To first order, a candidate is worth a fit from this share of the largest gain, or within so much of it.
 _WORTH_GAIN, _WORTH_MISFIT = 0.3, 40.0
 
-# An effect that takes away such a share of the misfit leaves nothing for others to do.
-_ALL = 0.9
+# An effect that takes away such a share of the misfit, and leaves so much of it per value, leaves nothing for others.
+_ALL, _NOTHING = 0.9, 10.0
 
 # At least so many candidates are raced.
 _AT_LEAST = 12
@@ -40,8 +43,12 @@ _AT_LEAST = 12
 # Rough descents see every third line, those of pairs every fifth.
 _THIRD, _FIFTH = 3, 5
 
-# Their steps from all points, and from so many points of every candidate, the lowest.
-_DOWN, _CARRIED = (2, 6), 3
+# They begin at the better half of the points of every candidate, at least at so many.
+_LEAST_POINTS = 2
+
+# Their steps from these, and from so many points of every candidate, the lowest, unless these are behind the best
+# candidate's by this factor.
+_DOWN, _CARRIED, _DROPPED = (2, 6), 2, 5.0
 
 # Starts of one candidate that run on.
 _RIVALS = 2
@@ -69,8 +76,9 @@ CLOSE = (Stage(0.0, 20, 100),)
 # Leading candidates that are fitted to the end: valleys of several numbers are long.
 POLISHED, _PATIENCE = 4, 60
 
-# Misfit behind the best one's by this factor, and so much more, cannot be made good.
-_BEHIND, _HOPELESS = 2.0, 400.0
+# Misfit behind the best one's by this factor, and so much more, cannot be made good; nor can it by that where a race
+# of many begins.
+_BEHIND, _HOPELESS, _FROM_THE_START = 2.0, 400.0, 20.0
 
 # Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
 # logarithms, and the cost over the best one's from which none is one.
@@ -173,21 +181,36 @@ def _close(nominal: Fit) -> bool:
 def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], progress: Progress | None) -> list[Fit]:
     """The candidates that do not fall behind, each from its best start, best first by evidence and prior."""
     fits: list[Fit] = []
+    if len(stages) > 1:
+        starts = _not_hopeless(problem, starts, stages[1].added)
     for stage in stages:
         fits = []
-        for number, start in enumerate(starts):
+        for number, fit in enumerate(each(partial(_run, problem, stage), starts)):
             if progress:
-                progress(number, len(starts), str(start.hypothesis))
-            try:
-                fits.append(problem.fit(start.hypothesis, start.u, start.nu, anneal=(stage.added,), steps=stage.steps))
-            except (ValueError, np.linalg.LinAlgError):
-                continue
+                progress(number, len(starts), str(starts[number].hypothesis))
+            if fit is not None:
+                fits.append(fit)
         fits.sort(key=lambda fit: fit.cost)
         fits = [fit for fit in fits if fit.cost <= _BEHIND * fits[0].cost + _HOPELESS]
         fits = _of_each(fits, _RIVALS)[: stage.keep]
         starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
     fits = _of_each(fits, 1)
     return best_first([*(polished(problem, fit) for fit in fits[:POLISHED]), *fits[POLISHED:]])
+
+
+def _run(problem: Problem, stage: Stage, start: Start) -> Fit | None:
+    """A stage of the race from one start; None where there is no model."""
+    try:
+        return problem.fit(start.hypothesis, start.u, start.nu, anneal=(stage.added,), steps=stage.steps)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def _not_hopeless(problem: Problem, starts: Sequence[Start], added: float) -> list[Start]:
+    """The starts that are not far behind the best one, with such a relative error added."""
+    costs = [problem.cost(start.hypothesis, start.u, start.nu, added) for start in starts]
+    limit = _FROM_THE_START * min(costs, default=0.0) + _HOPELESS
+    return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit]
 
 
 def best_first(fits: Iterable[Fit]) -> list[Fit]:
@@ -203,11 +226,11 @@ def polished(problem: Problem, fit: Fit) -> Fit:
 
 def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
     """The first so many of every candidate."""
-    seen: dict[int, int] = {}
+    seen: Counter[Hypothesis] = Counter()
     kept = []
     for fit in fits:
-        seen[id(fit.hypothesis)] = seen.get(id(fit.hypothesis), 0) + 1
-        if seen[id(fit.hypothesis)] <= count:
+        seen[fit.hypothesis] += 1
+        if seen[fit.hypothesis] <= count:
             kept.append(fit)
     return kept
 
@@ -228,21 +251,19 @@ def _rough_starts(
     base = few.rough(NOMINAL, nominal.u[:1], sum(_DOWN))[0] if problem.with_k_b else nominal.u[:1]
     score = problem.score(nominal)
     by_grid = {h: _scanned(problem, h, nominal) for h in hypotheses}
-    found_by_grid = any(p.gain > _ALL * nominal.cost for promises in by_grid.values() for p in promises)
-    rough: list[_Rough] = []
-    for number, hypothesis in enumerate(hypotheses):
-        if progress:
-            progress(number, 2 * len(hypotheses), str(hypothesis))
-        found = [] if found_by_grid else _down(few, hypothesis, _points(base, hypothesis))
-        weak = (by_grid[hypothesis] or _promises(score, nominal, hypothesis))[0]
-        rough.append(_Rough(hypothesis, found, weak))
+    most = max(_ALL * nominal.cost, nominal.cost - _NOTHING * nominal.n_data)
+    found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
+    weak = {h: (by_grid[h] or _promises(score, nominal, h))[0] for h in hypotheses}
+    found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
+    rough = [_Rough(h, found.get(h, []), weak[h]) for h in hypotheses]
     rough.sort(key=lambda each: (each.cost, -each.weak.gain))
     limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
     told = sorted((each.weak.gain for each in rough), reverse=True)[:_AT_LEAST]
-    worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit or e.weak.gain >= told[-1]]
+    starts = [s for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit for s in e.down(nominal)]
+    starts += [each.weak.start for each in rough if each.weak.gain >= max(told[-1], 0.0)]
     first = {each.hypothesis.ids: each for each in reversed(rough) if each.found}
     best = sorted(first.values(), key=lambda each: each.cost)
-    return [start for each in worth for start in each.starts(nominal)], tuple(each.starts(nominal)[0] for each in best)
+    return starts, tuple(each.down(nominal)[0] for each in best)
 
 
 @dataclass(frozen=True)
@@ -257,10 +278,9 @@ class _Rough:
     def cost(self) -> float:
         return self.found[0][1] if self.found else np.inf
 
-    def starts(self, nominal: Fit) -> list[Start]:
-        """Where its fits begin."""
-        chosen = [_begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
-        return [*chosen, self.weak.start] if self.weak.gain > 0 else chosen
+    def down(self, nominal: Fit) -> list[Start]:
+        """Where fits begin after the descent."""
+        return [_begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
 
 
 def _points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
@@ -280,9 +300,33 @@ def _points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
     ]
 
 
-def _down(few: Problem, hypothesis: Hypothesis, points: Sequence[FloatArray]) -> list[tuple[FloatArray, float]]:
-    """Rough descents from all points, the best ones carried on; coordinates and cost, best first."""
-    first = _best([few.rough(hypothesis, point, _DOWN[0]) for point in points])
+def _descents(
+    few: Problem, hypotheses: Sequence[Hypothesis], base: FloatArray, progress: Progress | None
+) -> dict[Hypothesis, list[tuple[FloatArray, float]]]:
+    """Rough descents of all candidates, the best ones carried on; coordinates and cost, best first."""
+    made = {}
+    for number, found in enumerate(each(partial(_down, few, base), hypotheses)):
+        if progress:
+            progress(number, 2 * len(hypotheses), str(hypotheses[number]))
+        made[hypotheses[number]] = found
+    limit = _DROPPED * min((found[0][1] for found in made.values()), default=0.0)
+    near = [(hypothesis, found) for hypothesis, found in made.items() if found[0][1] <= limit]
+    made |= zip([hypothesis for hypothesis, _ in near], each(partial(_further_down, few), near), strict=True)
+    return made
+
+
+def _down(few: Problem, base: FloatArray, hypothesis: Hypothesis) -> list[tuple[FloatArray, float]]:
+    """Short descents from the better points of a candidate."""
+    points = _best([few.rough(hypothesis, point, 0) for point in _points(base, hypothesis)])
+    chosen = points[: max(_LEAST_POINTS, len(points) // 2)]
+    return _best([few.rough(hypothesis, x, _DOWN[0]) for x, _ in chosen])
+
+
+def _further_down(
+    few: Problem, found: tuple[Hypothesis, list[tuple[FloatArray, float]]]
+) -> list[tuple[FloatArray, float]]:
+    """The best of a candidate's descents carried on."""
+    hypothesis, first = found
     return _best([few.rough(hypothesis, x, _DOWN[1]) for x, _ in first[:_CARRIED]])
 
 
@@ -436,7 +480,7 @@ def pair_starts(
 ) -> list[Start]:
     """Every candidate beside each of the leaders, from the leader's fit; those of most gain first, leader by leader."""
     starts: list[Start] = []
-    by_rough: list[tuple[float, Start]] = []
+    beside: list[Start] = []
     leaders = _leaders(problem, found, hypotheses)
     few = problem.thinned(_FIFTH)
     for number, leader in enumerate(leaders):
@@ -448,16 +492,22 @@ def pair_starts(
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
             pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
             by_score += _promises(score, leader, second, pair)
-            for point in _points(leader.u, second):
-                x, cost = few.rough(pair, point, 0)
-                by_rough.append((cost, _begin(pair, x, leader)))
+            beside += [_begin(pair, pair.clipped(point), leader) for point in _points(leader.u, second)]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
         starts += [promise.start for promise in by_score[: max(_BY_SCORE // len(leaders), _OF_EACH)]]
-    by_rough.sort(key=lambda entry: entry[0])
-    for _, start in by_rough[: 2 * _BY_ROUGH]:
-        x, _ = few.rough(start.hypothesis, start.u, _PAIR_STEPS)
-        starts.append(Start(start.hypothesis, x, start.nu))
-    return starts
+    costs = np.array(list(each(partial(_roughly, few), beside)))
+    chosen = [beside[k] for k in costs.argsort(kind="stable")[: 2 * _BY_ROUGH]]
+    return starts + list(each(partial(_nearer, few), chosen))
+
+
+def _roughly(few: Problem, start: Start) -> float:
+    """Rough cost of a start."""
+    return few.rough(start.hypothesis, start.u, 0)[1]
+
+
+def _nearer(few: Problem, start: Start) -> Start:
+    """A start after a rough descent."""
+    return replace(start, u=few.rough(start.hypothesis, start.u, _PAIR_STEPS)[0])
 
 
 def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -31,7 +31,7 @@ from rigtwin.scale_out import ONE_THREAD, executor
 from sim.formats.atomic import replacing
 
 SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
-RESULTS, PAGE = "results.json", "blind.md"
+PAGE = "blind.md"
 SCHEMA = "rigtwin.blind-results/1"
 
 # Seconds after which a diagnosis is given up.
@@ -58,7 +58,13 @@ class BlindRequest:
     workers: int
     executor: str | None = None  # "dask://host:port"; default ``workers`` processes here
     page: Path | None = None  # default: blind.md in ``out``
-    render_only: bool = False  # write the page from results.json
+    render_only: bool = False  # write the page from the results
+
+    @property
+    def pages(self) -> tuple[Path, Path]:
+        """The page, and beside it the results that it is written from."""
+        page = self.page or self.out / PAGE
+        return page, page.with_suffix(".json")
 
 
 def run_blind(request: BlindRequest) -> None:
@@ -66,11 +72,8 @@ def run_blind(request: BlindRequest) -> None:
     if unknown := sorted(set(request.sets) - set(SETS)):
         raise UserError(f"{', '.join(unknown)}: no such set; the sets are {', '.join(SETS)}")
     if not request.render_only:
-        facts = _facts(request)
-        seals = {}
         for name in request.sets:
-            seals[name] = _make_and_diagnose(request, name)
-        _save(request, facts | seals)
+            _save(request, name, _make_and_diagnose(request, name))
     _render(request)
 
 
@@ -81,7 +84,7 @@ def _places(request: BlindRequest, name: str) -> tuple[Path, Path]:
 
 
 def _make_and_diagnose(request: BlindRequest, name: str) -> str:
-    """One set; returns how many campaigns it has and the SHA-256 of their labels."""
+    """One set; returns how many campaigns it has, when it was done, and the SHA-256 of their labels."""
     from gap.blind import generate
 
     campaigns, answers = _places(request, name)
@@ -94,7 +97,8 @@ def _make_and_diagnose(request: BlindRequest, name: str) -> str:
     with executor(request.executor, request.workers) as pool:  # another one: a generator may have broken the first
         diagnose_all(campaigns, answers, pool)
     made = len(json.loads((campaigns / "index.json").read_text(encoding="utf-8")))
-    return f"{made} campaigns, labels sealed: {(campaigns / 'labels.sha256').read_text(encoding='utf-8').split()[0]}"
+    sealed = (campaigns / "labels.sha256").read_text(encoding="utf-8").split()[0]
+    return f"{made} campaigns, {datetime.now(UTC):%Y-%m-%d}, labels sealed: {sealed}"
 
 
 # -- diagnosing ----------------------------------------------------------------------------------------
@@ -245,38 +249,53 @@ def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]
 # -- results -------------------------------------------------------------------------------------------
 
 
-def _save(request: BlindRequest, facts: Mapping[str, str]) -> None:
-    """``results.json``: one row for every campaign."""
+def _save(request: BlindRequest, name: str, seal: str) -> None:
+    """A row for every campaign of a set; those of other sets of the same draw stay."""
     from gap.blind.results import to_row
     from gap.blind.score import read_outcomes
 
-    rows = [to_row(o) for name in request.sets for o in read_outcomes(*_places(request, name))]
-    _write(request.out / RESULTS, json.dumps({"schema": SCHEMA, "facts": facts, "campaigns": rows}, indent=1) + "\n")
+    file, facts = request.pages[1], _facts(request)
+    before = _read(file) if file.exists() else {"facts": {}, "campaigns": []}
+    same = before["facts"].get(_DRAW) == facts[_DRAW]
+    seals = {key: words for key, words in before["facts"].items() if same and key in SETS}
+    rows = [row for row in before["campaigns"] if same and row["label"]["set"] != name]
+    rows += [to_row(outcome) for outcome in read_outcomes(*_places(request, name))]
+    rows.sort(key=lambda row: row["label"]["set"])
+    facts |= dict(sorted((seals | {name: seal}).items()))
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    _write(file, f'{{"schema": "{SCHEMA}",\n"facts": {json.dumps(facts)},\n"campaigns": [\n{lines}\n]}}\n')
+
+
+def _read(file: Path) -> dict[str, Any]:
+    document = json.loads(file.read_text(encoding="utf-8"))
+    if document.get("schema") != SCHEMA:
+        raise UserError(f"{file}: schema is {document.get('schema')!r}, not {SCHEMA!r}; give --page another name")
+    return document
 
 
 def _render(request: BlindRequest) -> None:
-    """The page of ``results.json``."""
+    """The page of the results."""
     from gap.blind.page import bar_table, page
     from gap.blind.results import from_row
 
-    file = request.out / RESULTS
+    path, file = request.pages
     if not file.exists():
         raise UserError(f"{file} does not exist; run without --render-only first")
-    document = json.loads(file.read_text(encoding="utf-8"))
-    if document.get("schema") != SCHEMA:
-        raise UserError(f"{file}: schema is {document.get('schema')!r}, not {SCHEMA!r}; run without --render-only")
+    document = _read(file)
     outcomes = [from_row(row) for row in document["campaigns"]]
-    path = request.page or request.out / PAGE
     _write(path, page(outcomes, document["facts"]))
     say(bar_table(outcomes))
-    say(f"{path} written")
+    say(f"{path} and {file} written")
+
+
+# The fact that tells draws apart.
+_DRAW = "split, seed"
 
 
 def _facts(request: BlindRequest) -> dict[str, str]:
     """What the figures come from."""
     facts = {
-        "measured": f"{datetime.now(UTC):%Y-%m-%d}",
-        "split, seed": f"{request.split}, {request.seed}",
+        _DRAW: f"{request.split}, {request.seed}",
         "processor": request.executor
         or f"{_processor()}, {os.cpu_count()} cores, {request.workers} processes of one thread",
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",

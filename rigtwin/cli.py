@@ -234,12 +234,15 @@ def diagnose(
     no_fmu: Annotated[
         bool, typer.Option("--no-fmu", help="Build no FMU: the shrink is the fitting model's own.")
     ] = False,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes that share the fits; default one for each core.", min=1)
+    ] = None,
     as_json: JSON = False,
 ) -> None:
     """Where the gap between a campaign and the nominal model lies, which effect causes it, how far it shrinks."""
     from rigtwin.diagnose import DiagnosisRequest, run_diagnose
 
-    run_diagnose(DiagnosisRequest(campaign, out, tuple(exclude or ()), fmu=not no_fmu, as_json=as_json))
+    run_diagnose(DiagnosisRequest(campaign, out, tuple(exclude or ()), not no_fmu, as_json, workers))
 
 
 @app.command(short_help="A diagnosis applied to runs it never saw.")
@@ -263,9 +266,11 @@ def blind(
     seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 1,
     workers: Annotated[int, typer.Option(help="Processes.", min=1)] = 2,
     executor: ExecutorOption = None,
-    page: Annotated[Path | None, typer.Option(help="The page; default blind.md in the folder.")] = None,
+    page: Annotated[
+        Path | None, typer.Option(help="The page, its results beside it as JSON; default blind.md in the folder.")
+    ] = None,
     render_only: Annotated[
-        bool, typer.Option("--render-only", help="Write the page of results.json, and no more.")
+        bool, typer.Option("--render-only", help="Write the page of its results, and no more.")
     ] = False,
 ) -> None:
     """Make sealed campaigns with a generator of its own, diagnose them, score the answers. What exists is kept."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -36,6 +38,7 @@ from rigtwin.diagnosis_words import (
 from rigtwin.effects import effect_of
 from rigtwin.exits import UserError
 from rigtwin.fmus import existing, rotor_fmu
+from rigtwin.scale_out import executor
 from rotor.effects import Effect
 from sim.campaign import Campaign, ComplexArray, Run
 from sim.campaign_folder import load_campaign
@@ -68,6 +71,7 @@ class DiagnosisRequest:
     exclude: tuple[str, ...]  # effect ids
     fmu: bool  # whether the FMU of the rig is built and asked
     as_json: bool
+    workers: int | None = None  # processes, this one among them; default one for each core
 
 
 def run_diagnose(request: DiagnosisRequest) -> None:
@@ -80,7 +84,8 @@ def run_diagnose(request: DiagnosisRequest) -> None:
     with _folder(request.out):  # what cannot be written is refused before the work
         with _progress() as progress:
             confirm = partial(_confirmed_unless_interrupted, campaign, progress=progress) if request.fmu else None
-            outcome = diagnose(campaign, exclude=exclude, progress=progress, confirm=confirm)
+            with _helpers(request.workers) as helpers:
+                outcome = diagnose(campaign, exclude=exclude, progress=progress, confirm=confirm, helpers=helpers)
         with replacing(request.out / DIAGNOSIS_FILE) as document:  # both files are new, or neither
             document.write_text(outcome.diagnosis.to_json(), encoding="utf-8")
             write_diagnosis_page(outcome.diagnosis, outcome.curves, campaign, page)
@@ -88,6 +93,23 @@ def run_diagnose(request: DiagnosisRequest) -> None:
         print(outcome.diagnosis.to_json(), end="")
     else:
         _print(outcome.diagnosis, page)
+
+
+@contextmanager
+def _helpers(workers: int | None) -> Iterator[Executor | None]:
+    """All processes but this one, which load what they need while the campaign is being audited."""
+    others = (workers or os.cpu_count() or 1) - 1
+    if others < 1:
+        yield None
+        return
+    with executor(workers=others) as pool:
+        for _ in range(others):
+            pool.submit(_load)
+        yield pool
+
+
+def _load() -> None:
+    import gap.search  # noqa: F401
 
 
 def _known(effect_ids: Sequence[str]) -> tuple[str, ...]:

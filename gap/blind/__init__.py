@@ -25,7 +25,7 @@ A second implementation on purpose: it imports nothing of the diagnosis, its rot
 | `score`        | diagnoses against labels; figures of groups                                  | `read_outcomes`     |
 | `bars`         | what has to be reached, and whether it is                                    | `bars`              |
 | `page`         | the page of the benchmark                                                    | `page`              |
-| `results`      | judged campaigns as rows of ``results.json``                                 | `to_row`            |
+| `results`      | judged campaigns as rows of JSON                                             | `to_row`            |
 
 `data/` holds cases made by other codes.
 """

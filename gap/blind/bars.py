@@ -132,10 +132,13 @@ def _strangers(outcomes: Sequence[Outcome]) -> Iterator[Bar]:
     for words, limit in (("large", 95), ("small", 85)):
         group = pick(outcomes, ("W2", "W8"), size(words))
         yield share_bar(f"W2 and W8 {words}: no wrong blame", [o.not_blamed for o in group], at_least(limit))
-    count = len(pick(outcomes, ("W1", "W2", "W3", "W8")))
-    yield number_bar(
-        "AUROC of the unknown score, W2 and W8 against W1 and W3", unknown_auroc(outcomes), count, Limit(low=0.97)
-    )
+    scored = pick(outcomes, ("W1", "W2", "W3", "W8"))
+    telling = [o for o in scored if not (o.label.outside_library and o.has_equivalent)]
+    for words, group in (
+        ("AUROC of the unknown score, W2 and W8 against W1 and W3", scored),
+        ("the same without those that an effect of the library, or none, predicts to twice the floor", telling),
+    ):
+        yield number_bar(words, unknown_auroc(group), len(group), Limit(low=0.97))
     group = pick(outcomes, ("W3",))
     yield share_bar("W3: false alarms", [o.false_alarm for o in group], Limit(high=0.05, percent=True))
 

@@ -1,4 +1,4 @@
-"""Judged campaigns as rows of ``results.json``, so that the page can be written again without a campaign."""
+"""Judged campaigns as rows of JSON, so that the page can be written again without a campaign."""
 
 from __future__ import annotations
 

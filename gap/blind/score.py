@@ -150,9 +150,13 @@ class Outcome:
     @property
     def not_blamed(self) -> bool:
         """Of an effect outside the library: unknown, or an equivalent that predicts to twice the repeat floor."""
-        if self.verdict in ("unknown", "not_enough_data"):
-            return True
-        return self.verdict != FAILED and self.shrink is not None and self.shrink.after <= 2 * self.shrink.floor
+        return self.verdict in ("unknown", "not_enough_data") or self.has_equivalent
+
+    @property
+    def has_equivalent(self) -> bool:
+        """Whether the answered effect, or none, predicts the held-out transfer to twice the repeat floor."""
+        answered = self.verdict in ("cause", "ambiguous", "no_gap")
+        return answered and self.shrink is not None and self.shrink.after <= 2 * self.shrink.floor
 
 
 def read_labels(folder: Path) -> list[Label]:

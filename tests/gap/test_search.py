@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import gap.search
 from gap.forward import Forward
 from gap.likelihood import Problem, observe
 from gap.search import Search, most_left, pair_starts, pairs, polished, recalibrate, search, strained, weak_starts
@@ -135,6 +136,23 @@ def test_a_dwell_is_found_among_its_many_minima(dwell):
     assert best.hypothesis.ids == ("fast_sweep",)
     assert_allclose(best.effects[0].dwell, dwell, rtol=1e-5)
     assert best.chi2 < 1.2 * best.n_data
+
+
+def test_a_grid_that_leaves_plenty_does_not_end_the_search(monkeypatch):
+    """A fast sweep that takes away 95 % of a huge misfit is not the cause."""
+    problem = problem_with(AttachedMass(mass=0.3, node=4))
+    nominal = recalibrate(problem)
+
+    def much(_problem, hypothesis, fit):
+        if hypothesis.ids != ("fast_sweep",):
+            return []
+        u = np.append(fit.u[:1], np.log(0.5))
+        return [gap.search._Promise(0.95 * fit.cost, gap.search.Start(hypothesis, u, fit.nu))]
+
+    monkeypatch.setattr(gap.search, "_scanned", much)
+    found = search(problem, of(problem.runs, "attached_mass", "fast_sweep"), nominal)
+    assert names(found.fits)[0] == ("attached_mass",)
+    assert ("attached_mass",) in [start.hypothesis.ids for start in found.rough]
 
 
 def test_a_second_effect_that_tolerances_hide_is_seen_by_what_is_left():

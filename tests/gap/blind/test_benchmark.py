@@ -80,7 +80,7 @@ def answered(monkeypatch):
 def test_a_failure_is_a_wrong_answer_and_tried_again(tmp_path, answered):
     page = tmp_path / "page.md"
     run_blind(request(tmp_path / "out", page=page))
-    rows = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))["campaigns"]
+    rows = json.loads((tmp_path / "page.json").read_text(encoding="utf-8"))["campaigns"]
     outcomes = [from_row(row) for row in rows]
     (alarms,) = [b for b in bars(outcomes) if b.what.startswith("W3")]
     assert (alarms.count, alarms.held) == (2, False)
@@ -91,7 +91,7 @@ def test_a_failure_is_a_wrong_answer_and_tried_again(tmp_path, answered):
 
 
 def test_the_page_comes_from_the_results_alone(tmp_path, answered):
-    with pytest.raises(UserError, match=r"results\.json does not exist"):
+    with pytest.raises(UserError, match=r"blind\.json does not exist"):
         run_blind(request(tmp_path, render_only=True))
     run_blind(request(tmp_path))
     first = (tmp_path / "blind.md").read_text(encoding="utf-8")
@@ -99,6 +99,17 @@ def test_the_page_comes_from_the_results_alone(tmp_path, answered):
     run_blind(request(tmp_path, render_only=True))
     assert (tmp_path / "blind.md").read_text(encoding="utf-8") == first
     assert len(answered) == calls
+
+
+def test_sets_are_added_one_by_one(tmp_path, answered):
+    """Another set of the same draw joins the page, the same set takes its own place, another draw begins anew."""
+    rows = []
+    for changes in ({}, {"sets": ("W5",)}, {"sets": ("W3",)}, {"seed": 8}):
+        run_blind(request(tmp_path, **changes))
+        document = json.loads((tmp_path / "blind.json").read_text(encoding="utf-8"))
+        rows.append([row["label"]["set"] for row in document["campaigns"]])
+        assert sorted(set(rows[-1])) == [key for key in document["facts"] if key.startswith("W")]
+    assert rows == [["W3"] * 2, ["W3"] * 2 + ["W5"] * 2, ["W3"] * 2 + ["W5"] * 2, ["W3"] * 2]
 
 
 def test_a_process_that_dies_leaves_a_failure(tmp_path, monkeypatch):

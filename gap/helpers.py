@@ -1,0 +1,45 @@
+"""Independent fits of a search, shared with helpers: workers of an executor, most often processes.
+
+What a search maps over comes in the order of its items whoever did it, so that an answer does not depend on helpers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_helpers: ContextVar[Executor | None] = ContextVar("helpers", default=None)
+
+
+@contextmanager
+def helped_by(executor: Executor | None) -> Iterator[None]:
+    """Share what ``each`` does inside the block with an executor's workers; None: with nobody."""
+    token = _helpers.set(executor)
+    try:
+        yield
+    finally:
+        _helpers.reset(token)
+
+
+def each(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    """The function of every item, in order; helpers begin at the end and take what nobody has begun.
+
+    Function and items have to be picklable. What a helper's function raises is raised here.
+    """
+    helpers = _helpers.get()
+    if helpers is None:
+        yield from map(function, items)
+        return
+    futures = [helpers.submit(function, item) for item in reversed(items)][::-1]
+    try:
+        for item, future in zip(items, futures, strict=True):
+            yield function(item) if future.cancel() else future.result()
+    finally:
+        for future in futures:
+            future.cancel()

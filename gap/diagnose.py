@@ -24,7 +24,19 @@ from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Fit, Observed, Problem, observe
 from gap.next_test import best_next_test
 from gap.nonlinear_search import robust_fit, search_nonlinear
-from gap.search import POLISHED, Progress, Search, best_first, most_left, pairs, polished, recalibrate, search, strained
+from gap.search import (
+    POLISHED,
+    Progress,
+    Search,
+    best_first,
+    each_alone,
+    most_left,
+    pairs,
+    polished,
+    recalibrate,
+    search,
+    strained,
+)
 from gap.where import locate
 from rotor.assembly import assemble
 from rotor.effects.library import EFFECTS
@@ -51,6 +63,9 @@ CREDIBLE_ERRORS = (0.5, 2.0)  # scatter of a run's lines over the given errors: 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
 # A crack or a hub inside an element needs more of them.
 _ELEMENTS, _FINE_ELEMENTS = 2, 8
+
+# Pairs whose effects are tried alone.
+_TAKEN_APART = 3
 
 # Mean square misfit of the nominal model from which levels that differ are not asked for a linear cause.
 _PLAIN = 20.0
@@ -258,9 +273,11 @@ def _with_pairs(
     problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None
 ) -> list[Fit]:
     """Singles and pairs, best first; a pair counts only where it earns its evidence."""
-    best = found.fits[0].log_evidence()
-    kept = [fit for fit in pairs(problem, found, hypotheses, progress) if fit.log_evidence() > best + PAIR_GAIN]
-    return best_first([*found.fits, *kept])
+    twos = pairs(problem, found, hypotheses, progress)
+    alone = [fit for pair in twos[:_TAKEN_APART] for fit in each_alone(problem, pair, hypotheses)]
+    singles = {fit.hypothesis: fit for fit in sorted((*found.fits, *alone), key=lambda fit: fit.log_weight)}
+    best = max(fit.log_evidence() for fit in singles.values())
+    return best_first([*singles.values(), *(pair for pair in twos if pair.log_evidence() > best + PAIR_GAIN)])
 
 
 def _scale(quality: Adequacy) -> float:

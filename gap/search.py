@@ -44,11 +44,11 @@ _AT_LEAST = 12
 _THIRD, _FIFTH = 3, 5
 
 # They begin at the better half of the points of every candidate, at least at so many.
-_LEAST_POINTS = 2
+_LEAST_POINTS = 5
 
 # Their steps from these, and from so many points of every candidate, the lowest, unless these are behind the best
 # candidate's by this factor.
-_DOWN, _CARRIED, _DROPPED = (2, 6), 2, 5.0
+_DOWN, _CARRIED, _DROPPED = (2, 6), 3, 10.0
 
 # Starts of one candidate that run on.
 _RIVALS = 2
@@ -182,7 +182,7 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
     """The candidates that do not fall behind, each from its best start, best first by evidence and prior."""
     fits: list[Fit] = []
     if len(stages) > 1:
-        starts = _not_hopeless(problem, starts, stages[1].added)
+        starts = _not_hopeless(problem, starts, stages[0].added)
     for stage in stages:
         fits = []
         for number, fit in enumerate(each(partial(_run, problem, stage), starts)):
@@ -259,11 +259,10 @@ def _rough_starts(
     rough.sort(key=lambda each: (each.cost, -each.weak.gain))
     limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
     told = sorted((each.weak.gain for each in rough), reverse=True)[:_AT_LEAST]
-    starts = [s for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit for s in e.down(nominal)]
-    starts += [each.weak.start for each in rough if each.weak.gain >= max(told[-1], 0.0)]
+    worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit or e.weak.gain >= told[-1]]
     first = {each.hypothesis.ids: each for each in reversed(rough) if each.found}
     best = sorted(first.values(), key=lambda each: each.cost)
-    return starts, tuple(each.down(nominal)[0] for each in best)
+    return [start for each in worth for start in each.starts(nominal)], tuple(each.starts(nominal)[0] for each in best)
 
 
 @dataclass(frozen=True)
@@ -278,9 +277,10 @@ class _Rough:
     def cost(self) -> float:
         return self.found[0][1] if self.found else np.inf
 
-    def down(self, nominal: Fit) -> list[Start]:
-        """Where fits begin after the descent."""
-        return [_begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
+    def starts(self, nominal: Fit) -> list[Start]:
+        """Where its fits begin."""
+        chosen = [_begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
+        return [*chosen, self.weak.start] if self.weak.gain > 0 else chosen
 
 
 def _points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
@@ -473,6 +473,18 @@ def pairs(
 ) -> list[Fit]:
     """Pairs of effects that do not fall behind, best first by evidence and prior."""
     return race(problem, pair_starts(problem, found, hypotheses, progress), FAR, progress)
+
+
+def each_alone(problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
+    """Each effect of a pair without the other, from where the pair ended: its own starts may have missed that place."""
+    found, at = [], 1
+    for term in pair.hypothesis.terms:
+        u = np.concatenate([pair.u[:1], pair.u[at : at + len(term.free)]])
+        at += len(term.free)
+        single = next(hypothesis for hypothesis in hypotheses if hypothesis.terms == (term,))
+        fit = _run(problem, CLOSE[0], Start(single, u, pair.nu))
+        found += [fit] if fit else []
+    return found
 
 
 def pair_starts(

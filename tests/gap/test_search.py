@@ -10,8 +10,20 @@ from numpy.testing import assert_allclose
 
 import gap.search
 from gap.forward import Forward
+from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem, observe
-from gap.search import Search, most_left, pair_starts, pairs, polished, recalibrate, search, strained, weak_starts
+from gap.search import (
+    Search,
+    each_alone,
+    most_left,
+    pair_starts,
+    pairs,
+    polished,
+    recalibrate,
+    search,
+    strained,
+    weak_starts,
+)
 from rotor.assembly import assemble
 from rotor.effects import (
     AttachedMass,
@@ -192,6 +204,20 @@ def test_pairs_are_started_beside_what_logarithms_see():
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
     starts = pair_starts(problem, replace(found, fits=others), hypotheses)
     assert "shaft_modulus" in {start.hypothesis.ids[0] for start in starts}
+
+
+def test_an_effect_that_its_own_starts_missed_is_found_in_a_pair():
+    """A mass and next to nothing beside it: the mass alone explains as much."""
+    problem = problem_with(AttachedMass(mass=0.1, node=4))
+    hypotheses = of(problem.runs, "attached_mass", "shaft_modulus")
+    mass = next(h for h in hypotheses if dict(h.terms[0].fixed).get("node") == 4)
+    modulus = next(h for h in hypotheses if h.ids == ("shaft_modulus",))
+    pair = Hypothesis((*modulus.terms, *mass.terms))
+    both = problem.fit(pair, np.array([np.log(K_B), 1.0005, np.log(0.11)]))
+    softer, heavier = each_alone(problem, both, hypotheses)
+    assert (softer.hypothesis, heavier.hypothesis) == (modulus, mass)
+    assert heavier.effects[0].mass == pytest.approx(0.1, rel=0.02)
+    assert heavier.cost < both.cost + 5 < softer.cost
 
 
 def test_where_nothing_is_nothing_is_left():

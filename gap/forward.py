@@ -172,6 +172,8 @@ class Modal:
 
     def _motion(self, group: _Group, shares: ComplexArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, n_channels + 1) receptance and the residues that it is made of."""
+        if not tolerance.any():
+            return shares @ group.residues.T + group.rest, group.residues
         residues = group.residues + np.tensordot(tolerance, group.bent, axes=1)
         return shares @ residues.T + group.rest + np.tensordot(tolerance, group.aside, axes=1), residues
 
@@ -437,7 +439,7 @@ class Forward:
         strain = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / squares
         at = np.zeros((MODES, len(TOLERANCES)))
         masses = [
-            np.sum(mass * Phi[np.isin(system.free, places)] ** 2, axis=0)
+            np.sum(mass * Phi[(system.free[:, None] == places).any(axis=1)] ** 2, axis=0)
             for places, mass in _disk_places(system.structure)
         ]
         shaft = np.clip(1 - sum(masses, np.zeros(count)), 0.0, 1.0)

@@ -68,17 +68,17 @@ class Stage:
     added: float  # relative error that is added to the data's own
     steps: int  # at most
     keep: int  # candidates' starts that go on, at most
+    behind: float = 2.0  # misfit over the best one's beyond which a start drops out, but for ``_HOPELESS``
 
 
-FAR = (Stage(0.1, 5, 30), Stage(0.02, 6, 16), Stage(0.0, 20, 12))
+FAR = (Stage(0.1, 1, 60, behind=5.0), Stage(0.1, 4, 30), Stage(0.02, 6, 16), Stage(0.0, 20, 12))
 CLOSE = (Stage(0.0, 20, 100),)
 
 # Leading candidates that are fitted to the end: valleys of several numbers are long.
 POLISHED, _PATIENCE = 4, 60
 
-# Misfit behind the best one's by this factor, and so much more, cannot be made good; nor can it by that where a race
-# of many begins.
-_BEHIND, _HOPELESS, _FROM_THE_START = 2.0, 400.0, 20.0
+# So much more misfit than the best one's can be made good anywhere; where a race of many begins, so many times as much.
+_HOPELESS, _FROM_THE_START = 400.0, 20.0
 
 # Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
 # logarithms, and the cost over the best one's from which none is one.
@@ -191,7 +191,7 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
             if fit is not None:
                 fits.append(fit)
         fits.sort(key=lambda fit: fit.cost)
-        fits = [fit for fit in fits if fit.cost <= _BEHIND * fits[0].cost + _HOPELESS]
+        fits = [fit for fit in fits if fit.cost <= stage.behind * fits[0].cost + _HOPELESS]
         fits = _of_each(fits, _RIVALS)[: stage.keep]
         starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
     fits = _of_each(fits, 1)

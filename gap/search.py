@@ -35,7 +35,7 @@ _WORTH_FACTOR, _WORTH = 3.0, 0.02
 _WORTH_GAIN, _WORTH_MISFIT = 0.3, 40.0
 
 # An effect that takes away such a share of the misfit, and leaves so much of it per value, leaves nothing for others.
-_ALL, _NOTHING = 0.9, 10.0
+_ALL, _NOTHING = 0.9, 2.0
 
 # At least so many candidates are raced.
 _AT_LEAST = 12
@@ -43,10 +43,7 @@ _AT_LEAST = 12
 # Rough descents see every third line, those of pairs every fifth.
 _THIRD, _FIFTH = 3, 5
 
-# They begin at the better half of the points of every candidate, at least at so many.
-_LEAST_POINTS = 5
-
-# Their steps from these, and from so many points of every candidate, the lowest, unless these are behind the best
+# Their steps from all points, and from so many points of every candidate, the lowest, unless these are behind the best
 # candidate's by this factor.
 _DOWN, _CARRIED, _DROPPED = (2, 6), 3, 10.0
 
@@ -316,10 +313,8 @@ def _descents(
 
 
 def _down(few: Problem, base: FloatArray, hypothesis: Hypothesis) -> list[tuple[FloatArray, float]]:
-    """Short descents from the better points of a candidate."""
-    points = _best([few.rough(hypothesis, point, 0) for point in _points(base, hypothesis)])
-    chosen = points[: max(_LEAST_POINTS, len(points) // 2)]
-    return _best([few.rough(hypothesis, x, _DOWN[0]) for x, _ in chosen])
+    """Short descents from all points of a candidate."""
+    return _best([few.rough(hypothesis, point, _DOWN[0]) for point in _points(base, hypothesis)])
 
 
 def _further_down(

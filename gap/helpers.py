@@ -5,11 +5,13 @@ What a search maps over comes in the order of its items whoever did it, so that 
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TypeVar
+from functools import lru_cache
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -36,10 +38,22 @@ def each(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[
     if helpers is None:
         yield from map(function, items)
         return
-    futures = [helpers.submit(function, item) for item in reversed(items)][::-1]
+    packed = pickle.dumps(function)  # here and now: what it refers to may change while helpers are at work
+    futures = [helpers.submit(_unpacked, packed, item) for item in reversed(items)][::-1]
     try:
         for item, future in zip(items, futures, strict=True):
             yield function(item) if future.cancel() else future.result()
     finally:
         for future in futures:
             future.cancel()
+
+
+def _unpacked(packed: bytes, item: Any) -> Any:
+    """What a helper does."""
+    return _function(packed)(item)
+
+
+@lru_cache(maxsize=1)
+def _function(packed: bytes) -> Callable[[Any], Any]:
+    """The helper's own copy, which remembers what it made for the items before."""
+    return pickle.loads(packed)

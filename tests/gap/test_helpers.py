@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,46 +13,66 @@ from rigtwin.scale_out import executor
 from rotor.effects import AttachedMass
 from tests.gap.conftest import both_supports, of, problem_of
 
+MET = threading.Barrier(2, timeout=10)
+
+
+def square(item):
+    """A square, and who made it; this thread begins at the front, a helper at the back, and they meet."""
+    if item in (0, 9):
+        MET.wait()
+    return item**2, threading.get_ident()
+
+
+def nothing(item):
+    raise ValueError(f"no model of {item}")
+
+
+class Shift:
+    """A function with a state."""
+
+    def __init__(self):
+        self.by = 0
+
+    def __call__(self, item):
+        return item + self.by
+
 
 def test_results_come_in_the_order_of_the_items_whoever_makes_them():
-    met = threading.Barrier(2, timeout=10)
-    made_by = {}
-
-    def work(item):
-        made_by[item] = threading.get_ident()
-        if item in (0, 9):  # this thread begins at the front, the helper at the back: they meet
-            met.wait()
-        return item**2
-
     with ThreadPoolExecutor(1) as pool, helped_by(pool):
-        assert list(each(work, range(10))) == [k**2 for k in range(10)]
-    assert made_by[0] == threading.get_ident() != made_by[9]
+        squares, makers = zip(*each(square, range(10)), strict=True)
+    assert list(squares) == [k**2 for k in range(10)]
+    assert makers[0] == threading.get_ident() != makers[9]
 
 
 def test_without_helpers_nothing_is_shared():
-    assert list(each(lambda _: threading.get_ident(), range(3))) == [threading.get_ident()] * 3
+    assert {maker for _, maker in each(square, range(1, 9))} == {threading.get_ident()}
 
 
 def test_what_a_helper_raises_is_raised_here_and_the_rest_is_dropped():
-    def work(item):
-        raise ValueError(f"no model of {item}")
-
     with ThreadPoolExecutor(1) as pool, helped_by(pool), pytest.raises(ValueError, match="no model of"):
-        list(each(work, range(100)))
+        list(each(nothing, range(100)))
 
 
-def _pid() -> int:
-    return os.getpid()
+def test_helpers_work_with_what_was_there_at_the_start():
+    """A search goes on changing what its functions refer to."""
+    held, shift = threading.Event(), Shift()
+    with ThreadPoolExecutor(1) as pool, helped_by(pool):
+        pool.submit(held.wait, 10)
+        pending = each(shift, [1, 2, 3])
+        first = next(pending)  # the helper has not begun
+        shift.by = 100
+        held.set()
+        pool.submit(int).result()  # by now the helper has done the others
+        assert (first, *pending) == (1, 2, 3)
 
 
 def test_another_process_makes_the_same_search():
     problem = problem_of(*both_supports(AttachedMass(mass=0.1, node=4), seed=3))
     nominal, hypotheses = recalibrate(problem), of(problem.runs, "attached_mass", "disk_mass", "shaft_modulus")
     alone = search(problem, hypotheses, nominal)
-    with executor(workers=1) as pool:
-        assert pool.submit(_pid).result() != os.getpid()
-        with helped_by(pool):
-            shared = search(problem, hypotheses, nominal)
+    with executor(workers=1) as pool, helped_by(pool):
+        pool.submit(square, 1).result()  # it is there
+        shared = search(problem, hypotheses, nominal)
     assert [(str(fit.hypothesis), fit.cost) for fit in shared.fits] == [
         (str(fit.hypothesis), fit.cost) for fit in alone.fits
     ]

@@ -15,8 +15,7 @@ import numpy as np
 from benchmarks.page import DOCS, bar, best_seconds, machine, table
 from gap.blind.generate import Order, make
 from gap.diagnose import diagnose
-from rigtwin.diagnose import measured_on_the_virtual_rig
-from rigtwin.scale_out import executor
+from rigtwin.diagnose import measured_on_the_virtual_rig, shared_among
 from sim.campaign_folder import load_campaign
 
 # Campaigns of the tuning split that no threshold has seen.
@@ -45,7 +44,7 @@ GROUPS = (
 def main() -> None:
     """Make, diagnose one after another, print, write the page."""
     rows, bars = [], []
-    with tempfile.TemporaryDirectory() as folder, executor(workers=1) as helpers:
+    with tempfile.TemporaryDirectory() as folder, shared_among(2) as helpers:
         for group in GROUPS:
             times = [_diagnosed(campaign, helpers) for campaign in _campaigns(group, Path(folder))]
             alone, fmu = (np.array(values) for values in zip(*times, strict=True))
@@ -71,7 +70,7 @@ def _campaigns(group: Group, folder: Path) -> list[Path]:
     return found
 
 
-def _diagnosed(folder: Path, helpers: Executor) -> tuple[float, float]:
+def _diagnosed(folder: Path, helpers: Executor | None) -> tuple[float, float]:
     """Seconds of the diagnosis, and of the FMU that confirms it."""
     campaign, fmu = load_campaign(folder), 0.0
 

@@ -81,10 +81,8 @@ def _fitted(
     problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, anneal: Sequence[float]
 ) -> list[Fit]:
     """A list of the one fit, empty where there is no model."""
-    try:
-        return [problem.fit(hypothesis, u, nu, anneal=anneal, steps=_STEPS)]
-    except (ValueError, np.linalg.LinAlgError):
-        return []
+    fit = problem.try_fit(hypothesis, u, nu, anneal=anneal, steps=_STEPS)
+    return [] if fit is None else [fit]
 
 
 # -- weak transients -----------------------------------------------------------------------------------

@@ -337,6 +337,15 @@ class Problem:
         n = sum(o.n_values for o in self.observed)
         return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b)
 
+    def try_fit(
+        self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, *, anneal: Sequence[float], steps: int
+    ) -> Fit | None:
+        """``fit``, or None where a start or a step has no model."""
+        try:
+            return self.fit(hypothesis, u, nu, anneal=anneal, steps=steps)
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+
     def _descend(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float, steps: int):
         ends = hypothesis.ends
         log = np.array([free.log for free in hypothesis.coordinates])

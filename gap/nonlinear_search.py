@@ -358,9 +358,8 @@ def _descend(problem: Problem, starts: Sequence[_Start], anneal: Sequence[float]
     """Down from every start with ever smaller errors added; the best of every candidate, best first."""
     found = []
     for start in starts:
-        try:
-            fit = problem.fit(start.hypothesis, start.u, start.nu, anneal=anneal, steps=4)
-        except (ValueError, np.linalg.LinAlgError):
+        fit = problem.try_fit(start.hypothesis, start.u, start.nu, anneal=anneal, steps=4)
+        if fit is None:
             continue
         loss, _ = _loss(problem, fit)
         found.append(_Start(loss + fit.penalty, start.hypothesis, fit.u, fit.nu))

@@ -197,10 +197,7 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
 
 def _run(problem: Problem, stage: Stage, start: Start) -> Fit | None:
     """A stage of the race from one start; None where there is no model."""
-    try:
-        return problem.fit(start.hypothesis, start.u, start.nu, anneal=(stage.added,), steps=stage.steps)
-    except (ValueError, np.linalg.LinAlgError):
-        return None
+    return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(stage.added,), steps=stage.steps)
 
 
 def _not_hopeless(problem: Problem, starts: Sequence[Start], added: float) -> list[Start]:
@@ -253,13 +250,13 @@ def _rough_starts(
     weak = {h: (by_grid[h] or _promises(score, nominal, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
     rough = [_Rough(h, found.get(h, []), weak[h]) for h in hypotheses]
-    rough.sort(key=lambda each: (each.cost, -each.weak.gain))
+    rough.sort(key=lambda entry: (entry.cost, -entry.weak.gain))
     limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
-    told = sorted((each.weak.gain for each in rough), reverse=True)[:_AT_LEAST]
+    told = sorted((entry.weak.gain for entry in rough), reverse=True)[:_AT_LEAST]
     worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit or e.weak.gain >= told[-1]]
-    first = {each.hypothesis.ids: each for each in reversed(rough) if each.found}
-    best = sorted(first.values(), key=lambda each: each.cost)
-    return [start for each in worth for start in each.starts(nominal)], tuple(each.starts(nominal)[0] for each in best)
+    first = {entry.hypothesis.ids: entry for entry in reversed(rough) if entry.found}
+    best = sorted(first.values(), key=lambda entry: entry.cost)
+    return [s for entry in worth for s in entry.starts(nominal)], tuple(entry.starts(nominal)[0] for entry in best)
 
 
 @dataclass(frozen=True)

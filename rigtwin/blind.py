@@ -34,6 +34,9 @@ SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
 PAGE = "blind.md"
 SCHEMA = "rigtwin.blind-results/1"
 
+# The fact that tells draws apart.
+_DRAW = "split, seed"
+
 # Seconds after which a diagnosis is given up.
 _LONGEST = 1200.0
 
@@ -286,10 +289,6 @@ def _render(request: BlindRequest) -> None:
     _write(path, page(outcomes, document["facts"]))
     say(bar_table(outcomes))
     say(f"{path} and {file} written")
-
-
-# The fact that tells draws apart.
-_DRAW = "split, seed"
 
 
 def _facts(request: BlindRequest) -> dict[str, str]:

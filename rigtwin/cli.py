@@ -242,7 +242,8 @@ def diagnose(
     """Where the gap between a campaign and the nominal model lies, which effect causes it, how far it shrinks."""
     from rigtwin.diagnose import DiagnosisRequest, run_diagnose
 
-    run_diagnose(DiagnosisRequest(campaign, out, tuple(exclude or ()), not no_fmu, as_json, workers))
+    excluded = tuple(exclude or ())
+    run_diagnose(DiagnosisRequest(campaign, out, excluded, fmu=not no_fmu, as_json=as_json, workers=workers))
 
 
 @app.command(short_help="A diagnosis applied to runs it never saw.")

@@ -84,7 +84,7 @@ def run_diagnose(request: DiagnosisRequest) -> None:
     with _folder(request.out):  # what cannot be written is refused before the work
         with _progress() as progress:
             confirm = partial(_confirmed_unless_interrupted, campaign, progress=progress) if request.fmu else None
-            with _helpers(request.workers) as helpers:
+            with shared_among(request.workers if campaign.runs else 1) as helpers:  # peaks need no fits
                 outcome = diagnose(campaign, exclude=exclude, progress=progress, confirm=confirm, helpers=helpers)
         with replacing(request.out / DIAGNOSIS_FILE) as document:  # both files are new, or neither
             document.write_text(outcome.diagnosis.to_json(), encoding="utf-8")
@@ -96,8 +96,8 @@ def run_diagnose(request: DiagnosisRequest) -> None:
 
 
 @contextmanager
-def _helpers(workers: int | None) -> Iterator[Executor | None]:
-    """All processes but this one, which load what they need while the campaign is being audited."""
+def shared_among(workers: int | None) -> Iterator[Executor | None]:
+    """Helpers for ``diagnose``: all processes but this one; they load what they need while the audit goes on."""
     others = (workers or os.cpu_count() or 1) - 1
     if others < 1:
         yield None

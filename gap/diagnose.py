@@ -14,14 +14,14 @@ from threadpoolctl import threadpool_limits
 
 from gap import wording
 from gap.adequacy import Adequacy, judge
-from gap.audit import audit, estimate_noise
+from gap.audit import audit, believed_errors
 from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
 from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
 from gap.helpers import helped_by
 from gap.hypotheses import Hypothesis, candidates
-from gap.likelihood import Fit, Observed, Problem, observe
+from gap.likelihood import Fit, Problem, observe
 from gap.next_test import best_next_test
 from gap.nonlinear_search import robust_fit, search_nonlinear
 from gap.search import (
@@ -58,7 +58,6 @@ PAIR_GAIN = 12.0  # logarithm of the evidence that a pair must add
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
 AT_MOST = 3  # effects in that set
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
-CREDIBLE_ERRORS = (0.5, 2.0)  # scatter of a run's lines over the given errors: outside, they are scaled at once
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
 # A crack or a hub inside an element needs more of them.
@@ -159,7 +158,7 @@ def diagnose(
 
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     """A campaign's runs with their errors and model, and the recalibrated nominal model."""
-    problem = Problem(forward_of(campaign), [_observed(run) for run in campaign.runs])
+    problem = Problem(forward_of(campaign), [observe(run, believed_errors(run)) for run in campaign.runs])
     first = recalibrate(problem)
     problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)
     return problem, recalibrate(problem, first)
@@ -256,17 +255,6 @@ class _Clock:
     def lap(self, name: str) -> None:
         now = time.perf_counter()
         self.laps[name], self._last = now - self._last, now
-
-
-def _observed(run: Run) -> Observed:
-    """A run with its given errors, or the scatter of its lines where there are none or where they contradict it."""
-    own = np.asarray(estimate_noise(run).std)
-    if run.std is None:
-        return observe(run, own)
-    there = np.isfinite(own) & np.isfinite(run.std) & (run.std > 0) & (np.abs(run.H) > 0)
-    ratio = float(np.median(own[there] / run.std[there])) if there.any() else 1.0
-    low, high = CREDIBLE_ERRORS
-    return observe(run, run.std if low < ratio < high else ratio * run.std)
 
 
 def _with_pairs(

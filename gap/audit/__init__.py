@@ -22,7 +22,7 @@ import numpy as np
 
 from gap.audit.coverage import check_coverage, check_units
 from gap.audit.geometry import Geometry, geometry_of
-from gap.audit.noise import NoiseEstimate, estimate_noise
+from gap.audit.noise import NoiseEstimate, believed_errors, estimate_noise
 from gap.audit.one_run import (
     check_channels,
     check_missing_lines,
@@ -37,7 +37,7 @@ from gap.audit.prepared import Prepared, prepare
 from gap.diagnosis import Finding
 from sim.campaign import Campaign, NominalBelief
 
-__all__ = ["NoiseEstimate", "audit", "estimate_noise"]
+__all__ = ["NoiseEstimate", "audit", "believed_errors", "estimate_noise"]
 
 
 def audit(campaign: Campaign) -> tuple[Finding, ...]:

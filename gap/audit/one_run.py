@@ -7,7 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from gap.audit.geometry import Geometry
-from gap.audit.noise import mean_square, responses
+from gap.audit.noise import (
+    CONTRADICTED,
+    CONTRADICTED_SHARE,
+    ROUGH_ERRORS,
+    mean_square,
+    responses,
+    roughness,
+    scaled_errors,
+)
 from gap.audit.prepared import Prepared, Severity, listed
 from gap.audit.resonances import Resonance
 from gap.diagnosis import Finding
@@ -189,6 +197,7 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
             overall,
             limit,
         )
+    yield from _uneven_errors(p, given)
     odd = [i for i, q in enumerate(ratio / overall) if q > limit_channel or q < 1 / limit_channel]
     for i in odd:
         yield p.finding(
@@ -199,6 +208,25 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
             float(ratio[i]),
             limit_channel,
         )
+
+
+def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:
+    """Standard errors that are right on the whole and wrong at single values."""
+    own = p.noise.std[np.ix_(p.lines, p.live)]
+    scaled = scaled_errors(given, own, p.H)
+    rough, share = roughness(scaled, own), float(np.mean(own > CONTRADICTED * scaled))
+    if rough > ROUGH_ERRORS:
+        words = (
+            f"The given standard errors themselves scatter by {100 * rough:.2g} % from line to line, as those from few "
+            "repeats do; the scatter of the lines is taken instead. Average the errors over neighbouring lines."
+        )
+        yield p.finding("noise", "warning", words, rough, ROUGH_ERRORS)
+    elif share > CONTRADICTED_SHARE:
+        words = (
+            f"{100 * share:.2g} % of the values scatter over {CONTRADICTED:g} times as much as their errors say; "
+            "their scatter is taken instead. Give every line an error of its own."
+        )
+        yield p.finding("noise", "warning", words, share, CONTRADICTED_SHARE)
 
 
 def _noise_ratios(p: Prepared, given: np.ndarray) -> np.ndarray:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
-from gap.audit import audit, estimate_noise
-from gap.audit.noise import mean_square
+from gap.audit import audit, believed_errors, estimate_noise
+from gap.audit.noise import CONTRADICTED, mean_square
 from gap.audit.prepared import Prepared
 from gap.diagnosis import Finding
 from rotor.assembly import assemble
@@ -180,6 +181,37 @@ def test_standard_errors_that_are_wrong_by_two_or_three_are_found(factor):
     (found,) = troubles(audit(in_campaign(replace(run, std=run.std * factor))))
     assert found.check == "noise"
     assert found.value == pytest.approx(1 / factor, rel=WITHIN)
+
+
+def test_one_error_for_all_lines_of_a_channel_gives_way_to_the_scatter_where_it_is_far_too_small():
+    run = measure(RIGID, noise=0.01)
+    assert run.std is not None
+    given = np.broadcast_to(np.median(run.std, axis=0), run.std.shape)
+    odd = replace(run, std=given)
+    (found,) = troubles(audit(in_campaign(odd)))
+    assert found.check == "noise"
+    assert "of its own" in found.words
+    taken = believed_errors(odd)
+    assert (taken >= run.std / (CONTRADICTED * (1 + WITHIN))).all()
+    assert_array_equal(taken[given > run.std], given[given > run.std])
+
+
+@pytest.mark.parametrize("repeats", [2, 4, 20])
+def test_errors_from_few_repeats_give_way_to_the_scatter(repeats):
+    run = measure(RIGID, noise=0.01)
+    assert run.std is not None
+    freedom = 2 * (repeats - 1)
+    luck = np.sqrt(np.random.default_rng(1).chisquare(freedom, run.std.shape) / freedom)
+    odd = replace(run, std=run.std * luck)
+    (found,) = troubles(audit(in_campaign(odd)))
+    assert found.check == "noise"
+    assert "few repeats" in found.words
+    assert_array_equal(believed_errors(odd), estimate_noise(run).std)
+
+
+def test_errors_that_the_scatter_bears_out_are_taken_as_they_are():
+    run = measure(RIGID, noise=0.01)
+    assert_array_equal(believed_errors(run), run.std)
 
 
 def test_a_run_without_standard_errors_gets_the_estimate_said():

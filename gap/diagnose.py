@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from gap import wording
 from gap.adequacy import Adequacy, judge
-from gap.audit import audit, believed_errors
+from gap.audit import audit, believed_errors, without_wild_lines
 from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
 from gap.forward import TOLERANCES, Forward, nonlinear
@@ -139,6 +139,7 @@ def diagnose(
         from gap.peaks import diagnose_peaks
 
         return Outcome(diagnose_peaks(campaign, exclude, findings), ())
+    campaign = without_wild_lines(campaign)
     problem, nominal = prepared(campaign)
     clock.lap("recalibration")
     library = _Library(

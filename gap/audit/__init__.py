@@ -4,6 +4,7 @@
 module           what it looks at                                                 entry point
 ===============  ===============================================================  ===================
 ``noise``        scatter of the lines about a smooth curve                        ``estimate_noise``
+``wild``         single lines that nothing near them explains                     ``wild_lines``
 ``resonances``   poles and half-power bands, on any raster                        ``find_resonances``
 ``prepared``     a run's clean lines, noise and resonances, for every check       ``prepare``
 ``one_run``      raster, missing lines, noise, channels, saturation, sweep rate   ``check_raster`` ...
@@ -34,10 +35,11 @@ from gap.audit.one_run import (
 from gap.audit.pairs import check_pairs
 from gap.audit.phase import check_delay, check_sign, find_delays
 from gap.audit.prepared import Prepared, prepare
+from gap.audit.wild import check_wild_lines, without_wild_lines
 from gap.diagnosis import Finding
 from sim.campaign import Campaign, NominalBelief
 
-__all__ = ["NoiseEstimate", "audit", "believed_errors", "estimate_noise"]
+__all__ = ["NoiseEstimate", "audit", "believed_errors", "estimate_noise", "without_wild_lines"]
 
 
 def audit(campaign: Campaign) -> tuple[Finding, ...]:
@@ -49,12 +51,19 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
     "warning" for data that may mislead, "error" for data that will
     """
     geometry = geometry_of(campaign.rig)
-    runs = prepare(campaign.runs)
+    runs = prepare(without_wild_lines(campaign).runs)
     with np.errstate(all="ignore"):
-        findings = [finding for p in runs for finding in _one_run(p, campaign.nominal, geometry)]
+        findings = [finding for p in prepare(campaign.runs) for finding in _as_it_is(p)]
+        findings += [finding for p in runs for finding in _one_run(p, campaign.nominal, geometry)]
         findings += check_pairs(runs, campaign.nominal)
         findings += check_coverage(campaign, runs, geometry)
     return tuple(findings)
+
+
+def _as_it_is(p: Prepared) -> Iterator[Finding]:
+    yield from check_wild_lines(p.run, p.label)
+    if len(p.lines):
+        yield from check_saturation(p)
 
 
 def _one_run(p: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
@@ -64,7 +73,6 @@ def _one_run(p: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator
         return
     yield from check_raster(p, belief)
     yield from check_noise(p)
-    yield from check_saturation(p)
     yield from check_sweep_rate(p)
     delays = None if p.run.spin_rpm else find_delays(p)
     yield from check_delay(p, delays)

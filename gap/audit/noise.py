@@ -106,18 +106,19 @@ def estimate_noise(run: Run) -> NoiseEstimate:
 def believed_errors(run: Run) -> FloatArray:
     """(n_freq, n_channels) standard errors to fit with: the given ones, as far as the lines' scatter bears them out.
 
-    Where none are given, the scatter. Errors that are wrong by a factor are scaled as a whole. One error for all lines
-    of a channel is far too small at some values; those get their scatter. Errors from a few repeats scatter themselves,
-    and too small ones would rule a fit; there the lines' scatter is taken throughout.
+    Where none are given, the scatter. Errors that are wrong by a factor are scaled as a whole. Values with far too
+    small an error get their scatter. It is taken throughout where other values have far too large a one, as when one
+    error stands for all lines of a channel; and where the errors scatter themselves, as those from few repeats do.
     """
     own = estimate_noise(run).std
     if run.std is None:
         return own
     given = scaled_errors(run.std, own, run.H)
-    if roughness(given, own) > ROUGH_ERRORS:
-        return np.where(np.isfinite(own), own, given)
-    low = own > CONTRADICTED * given
-    return np.where(low, own, given) if np.mean(low) > CONTRADICTED_SHARE else given
+    low, high = own > CONTRADICTED * given, given > CONTRADICTED * own
+    if np.mean(low) <= CONTRADICTED_SHARE and roughness(given, own) <= ROUGH_ERRORS:
+        return given
+    throughout = np.mean(high) > CONTRADICTED_SHARE or roughness(given, own) > ROUGH_ERRORS
+    return np.where(np.isfinite(own) & (low | throughout), own, given)
 
 
 def scaled_errors(given: FloatArray, own: FloatArray, H: np.ndarray) -> FloatArray:

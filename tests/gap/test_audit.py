@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from gap.audit import audit, believed_errors, estimate_noise
-from gap.audit.noise import CONTRADICTED, mean_square
+from gap.audit import audit, believed_errors, estimate_noise, without_wild_lines
+from gap.audit.noise import mean_square
 from gap.audit.prepared import Prepared
+from gap.audit.wild import wild_lines
 from gap.diagnosis import Finding
 from rotor.assembly import assemble
 from rotor.condition import Condition
@@ -183,17 +184,26 @@ def test_standard_errors_that_are_wrong_by_two_or_three_are_found(factor):
     assert found.value == pytest.approx(1 / factor, rel=WITHIN)
 
 
-def test_one_error_for_all_lines_of_a_channel_gives_way_to_the_scatter_where_it_is_far_too_small():
+def test_one_error_for_all_lines_of_a_channel_gives_way_to_the_scatter():
     run = measure(RIGID, noise=0.01)
     assert run.std is not None
-    given = np.broadcast_to(np.median(run.std, axis=0), run.std.shape)
-    odd = replace(run, std=given)
+    odd = replace(run, std=np.broadcast_to(np.median(run.std, axis=0), run.std.shape))
     (found,) = troubles(audit(in_campaign(odd)))
     assert found.check == "noise"
     assert "of its own" in found.words
+    assert_array_equal(believed_errors(odd), estimate_noise(run).std)
+
+
+def test_errors_that_are_far_too_small_at_some_values_alone_give_way_there():
+    run = measure(RIGID, noise=0.01)
+    assert run.std is not None
+    high = np.abs(run.H) > np.quantile(np.abs(run.H), 0.9)
+    odd = replace(run, std=np.where(high, run.std / 10, run.std))
+    (found,) = troubles(audit(in_campaign(odd)))
+    assert "of its own" in found.words
     taken = believed_errors(odd)
-    assert (taken >= run.std / (CONTRADICTED * (1 + WITHIN))).all()
-    assert_array_equal(taken[given > run.std], given[given > run.std])
+    assert (taken[~high] >= run.std[~high]).all()
+    assert_array_equal(taken[high], estimate_noise(run).std[high])
 
 
 @pytest.mark.parametrize("repeats", [2, 4, 20])
@@ -218,6 +228,54 @@ def test_a_run_without_standard_errors_gets_the_estimate_said():
     (found,) = noted(audit(in_campaign(measure(RIGID, std=None, noise=0.01))), "noise")
     assert found.severity == "note"
     assert found.value == pytest.approx(0.01, rel=WITHIN)
+
+
+# -- wild lines ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+def test_wild_lines_are_found_and_left_out(condition):
+    run = measure(condition, noise=0.01)
+    places = [20, 60, 110, 111, 150, 200]
+    H = run.H.copy()
+    H[places] *= np.array([0.2, 1.5, 3.0, 0.5, 0.3, 2.0])[:, None]
+    odd = replace(run, H=H)
+    seen = np.flatnonzero(wild_lines(odd)).tolist()
+    assert set(seen) <= set(places)
+    assert len(seen) >= len(places) - 1  # next to a dense raster a line alone says little
+    (found,) = troubles(audit(in_campaign(odd)), "missing_lines")
+    assert found.value == len(seen)
+    (tamed,) = without_wild_lines(in_campaign(odd)).runs
+    assert_array_equal(tamed.frequency_hz, np.delete(run.frequency_hz, seen))
+
+
+def test_plain_wild_lines_are_found_in_magnitudes():
+    run = measure(BEARING, noise=0.01)
+    H = np.abs(run.H).astype(complex)
+    H[[60, 150]] *= 3.0
+    assert np.flatnonzero(wild_lines(replace(run, H=H, magnitude_only=True))).tolist() == [60, 150]
+
+
+def test_a_slip_in_one_channel_is_a_wild_line():
+    run = measure(RIGID, noise=0.01)
+    run.H[70, 3] *= 1.3
+    assert np.flatnonzero(wild_lines(run)).tolist() == [70]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005, 0.05])
+@pytest.mark.parametrize("frequency_hz", [None, EVEN, np.arange(20.0, 400.5, 4.0)])
+def test_resonances_are_not_wild_on_any_raster(frequency_hz, noise):
+    for condition in (replace(RIGID, shaft_damping_ratio=0.001), BEARING):
+        assert not wild_lines(measure(condition, frequency_hz, noise=noise)).any()
+
+
+def test_a_jump_and_the_ringing_of_a_sweep_are_not_wild():
+    run = measure(RIGID, noise=0.005)
+    jump = run.H.copy()
+    jump[100:] *= 0.5
+    ringing = run.H * (1 + 0.3 * np.cos(np.arange(len(run.H)) ** 1.5))[:, None]
+    for H in (jump, ringing):
+        assert not wild_lines(replace(run, H=H)).any()
 
 
 # -- raster and lines ------------------------------------------------------------------------------

@@ -1,0 +1,71 @@
+"""Wild lines: single ones that nothing near them explains, as where a controller slipped or an amplifier clipped once.
+
+A line that its neighbours' smooth curve misses by far is left out and the rest looked at again, worst line first. Only
+where that ends soon, with lines that lie apart, were they wild: what rings, jumps, or rises between two lines stays as
+it is, because the lines that are left keep missing their curves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap.audit.noise import estimate_noise, responses
+from gap.diagnosis import Finding
+from sim.campaign import Campaign, FloatArray, Run
+
+# Error of a line from which it is wild: in standard errors, and relative to its own and its neighbours' size.
+WILD, _PLAIN = 12.0, 0.03
+
+# Wild lines are at most this share of a run, or so few. So many of them within so many lines are no accident.
+_SHARE, _FEW = 0.03, 3
+_CROWD, _WITHIN = 3, 6
+
+
+def wild_lines(run: Run) -> NDArray[np.bool_]:
+    """(n_freq,) which lines are wild."""
+    n = len(run.frequency_hz)
+    wild, none = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    error = _errors(run)
+    while error.max(initial=0.0) > WILD:
+        wild[np.flatnonzero(~wild)[np.argmax(error)]] = True
+        if wild.sum() > max(_FEW, _SHARE * n):
+            return none
+        error = _errors(run.on_lines(~wild))
+    return none if _crowded(np.flatnonzero(wild)) else wild
+
+
+def without_wild_lines(campaign: Campaign) -> Campaign:
+    """The campaign without them."""
+    return replace(campaign, runs=tuple(_tamed(run) for run in campaign.runs))
+
+
+def check_wild_lines(run: Run, label: str) -> Iterator[Finding]:
+    """Say which lines are wild."""
+    wild = run.frequency_hz[wild_lines(run)]
+    if len(wild):
+        named = ", ".join(f"{f:.5g}" for f in wild[:5]) + (" and others" if len(wild) > 5 else "")
+        words = f"{len(wild)} lines do not go with their neighbours and are left out ({named} Hz); repeat them."
+        yield Finding("missing_lines", "warning", words, label, float(len(wild)), 0.0)
+
+
+def _tamed(run: Run) -> Run:
+    wild = wild_lines(run)
+    return run.on_lines(~wild) if wild.any() else run
+
+
+def _errors(run: Run) -> FloatArray:
+    """(n_freq,) error of every line in its worst channel, in standard errors; 0 where unknown."""
+    noise, size = estimate_noise(run), np.abs(np.nan_to_num(responses(run)))
+    size[1:-1] = np.maximum.reduce([size[:-2], size[1:-1], size[2:]])
+    with np.errstate(all="ignore"):
+        error = noise.draws / noise.std
+    plain = np.isfinite(error) & (noise.draws > _PLAIN * size)
+    return np.max(np.where(plain, error, 0.0), axis=1, initial=0.0)
+
+
+def _crowded(places: NDArray[np.intp]) -> bool:
+    return bool(np.any(places[_CROWD - 1 :] - places[: len(places) - _CROWD + 1] < _WITHIN))

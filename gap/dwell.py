@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gap.forward import MODES, Modal
-from gap.hypotheses import Free, Hypothesis
+from gap.hypotheses import NOMINAL, Free, Hypothesis
 from gap.likelihood import Fit, Problem
 from gap.transients import as_read, transients
 from rotor.structure import ComplexArray, FloatArray
@@ -40,9 +40,10 @@ _WITHIN, _FINE_STEP, _FINE_RELATIVE, _APART, _RIVALS = 1.25, 4e-4, 1e-3, 1.5e-3,
 # Drifts as wide as this many of their priors take the shifts up at first; steps then, and with the prior.
 _LOOSE, _LOOSE_STEPS, _STEPS = 30.0, 5, 6
 
-# Weak transients, which leave the nominal model right but for them: grids, finer and finer, of the dwell's logarithm:
-# steps, points to either side of the best ones, and the relative error that is added; so many of them go on.
-_GRIDS, _KEPT = ((0.01, 290, 0.3), (8e-4, 30, 0.1), (5e-5, 16, 0.03)), 4
+# Weak transients, which leave the nominal model right but for them: steps of the dwells that are tried, relative ones
+# up to a second, then even ones [s]; so many of them go on, with finer steps [s] to either side.
+_RELATIVE_WEAK, _EVENLY, _STEP_WEAK, _KEPT = 0.01, 1.0, 0.012, 4
+_FINER, _TO_EITHER_SIDE = 1e-3, 12
 
 # Dwells processed at once; relative errors added to all lines, roughly and finely.
 _BLOCK, _ADDED, _FINELY = 200, 0.3, 0.02
@@ -51,8 +52,8 @@ _BLOCK, _ADDED, _FINELY = 200, 0.3, 0.02
 # how many of them are fitted.
 _ASIDE, _IMAGE_STEP, _IMAGE_APART, _IMAGES = 4e-4, 1e-6, 4e-6, 3
 
-# Rounds of that, and by how much they must lower the misfit.
-_ROUNDS, _BETTER = 3, 0.9
+# Rounds of that, and by how much one must lower the misfit for another.
+_ROUNDS, _BETTER = 4, 2.0
 
 # What a fit must take away for images to be let in: misfit, and a share of what the nominal model leaves above noise.
 _GAIN, _SHARE = 50.0, 0.3
@@ -89,16 +90,38 @@ def _fitted(
 
 
 def _weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
-    """Fits next to the nominal model."""
-    low, high = np.log(hypothesis.free[0].low), np.log(min(hypothesis.free[0].high, _LONGEST))
-    best = np.array([(low + high) / 2])
-    for step, points, added in _GRIDS:
-        around = step * np.arange(-points, points + 1)
-        places = np.unique(np.clip(best[:, None] + around, low, high))
-        costs = [problem.cost(hypothesis, np.array([nominal.u[0], u]), nominal.nu, added) for u in places]
-        best = places[_minima(places, costs, 1.5 * step, _KEPT)]
-    starts = [np.array([nominal.u[0], u]) for u in best]
-    return [fit for u in starts for fit in _fitted(problem, hypothesis, u, nominal.nu, (_FINELY,))]
+    """Fits next to the nominal model, by what transients would take away to first order, nuisances refitted."""
+    few = problem.at_middle_level()
+    coarse = _promising(few, hypothesis, few.fit(NOMINAL, nominal.u), _weak_grid(hypothesis))
+    around = _FINER * np.arange(-_TO_EITHER_SIDE, _TO_EITHER_SIDE + 1)
+    fits = []
+    for dwell, *_ in coarse:
+        near = np.maximum(dwell + around, hypothesis.free[0].low)
+        for u, nu in [start for _, *start in _promising(problem, hypothesis, nominal, near)[:1]]:
+            fits += _fitted(problem, hypothesis, u, nu, (_FINELY,))
+    return fits
+
+
+def _weak_grid(hypothesis: Hypothesis) -> FloatArray:
+    """Dwells [s], as far apart as the misfit's minima are wide."""
+    low, high = hypothesis.free[0].low, min(hypothesis.free[0].high, _LONGEST)
+    n = int(np.ceil(np.log(_EVENLY / low) / _RELATIVE_WEAK))
+    return np.concatenate([np.geomspace(low, _EVENLY, n, endpoint=False), np.arange(_EVENLY, high, _STEP_WEAK)])
+
+
+def _promising(
+    problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray
+) -> list[tuple[float, FloatArray, FloatArray]]:
+    """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
+    score = problem.score(nominal)
+    gains = [score.gain(hypothesis.effects(np.array([u]))) for u in np.log(dwells)]
+    left = [-gain if scale > 0 else 0.0 for gain, scale, _ in gains]
+    chosen = _minima(dwells, left, 1.5 * _STEP_WEAK, _KEPT)
+    moved = [np.split(np.concatenate([nominal.u, nominal.nu]) + gains[k][2], [1]) for k in chosen]
+    return [
+        (float(dwells[k]), hypothesis.clipped(np.array([u[0], np.log(dwells[k])])), nu)
+        for k, (u, nu) in zip(chosen, moved, strict=True)
+    ]
 
 
 # -- strong transients ---------------------------------------------------------------------------------
@@ -212,16 +235,19 @@ def _misfit(
 
 def _with_images(problem: Problem, fit: Fit) -> Fit:
     """A fit without images carried on with them: the best of the many minima round it, as long as that gets better."""
-    best = None
+    last = np.inf
     for _ in range(_ROUNDS):
         dwell = float(np.exp(fit.u[1]))
         dwells = dwell + max(dwell, 1.0) * np.arange(-_ASIDE, _ASIDE, _IMAGE_STEP)
         places = [np.array([fit.u[0], u]) for u in np.log(dwells[dwells > fit.hypothesis.free[0].low])]
         costs = [problem.cost(fit.hypothesis, u, fit.nu, _FINELY) for u in places]
-        found = []
+        found = [] if last == np.inf else [fit]
         for k in _minima(dwells, costs, _IMAGE_APART, _IMAGES):
             found += _fitted(problem, fit.hypothesis, places[k], fit.nu, (_FINELY, 0.0))
-        if not found or (best and min(each.cost for each in found) > _BETTER * best.cost):
-            break
-        fit = best = min(found, key=lambda each: each.cost)
-    return best or fit
+        if not found:
+            return fit
+        fit = min(found, key=lambda each: each.cost)
+        if last - fit.cost < _BETTER:
+            return fit
+        last = fit.cost
+    return fit

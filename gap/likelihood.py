@@ -75,6 +75,16 @@ def observe(run: Run, std: FloatArray) -> Observed:
     return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least))
 
 
+def middle_level(runs: Sequence[Run]) -> list[int]:
+    """Of every support the run at the middle level."""
+    places = {}
+    for support in sorted({run.support for run in runs}):
+        own = [r for r, run in enumerate(runs) if run.support == support]
+        own.sort(key=lambda r: runs[r].force_amplitude_N or 0.0)
+        places[support] = own[len(own) // 2]
+    return list(places.values())
+
+
 class Nuisances:
     """Where each nuisance stands in the vector, and its prior."""
 
@@ -258,6 +268,10 @@ class Problem:
         """The same with the runs on one support; None where there are none, or no others."""
         some = [o for o in self.observed if o.run.support == support]
         return Problem(self.forward, some, self.model_error) if 0 < len(some) < len(self.observed) else None
+
+    def at_middle_level(self) -> Problem:
+        """The same with one run on each support."""
+        return Problem(self.forward, [self.observed[r] for r in middle_level(self.runs)], self.model_error)
 
     def thinned(self, every: int, model_error: float | None = None) -> Problem:
         """The same on every n-th line of every run, with another model error where one is given."""

@@ -11,7 +11,6 @@ motions are those nearest to it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +18,7 @@ import numpy as np
 from gap.curves import nrmse
 from gap.forward import Forward, Modal, acting, nonlinear
 from gap.hypotheses import K_B
-from gap.likelihood import Fit, Problem
+from gap.likelihood import Fit, Problem, middle_level
 from gap.nonlinear import MIDDLE, NonlinearModal
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
@@ -60,16 +59,6 @@ def _other_nodes(problem: Problem) -> list[int]:
     return [node for node in problem.forward.structure.free_nodes if node not in driven]
 
 
-def _middle(runs: Sequence[Run]) -> list[int]:
-    """Of every support the run at the middle level."""
-    places = {}
-    for support in sorted({run.support for run in runs}):
-        own = [r for r, run in enumerate(runs) if run.support == support]
-        own.sort(key=lambda r: runs[r].force_amplitude_N or 0.0)
-        places[support] = own[len(own) // 2]
-    return list(places.values())
-
-
 def _draws(best: Fit, scale: float, rng: np.random.Generator, count: int) -> list[tuple[FloatArray, FloatArray]]:
     """Coordinates and nuisances from the posterior, the former within their ranges."""
     covariance = best.covariance(scale)
@@ -97,7 +86,7 @@ class _Test:
         self._forward: Forward = problem.forward
         self._nuisances, self._best = problem.nuisances, best
         self._parts = []
-        for r in _middle(problem.runs):
+        for r in middle_level(problem.runs):
             there = replace(problem.runs[r], excitation_node=node, quantity="accelerance", harmonics={}, std=None)
             effects = acting(best.effects, there.support)
             run_gain = np.exp(best.nu[problem.nuisances.gain][r])

@@ -17,6 +17,7 @@ from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import Fit, Observed, Problem, Score
 from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH, NonlinearModal, Resolution
 from gap.search import Progress, Search, best_first, recalibrate
+from rotor.measured import DERIVATIVE_ORDER
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
@@ -31,8 +32,11 @@ _POINTS = {
     "bearing_hertz": (10,),
     "bearing_clearance": (7, 6),
     "bearing_friction": (10, 5),
-    "rub": (4, 6),
 }
+
+# Of a rub, points along its stiffness; and gaps, as shares of its node's largest motion, which goes little beyond them,
+# or so many along the range where that is not measured.
+_STIFFNESSES, _SHARES, _GAPS = 5, (0.97, 0.85, 0.7, 0.5, 0.3), 7
 
 # Of an even range the grid takes this share of it as the smallest point.
 _SMALL = 0.01
@@ -98,7 +102,7 @@ def search_nonlinear(
     """
     forward = problem.forward
     calm, nu = _calm(problem)
-    rest = _Rest(calm, recalibrate(_at_level(problem, max)).k_b)
+    rest = _Rest(calm, recalibrate(_at_level(problem, max)).k_b, _measured_motion(problem))
     every = _thinned(problem, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
     tell = _Teller(progress, len(hypotheses) + 3)
@@ -126,6 +130,7 @@ class _Rest:
 
     calm: Fit
     loud: float  # bearing stiffness [N/m]
+    motion: dict[int, float]  # largest displacement of each node that has a sensor [m]
 
 
 class _Teller:
@@ -238,8 +243,22 @@ def _largest_motion(problem: Problem, start: _Start) -> FloatArray:
     return np.maximum(motion[own.argmax()] / own.max(), _LEAST_MOTION)
 
 
+def _measured_motion(problem: Problem) -> dict[int, float]:
+    """The largest displacement of every node with a sensor, in all runs [m]."""
+    largest: dict[int, float] = {}
+    for run in problem.runs:
+        unit = 1.0 if run.quantity == "acceleration" else run.force_amplitude_N or 1.0
+        omega = 2 * np.pi * run.frequency_hz[:, None]
+        seen = unit * np.abs(np.nan_to_num(run.H)) / omega ** DERIVATIVE_ORDER[run.quantity]
+        for channel, size in zip(run.channels, seen.max(axis=0), strict=True):
+            largest[channel.node] = max(largest.get(channel.node, 0.0), float(size))
+    return largest
+
+
 def _by_distance(problem: Problem, hypothesis: Hypothesis, rest: _Rest, nu: FloatArray) -> list[_Start]:
-    return [_Start(_distance(problem, hypothesis, u, nu), hypothesis, u, nu) for u in _grid(hypothesis, rest)]
+    """Points of the grid with their distance; of a rub, which few lines see, with their misfit."""
+    cost = _misfit if hypothesis.ids == ("rub",) else _distance
+    return [_Start(cost(problem, hypothesis, u, nu), hypothesis, u, nu) for u in _grid(hypothesis, rest)]
 
 
 def _by_score(score: Score, nominal: Fit, hypothesis: Hypothesis, u: FloatArray) -> _Start:
@@ -310,9 +329,8 @@ def _calm(problem: Problem) -> tuple[Fit, FloatArray]:
 def _grid(hypothesis: Hypothesis, rest: _Rest) -> Iterator[FloatArray]:
     """(1 + n_free,) points over an effect's numbers, its stiffness at rest that of the lowest level."""
     name, calm = hypothesis.ids[0], rest.calm
-    axes = [_axis(free, n) for free, n in zip(hypothesis.free, _POINTS[name], strict=True)]
     low, high = np.log(K_B_RANGE)
-    for point in itertools.product(*axes):
+    for point in itertools.product(*_axes(hypothesis, rest)):
         own = [calm.k_b]
         if name == "bearing_friction":  # sticking or slipping at the lowest level
             own = [max(calm.k_b - float(np.exp(point[1])), 0.1 * calm.k_b), 0.7 * calm.k_b]
@@ -322,6 +340,16 @@ def _grid(hypothesis: Hypothesis, rest: _Rest) -> Iterator[FloatArray]:
         between = np.log(calm.k_b - rest.loud)
         for force in _axis(hypothesis.free[0], _FORCES):
             yield hypothesis.clipped(np.array([np.log(rest.loud), force, between]))
+
+
+def _axes(hypothesis: Hypothesis, rest: _Rest) -> list[FloatArray]:
+    """Points along each number's coordinate."""
+    if hypothesis.ids == ("rub",):
+        stiffness, gap = hypothesis.free
+        seen = rest.motion.get(_node(hypothesis), 0.0)
+        gaps = np.log(np.clip(np.array(_SHARES) * seen, gap.low, gap.high)) if seen else _axis(gap, _GAPS)
+        return [_axis(stiffness, _STIFFNESSES), np.unique(gaps)]
+    return [_axis(free, n) for free, n in zip(hypothesis.free, _POINTS[hypothesis.ids[0]], strict=True)]
 
 
 def _axis(free: Free, n: int) -> FloatArray:
@@ -347,6 +375,14 @@ def _distance(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: Float
         total += float(np.sum(np.where(used, d2 / (d2 + _HALF**2), 0.0)))
         n += float(used.sum())
     return total / max(n, 1.0)
+
+
+def _misfit(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> float:
+    """Robust misfit of a point."""
+    try:
+        return _loss(problem, _unfitted(problem, hypothesis, u, nu))[0]
+    except (ValueError, np.linalg.LinAlgError):
+        return np.inf
 
 
 def _unfitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> Fit:

@@ -12,8 +12,21 @@ from gap.diagnosis import SCHEMA
 from gap.forward import MODES, TOLERANCES, Forward
 from gap.hypotheses import NOMINAL, candidates
 from gap.likelihood import Problem, observe
-from gap.nonlinear import FINAL, FINE, NonlinearModal
-from gap.nonlinear_search import NEAR, _elsewhere, _grid, _Rest, _Start, _thinned, _uneven, robust_fit, search_nonlinear
+from gap.nonlinear import FINAL, FINE, ROUGH, NonlinearModal
+from gap.nonlinear_search import (
+    NEAR,
+    _by_distance,
+    _elsewhere,
+    _grid,
+    _measured_motion,
+    _misfit,
+    _Rest,
+    _Start,
+    _thinned,
+    _uneven,
+    robust_fit,
+    search_nonlinear,
+)
 from gap.predict import predict
 from gap.search import recalibrate
 from gap.transfer import transfer_interval
@@ -124,6 +137,21 @@ def test_a_start_has_the_forces_of_a_hard_contact_that_the_data_tell_of():
     assert np.median(off[1]) < 0.05
 
 
+def test_a_hard_rub_shows_where_the_motion_of_its_node_ends():
+    rub = Rub(stiffness=2e7, gap=2e-5, node=5)
+    runs = (swept(rub, 1.0),)
+    problem = problem_of(runs)
+    problem.forward.resolution = ROUGH
+    few, nu = _thinned(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
+    motion = _measured_motion(problem)
+    assert rub.gap < motion[5] < 1.5 * rub.gap
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion)
+    places = candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True)
+    points = sorted((p for place in places for p in _by_distance(few, place, rest, nu)), key=lambda p: p.cost)
+    assert str(points[0].hypothesis) == "rub node 5"
+    assert points[0].cost < 0.6 * _misfit(few, NOMINAL, np.log([rest.calm.k_b]), nu)
+
+
 def test_a_contact_is_carried_over_to_other_places():
     rub = Rub(stiffness=1e5, gap=2e-5, node=4)
     runs = (swept(rub, 1.0),)
@@ -212,7 +240,7 @@ def test_lines_on_another_branch_do_not_decide(hardening):
 def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):
     problem = problem_of(hardening[2:3])
     (friction,) = candidates(hardening, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B)
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B, {})
     points = [u for u in _grid(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
     assert len(points) > 10
     assert np.allclose([np.exp(u[0]) + np.exp(u[2]) for u in points], rest.calm.k_b)

@@ -48,7 +48,8 @@ def check_wild_lines(run: Run, label: str) -> Iterator[Finding]:
     wild = run.frequency_hz[wild_lines(run)]
     if len(wild):
         named = ", ".join(f"{f:.5g}" for f in wild[:5]) + (" and others" if len(wild) > 5 else "")
-        words = f"{len(wild)} lines do not go with their neighbours and are left out ({named} Hz); repeat them."
+        many = "1 line does not go with its" if len(wild) == 1 else f"{len(wild)} lines do not go with their"
+        words = f"{many} neighbours; left out: {named} Hz. Repeat what was measured there."
         yield Finding("missing_lines", "warning", words, label, float(len(wild)), 0.0)
 
 

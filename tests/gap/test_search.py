@@ -132,8 +132,8 @@ def test_the_chain_leaves_the_rotor_as_it_is():
         assert not np.allclose(modal.response(), belief.modal(run, K_B, (mass,)).response(), rtol=1e-3)
 
 
-@pytest.mark.parametrize("dwell", [0.13, 0.48, 1.2])
-def test_a_dwell_is_found_among_its_many_minima(dwell):
+@pytest.mark.parametrize(("dwell", "within"), [(0.13, 1e-5), (0.48, 1e-5), (1.2, 1e-5), (3.4, 1e-3)])
+def test_a_dwell_is_found_among_its_many_minima(dwell, within):
     """The transients are in the model only, so the model makes these data, on a rig whose resonances are off."""
     effect, forward = FastSweep(dwell=dwell), Forward(STRUCTURE, BELIEF)
     forward.allow_for_tolerances(load_rig(RIG), both_supports(), K_B)
@@ -146,7 +146,7 @@ def test_a_dwell_is_found_among_its_many_minima(dwell):
     problem.allow_for_tolerances(load_rig(RIG), K_B)
     best = search(problem, of(problem.runs, "fast_sweep", "bearing_damping", "shaft_damping")).fits[0]
     assert best.hypothesis.ids == ("fast_sweep",)
-    assert_allclose(best.effects[0].dwell, dwell, rtol=1e-5)
+    assert_allclose(best.effects[0].dwell, dwell, rtol=within)
     assert best.chi2 < 1.2 * best.n_data
 
 

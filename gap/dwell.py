@@ -38,7 +38,7 @@ _LOCAL_ERROR, _SEEN = 0.02, 0.2
 _WITHIN, _FINE_STEP, _FINE_RELATIVE, _APART, _RIVALS = 1.25, 4e-4, 1e-3, 1.5e-3, 3
 
 # Drifts as wide as this many of their priors take the shifts up at first; steps then, and with the prior.
-_LOOSE, _LOOSE_STEPS, _STEPS = 30.0, 5, 6
+_LOOSE, _STEPS = 30.0, 6
 
 # Weak transients, which leave the nominal model right but for them: steps of the dwells that are tried, relative ones
 # up to a second, then even ones [s]; so many of them go on, with finer steps [s] to either side.
@@ -97,8 +97,8 @@ def _weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
     fits = []
     for dwell, *_ in coarse:
         near = np.maximum(dwell + around, hypothesis.free[0].low)
-        for u, nu in [start for _, *start in _promising(problem, hypothesis, nominal, near)[:1]]:
-            fits += _fitted(problem, hypothesis, u, nu, (_FINELY,))
+        _, u, nu = _promising(problem, hypothesis, nominal, near)[0]
+        fits += _fitted(problem, hypothesis, u, nu, (_FINELY,))
     return fits
 
 

@@ -330,10 +330,7 @@ class Forward:
             columns = np.array([c for c, channel in enumerate(run.channels) if channel.node in group.nodes])
             made, sensitivity = self._group(structure, run, omega, condition, group.effects, columns, bends)
             groups.append(made)
-        amplitude = run.force_amplitude_N or 1.0
-        unit = amplitude if run.quantity == "acceleration" else 1.0
-        scale = unit * (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
-        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, scale, self.images)
+        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, over_receptance(run), self.images)
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
         condition, finely = self.condition(run, k_b), self.resolution
@@ -487,6 +484,13 @@ def _matched(group: _Group, twin: _Group) -> ComplexArray | None:
 
 # Resonances whose frequencies differ by more than this share are not one and the same.
 _SAME = 0.05
+
+
+def over_receptance(run: Run) -> ComplexArray:
+    """(n_freq,) a run's values over receptances: powers of i omega, and the nominal force of recorded motions."""
+    omega = 2 * np.pi * run.frequency_hz
+    force = (run.force_amplitude_N or 1.0) if run.quantity == "acceleration" else 1.0
+    return force * (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
 
 
 def acting(effects: Iterable[Effect], support: str) -> tuple[Effect, ...]:

@@ -10,14 +10,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from gap.forward import over_receptance
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import Fit, Observed, Problem, Score
 from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH, NonlinearModal, Resolution
 from gap.search import Progress, Search, best_first, recalibrate
-from rotor.measured import DERIVATIVE_ORDER
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
@@ -247,18 +248,24 @@ def _measured_motion(problem: Problem) -> dict[int, float]:
     """The largest displacement of every node with a sensor, in all runs [m]."""
     largest: dict[int, float] = {}
     for run in problem.runs:
-        unit = 1.0 if run.quantity == "acceleration" else run.force_amplitude_N or 1.0
-        omega = 2 * np.pi * run.frequency_hz[:, None]
-        seen = unit * np.abs(np.nan_to_num(run.H)) / omega ** DERIVATIVE_ORDER[run.quantity]
+        force = run.force_amplitude_N or 1.0
+        seen = force * np.abs(np.nan_to_num(run.H)) / np.abs(over_receptance(run))[:, None]
         for channel, size in zip(run.channels, seen.max(axis=0), strict=True):
             largest[channel.node] = max(largest.get(channel.node, 0.0), float(size))
     return largest
 
 
 def _by_distance(problem: Problem, hypothesis: Hypothesis, rest: _Rest, nu: FloatArray) -> list[_Start]:
-    """Points of the grid with their distance; of a rub, which few lines see, with their misfit."""
-    cost = _misfit if hypothesis.ids == ("rub",) else _distance
-    return [_Start(cost(problem, hypothesis, u, nu), hypothesis, u, nu) for u in _grid(hypothesis, rest)]
+    """Points of the grid with their distance; of a rub, which few lines see, with their robust misfit."""
+    far = (lambda fit: _loss(problem, fit)[0]) if hypothesis.ids == ("rub",) else partial(_distance, problem)
+    found = []
+    for u in _grid(hypothesis, rest):
+        try:
+            cost = far(_unfitted(problem, hypothesis, u, nu))
+        except (ValueError, np.linalg.LinAlgError):
+            cost = np.inf
+        found.append(_Start(cost, hypothesis, u, nu))
+    return found
 
 
 def _by_score(score: Score, nominal: Fit, hypothesis: Hypothesis, u: FloatArray) -> _Start:
@@ -359,14 +366,10 @@ def _axis(free: Free, n: int) -> FloatArray:
     return low + (high - low) * np.geomspace(_SMALL, 0.7, n)
 
 
-def _distance(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> float:
+def _distance(problem: Problem, fit: Fit) -> float:
     """Mean over all values of d^2 / (d^2 + h^2), d the distance relative to the larger of model and data."""
-    try:
-        made = problem.predict(_unfitted(problem, hypothesis, u, nu))
-    except (ValueError, np.linalg.LinAlgError):
-        return np.inf
     total = n = 0.0
-    for observed, H in zip(problem.observed, made, strict=True):
+    for observed, H in zip(problem.observed, problem.predict(fit), strict=True):
         y = np.where(observed.valid, observed.run.H, 0.0)
         a = np.abs(H) if observed.run.magnitude_only else H
         size = np.maximum(np.abs(y), np.abs(a))
@@ -375,14 +378,6 @@ def _distance(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: Float
         total += float(np.sum(np.where(used, d2 / (d2 + _HALF**2), 0.0)))
         n += float(used.sum())
     return total / max(n, 1.0)
-
-
-def _misfit(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> float:
-    """Robust misfit of a point."""
-    try:
-        return _loss(problem, _unfitted(problem, hypothesis, u, nu))[0]
-    except (ValueError, np.linalg.LinAlgError):
-        return np.inf
 
 
 def _unfitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> Fit:

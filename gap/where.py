@@ -18,9 +18,8 @@ from itertools import pairwise
 import numpy as np
 
 from gap.diagnosis import Band, JointStiffness, NodeShare, Regime, Where
-from gap.forward import Forward
+from gap.forward import Forward, over_receptance
 from gap.likelihood import Fit, Observed, Problem
-from rotor.measured import DERIVATIVE_ORDER
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Channel, Run
 
@@ -159,9 +158,7 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
     """dZ at the best node, and the law it resembles most."""
     _, number, node, g, explained = best
     run = problem.runs[number]
-    omega = 2 * np.pi * run.frequency_hz
-    force = (run.force_amplitude_N or 1.0) if run.quantity == "acceleration" else 1.0
-    power = force * (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
+    omega, scale = 2 * np.pi * run.frequency_hz, over_receptance(run)
     at_node = replace(
         run,
         channels=(Channel(node, run.excitation_plane),),
@@ -169,8 +166,8 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
         std=None,
         harmonics={},
     )
-    to_drive = problem.forward.modal(at_node, nominal.k_b).response()[:, 0] / power
-    own = problem.forward.modal(replace(at_node, excitation_node=node), nominal.k_b).response()[:, 0] / power
+    to_drive = problem.forward.modal(at_node, nominal.k_b).response()[:, 0] / scale
+    own = problem.forward.modal(replace(at_node, excitation_node=node), nominal.k_b).response()[:, 0] / scale
     Z = g / (to_drive - g * own)
     usable = np.isfinite(Z)
     return JointStiffness(

@@ -35,7 +35,7 @@ from gap.audit.one_run import (
 from gap.audit.pairs import check_pairs
 from gap.audit.phase import check_delay, check_sign, find_delays
 from gap.audit.prepared import Prepared, prepare
-from gap.audit.wild import check_wild_lines, without_wild_lines
+from gap.audit.wild import check_wild_lines, tamed, without_wild_lines
 from gap.diagnosis import Finding
 from sim.campaign import Campaign, NominalBelief
 
@@ -51,17 +51,19 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
     "warning" for data that may mislead, "error" for data that will
     """
     geometry = geometry_of(campaign.rig)
-    runs = prepare(without_wild_lines(campaign).runs)
+    as_measured = prepare(campaign.runs)
+    runs = tuple(tamed(p) for p in as_measured)
     with np.errstate(all="ignore"):
-        findings = [finding for p in prepare(campaign.runs) for finding in _as_it_is(p)]
+        findings = [f for p, left in zip(as_measured, runs, strict=True) for f in _as_measured(p, left)]
         findings += [finding for p in runs for finding in _one_run(p, campaign.nominal, geometry)]
         findings += check_pairs(runs, campaign.nominal)
         findings += check_coverage(campaign, runs, geometry)
     return tuple(findings)
 
 
-def _as_it_is(p: Prepared) -> Iterator[Finding]:
-    yield from check_wild_lines(p.run, p.label)
+def _as_measured(p: Prepared, left: Prepared) -> Iterator[Finding]:
+    """What is looked for in all lines of a run, and not only in those that are not wild."""
+    yield from check_wild_lines(p, left)
     if len(p.lines):
         yield from check_saturation(p)
 

@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from gap.curves import SILENT
@@ -103,6 +104,43 @@ def estimate_noise(run: Run) -> NoiseEstimate:
     return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n))
 
 
+@dataclass(frozen=True)
+class GivenErrors:
+    """Given standard errors beside the scatter of the lines."""
+
+    std: FloatArray  # (n_freq, n_channels) as given, or scaled to the scatter in the median where they differ much
+    roughness: float  # their own relative scatter from line to line; 0 where unknown
+    too_small: NDArray[np.bool_]  # (n_freq, n_channels) values that scatter by much more than that
+
+    @property
+    def rough(self) -> bool:
+        """Whether they scatter themselves, as those from few repeats do."""
+        return self.roughness > ROUGH_ERRORS
+
+    @property
+    def share(self) -> float:
+        """Share of the values whose errors are far too small."""
+        return float(np.mean(self.too_small))
+
+    @property
+    def uneven(self) -> bool:
+        """Whether the errors of more values are far too small than chance has it."""
+        return self.share > CONTRADICTED_SHARE
+
+
+def weigh_errors(given: FloatArray, own: FloatArray, H: np.ndarray) -> GivenErrors:
+    """Compare given standard errors with the scatter ``own``, all (n_freq, n_channels)."""
+    there = np.isfinite(own) & np.isfinite(given) & (given > 0) & (np.abs(H) > 0)
+    ratio = float(np.median(own[there] / given[there])) if there.any() else 1.0
+    low, high = _CREDIBLE
+    std = given if low < ratio < high else ratio * given
+    with np.errstate(all="ignore"):
+        steps = np.abs(np.diff(np.log(std / own), axis=0))
+    steps = steps[np.isfinite(steps)]
+    roughness = 1.4826 * float(np.median(steps)) / math.sqrt(2) if steps.size else 0.0
+    return GivenErrors(std, roughness, own > CONTRADICTED * std)
+
+
 def believed_errors(run: Run) -> FloatArray:
     """(n_freq, n_channels) standard errors to fit with: the given ones, as far as the lines' scatter bears them out.
 
@@ -113,28 +151,11 @@ def believed_errors(run: Run) -> FloatArray:
     own = estimate_noise(run).std
     if run.std is None:
         return own
-    given = scaled_errors(run.std, own, run.H)
-    low, high = own > CONTRADICTED * given, given > CONTRADICTED * own
-    if np.mean(low) <= CONTRADICTED_SHARE and roughness(given, own) <= ROUGH_ERRORS:
-        return given
-    throughout = np.mean(high) > CONTRADICTED_SHARE or roughness(given, own) > ROUGH_ERRORS
-    return np.where(np.isfinite(own) & (low | throughout), own, given)
-
-
-def scaled_errors(given: FloatArray, own: FloatArray, H: np.ndarray) -> FloatArray:
-    """Given standard errors, scaled to the scatter ``own`` in the median where they differ much; all of one shape."""
-    there = np.isfinite(own) & np.isfinite(given) & (given > 0) & (np.abs(H) > 0)
-    ratio = float(np.median(own[there] / given[there])) if there.any() else 1.0
-    low, high = _CREDIBLE
-    return given if low < ratio < high else ratio * given
-
-
-def roughness(given: FloatArray, own: FloatArray) -> float:
-    """Relative scatter from line to line of given errors (n_freq, n_channels) over smooth ones; 0 where unknown."""
-    with np.errstate(all="ignore"):
-        steps = np.abs(np.diff(np.log(given / own), axis=0))
-    steps = steps[np.isfinite(steps)]
-    return 1.4826 * float(np.median(steps)) / math.sqrt(2) if steps.size else 0.0
+    given = weigh_errors(run.std, own, run.H)
+    if not (given.rough or given.uneven):
+        return given.std
+    throughout = given.rough or np.mean(given.std > CONTRADICTED * own) > CONTRADICTED_SHARE
+    return np.where(np.isfinite(own) & (throughout | given.too_small), own, given.std)
 
 
 def live_channels(run: Run) -> np.ndarray:

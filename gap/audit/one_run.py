@@ -13,8 +13,7 @@ from gap.audit.noise import (
     ROUGH_ERRORS,
     mean_square,
     responses,
-    roughness,
-    scaled_errors,
+    weigh_errors,
 )
 from gap.audit.prepared import Prepared, Severity, listed
 from gap.audit.resonances import Resonance
@@ -212,16 +211,15 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
 
 def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:
     """Standard errors that are right on the whole and wrong at single values."""
-    own = p.noise.std[np.ix_(p.lines, p.live)]
-    scaled = scaled_errors(given, own, p.H)
-    rough, share = roughness(scaled, own), float(np.mean(own > CONTRADICTED * scaled))
-    if rough > ROUGH_ERRORS:
+    weighed = weigh_errors(given, p.noise.std[np.ix_(p.lines, p.live)], p.H)
+    rough, share = weighed.roughness, weighed.share
+    if weighed.rough:
         words = (
             f"The given standard errors themselves scatter by {100 * rough:.2g} % from line to line, as those from few "
             "repeats do; the scatter of the lines is taken instead. Average the errors over neighbouring lines."
         )
         yield p.finding("noise", "warning", words, rough, ROUGH_ERRORS)
-    elif share > CONTRADICTED_SHARE:
+    elif weighed.uneven:
         words = (
             f"{100 * share:.2g} % of the values scatter over {CONTRADICTED:g} times as much as their errors say; "
             "their scatter is taken instead. Give every line an error of its own."

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap.audit.noise import estimate_noise, responses
+from gap.audit.prepared import Prepared
 from gap.diagnosis import Finding
 from sim.campaign import Campaign, FloatArray, Run
 
@@ -43,14 +44,20 @@ def without_wild_lines(campaign: Campaign) -> Campaign:
     return replace(campaign, runs=tuple(_tamed(run) for run in campaign.runs))
 
 
-def check_wild_lines(run: Run, label: str) -> Iterator[Finding]:
-    """Say which lines are wild."""
-    wild = run.frequency_hz[wild_lines(run)]
+def tamed(p: Prepared) -> Prepared:
+    """A run without its wild lines; itself where there are none."""
+    run = _tamed(p.run)
+    return p if run is p.run else Prepared(run, p.label)
+
+
+def check_wild_lines(p: Prepared, left: Prepared) -> Iterator[Finding]:
+    """Say which lines of a run are wild: those that are not left."""
+    wild = np.setdiff1d(p.run.frequency_hz, left.run.frequency_hz)
     if len(wild):
         named = ", ".join(f"{f:.5g}" for f in wild[:5]) + (" and others" if len(wild) > 5 else "")
         many = "1 line does not go with its" if len(wild) == 1 else f"{len(wild)} lines do not go with their"
         words = f"{many} neighbours; left out: {named} Hz. Repeat what was measured there."
-        yield Finding("missing_lines", "warning", words, label, float(len(wild)), 0.0)
+        yield p.finding("missing_lines", "warning", words, float(len(wild)), 0.0)
 
 
 def _tamed(run: Run) -> Run:

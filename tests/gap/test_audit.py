@@ -184,13 +184,27 @@ def test_standard_errors_that_are_wrong_by_two_or_three_are_found(factor):
     assert found.value == pytest.approx(1 / factor, rel=WITHIN)
 
 
-def test_one_error_for_all_lines_of_a_channel_gives_way_to_the_scatter():
+def one_for_each_channel(std):
+    return np.broadcast_to(np.median(std, axis=0), std.shape)
+
+
+def from_repeats(repeats):
+    freedom = 2 * (repeats - 1)
+    return lambda std: std * np.sqrt(np.random.default_rng(1).chisquare(freedom, std.shape) / freedom)
+
+
+@pytest.mark.parametrize(
+    ("given_for", "said"),
+    [(one_for_each_channel, "of its own"), *((from_repeats(n), "few repeats") for n in (2, 4, 20))],
+    ids=["one for each channel", "2 repeats", "4 repeats", "20 repeats"],
+)
+def test_errors_that_are_wrong_from_line_to_line_give_way_to_the_scatter(given_for, said):
     run = measure(RIGID, noise=0.01)
     assert run.std is not None
-    odd = replace(run, std=np.broadcast_to(np.median(run.std, axis=0), run.std.shape))
+    odd = replace(run, std=given_for(run.std))
     (found,) = troubles(audit(in_campaign(odd)))
     assert found.check == "noise"
-    assert "of its own" in found.words
+    assert said in found.words
     assert_array_equal(believed_errors(odd), estimate_noise(run).std)
 
 
@@ -204,19 +218,6 @@ def test_errors_that_are_far_too_small_at_some_values_alone_give_way_there():
     taken = believed_errors(odd)
     assert (taken[~high] >= run.std[~high]).all()
     assert_array_equal(taken[high], estimate_noise(run).std[high])
-
-
-@pytest.mark.parametrize("repeats", [2, 4, 20])
-def test_errors_from_few_repeats_give_way_to_the_scatter(repeats):
-    run = measure(RIGID, noise=0.01)
-    assert run.std is not None
-    freedom = 2 * (repeats - 1)
-    luck = np.sqrt(np.random.default_rng(1).chisquare(freedom, run.std.shape) / freedom)
-    odd = replace(run, std=run.std * luck)
-    (found,) = troubles(audit(in_campaign(odd)))
-    assert found.check == "noise"
-    assert "few repeats" in found.words
-    assert_array_equal(believed_errors(odd), estimate_noise(run).std)
 
 
 def test_errors_that_the_scatter_bears_out_are_taken_as_they_are():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,8 @@ ROOT = Path(__file__).resolve().parent
 
 _HEADER = '''"""Printed by ``python build_laws.py`` from ``force_laws.py``; do not edit.
 
-Every function returns the force [N] and its derivatives by the law's variables. ``SCALAR`` takes
-floats; ``ARRAY``, for the laws without memory, numpy arrays of equal shape.
+Every function returns the force [N] and its derivatives: ``SCALAR``, for floats, by the law's variables; ``ARRAY``,
+for the laws without memory and numpy arrays of equal shape, by the displacement and by the corner's rounding.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ def force(law: ForceLaw) -> sympy.Expr:
     return sympy.parse_expr(law.force, local_dict=names)
 
 
-def force_and_derivatives(law: ForceLaw) -> list[sympy.Expr]:
-    """[F, dF/dv for every variable v]."""
+def force_and_derivatives(law: ForceLaw, variables: Sequence[str] | None = None) -> list[sympy.Expr]:
+    """[F, dF/dv for every variable v]; the law's own by default."""
     F = force(law)
-    return [F, *(sympy.diff(F, sympy.Symbol(v, real=True)) for v in law.variables)]
+    return [F, *(sympy.diff(F, sympy.Symbol(v, real=True)) for v in variables or law.variables)]
 
 
 def print_python() -> str:
@@ -61,7 +61,8 @@ def print_python() -> str:
     parts = [_HEADER]
     for kind, printer in (("scalar", PythonCodePrinter), ("array", NumPyPrinter)):
         doprint = printer({"fully_qualified_modules": True}).doprint
-        parts += [_python_function(law, f"_{law.name}_{kind}", doprint) for law in _laws(kind)]
+        variables = None if kind == "scalar" else ("x", "corner")
+        parts += [_python_function(law, f"_{law.name}_{kind}", doprint, variables) for law in _laws(kind)]
     for kind in ("scalar", "array"):
         entries = "".join(f'    "{law.name}": _{law.name}_{kind},\n' for law in _laws(kind))
         parts.append(f"{kind.upper()}: dict[str, Callable[..., tuple[Any, ...]]] = {{\n{entries}}}\n")
@@ -73,8 +74,8 @@ def _laws(kind: str) -> list[ForceLaw]:
     return [law for law in LAWS if kind == "scalar" or not law.memory]
 
 
-def _python_function(law: ForceLaw, name: str, doprint: Callable[..., Any]) -> str:
-    shared, results = _share(force_and_derivatives(law))
+def _python_function(law: ForceLaw, name: str, doprint: Callable[..., Any], variables: Sequence[str] | None) -> str:
+    shared, results = _share(force_and_derivatives(law, variables))
     body = [f"    {symbol} = {doprint(value)}" for symbol, value in shared]
     returned = ", ".join(doprint(value) for value in results)
     arguments = ", ".join(law.arguments)

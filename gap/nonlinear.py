@@ -63,7 +63,7 @@ class Resolution:
 
 
 # Rounding of the corners of laws with a gap, relative to the gap: more of it is a stiffness that is felt at rest.
-CORNER = 0.003
+CORNER = 1e-4
 
 ROUGH = Resolution(1, 64, 5)
 MIDDLE = Resolution(3, 128, 8)

@@ -3,7 +3,8 @@
 ``python build_laws.py`` prints every law's force and derivatives for floats and for arrays into
 ``printed_laws.py`` (and can print them in C); nothing is written twice by hand. A law gives what
 its joint pulls back with *beyond the linear stiffness that is in the model already*, as a function
-of the joint's displacement x [m]; all laws vanish at x = 0.
+of the joint's displacement x [m]. What it pulls with at rest is no part of that: whoever uses a law
+takes it away.
 
 ``pos(u)`` is max(u, 0) with its corner rounded over the length ``corner`` [m],
 (u + sqrt(u^2 + corner^2)) / 2. ``limited(u, a)`` is u kept within -a and a.
@@ -60,7 +61,7 @@ HERTZ = ForceLaw(
     in_place=True,
 )
 
-BILINEAR = ForceLaw("bilinear", "k*(ratio - 1)*(pos(x) - corner/2)", ("k", "ratio", "corner"))
+BILINEAR = ForceLaw("bilinear", "k*(ratio - 1)*pos(x)", ("k", "ratio", "corner"))
 
 CONTACT = ForceLaw("contact", "k*(pos(x - gap) - pos(-x - gap))", ("k", "gap", "corner"), radial=True)
 

@@ -24,7 +24,7 @@ from rotor.structure import ComplexArray, FloatArray
 
 # Length over which the corners of a law with a gap are rounded, relative to the gap; what it costs
 # is measured by benchmarks/effects/curves.py.
-CORNER = 0.02
+CORNER = 0.002
 
 # Samples of a period: smooth laws and those with memory, and laws with corners (see ``periodic_force``).
 SAMPLES, SAMPLES_OF_CORNERS = 256, 512

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ class LocalForce:
 
     The joint displacements are y = patterns[0] q and z = patterns[1] q. A radial law acts along
     their resultant, any other in each plane alone. ``offset`` is the joint's static displacement
-    in y, about which the rotor vibrates.
+    in y, about which the rotor vibrates; what the law pulls with there is no part of the force.
     """
 
     law: ForceLaw
@@ -30,50 +31,66 @@ class LocalForce:
 
     def with_corner(self, corner: float) -> LocalForce:
         """The same force with its corners rounded over another length [m]; a law without corners stays."""
-        if "corner" not in self.law.coefficients:
-            return self
-        place = self.law.coefficients.index("corner")
-        return replace(self, coefficients=(*self.coefficients[:place], corner, *self.coefficients[place + 1 :]))
+        return replace(self, coefficients=self._coefficients(corner))
 
     def coefficient(self, name: str) -> float:
         """Value of one of the law's coefficients. Raises ValueError when the law has no such."""
         return self.coefficients[self.law.coefficients.index(name)]
 
-    def along(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Force [N] and slope [N/m] of a law without memory for motion in y alone, or in z of a centred joint.
+    def along(self, x: FloatArray, corner: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Force [N] and slopes [N/m] of a law without memory for motion in y alone, or in z of a centred joint.
 
         Parameters
         ----------
         x : (N,) joint displacement [m]
-        """
-        law = ARRAY[self.law.name]
-        force, slope = law(x + self.offset, *self.coefficients)
-        return force - self._static, slope
+        corner : (N,) rounding [m] of each of them in place of the force's own
 
-    def across(self, y: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Forces and their Jacobian of a law without memory for motion in both planes.
+        Returns
+        -------
+        (N,) force and its derivatives by displacement and by rounding
+        """
+        force, slope, by_corner = ARRAY[self.law.name](x + self.offset, *self._coefficients(corner))
+        return force - self._static, slope, np.broadcast_to(by_corner, x.shape)
+
+    def across(
+        self, y: FloatArray, z: FloatArray, corner: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Forces and their derivatives, of a law without memory, for motion in both planes.
 
         Parameters
         ----------
         y, z : (N,) joint displacements [m]
+        corner : as for ``along``
 
         Returns
         -------
-        (2, N) forces [N] and (2, 2, N) derivatives [N/m]
+        (2, N) forces [N], (2, 2, N) derivatives by the displacements and (2, N) by the rounding [N/m]
         """
-        law = ARRAY[self.law.name]
         if not self.law.radial:
-            (force_y, slope_y), (force_z, slope_z) = self.along(y), law(z, *self.coefficients)
-            zero = np.zeros_like(force_y)
-            return np.array([force_y, force_z]), np.array([[slope_y, zero], [zero, slope_z]])
+            in_y, in_z = self.along(y, corner), self.centred.along(z, corner)
+            zero = np.zeros_like(y)
+            jacobian = np.array([[in_y[1], zero], [zero, in_z[1]]])
+            return np.array([in_y[0], in_z[0]]), jacobian, np.array([in_y[2], in_z[2]])
         r = np.maximum(np.hypot(y + self.offset, z), _NO_DISPLACEMENT)
-        force, slope = law(r, *self.coefficients)
+        force, slope, by_corner = ARRAY[self.law.name](r, *self._coefficients(corner))
         n, secant = np.array([(y + self.offset) / r, z / r]), force / r
         along = n[:, None] * n[None, :]
         forces = force * n - np.array([self._static, 0.0])[:, None]
-        return forces, slope * along + secant * (np.eye(2)[:, :, None] - along)
+        return forces, slope * along + secant * (np.eye(2)[:, :, None] - along), by_corner * n
+
+    @property
+    def centred(self) -> LocalForce:
+        """The same force without static displacement."""
+        return replace(self, offset=0.0)
+
+    def _coefficients(self, corner: Any) -> tuple[Any, ...]:
+        if corner is None:
+            return self.coefficients
+        return tuple(
+            corner if n == "corner" else v for n, v in zip(self.law.coefficients, self.coefficients, strict=True)
+        )
 
     @property
     def _static(self) -> float:
-        """Force in the static position, in y [N]."""
-        return SCALAR[self.law.name](self.offset, *self.coefficients)[0] if self.offset else 0.0
+        """What the law pulls with at rest, in y [N]."""
+        return float(SCALAR[self.law.name](self.offset, *self.coefficients)[0])

@@ -5,15 +5,18 @@ forces' harmonics are read off by a discrete Fourier transform [cameron1989]. Ev
 its slope, so the derivative of the harmonics is exact for the sampled force.
 
 A sharp corner that moves from one sample to the next makes the sampled slope jump, and near a lightly
-damped resonance such a jump is a fold that reality does not have. So corners are rounded over what
-a joint travels between samples: the rounding shrinks with their number.
+damped resonance such a jump is a fold that reality does not have. So at every sample corners are
+rounded over what the joint travels between its neighbours: the rounding shrinks with the number of
+samples, and where the joint turns round, as a shaft at a stator does, there is next to none. Through
+its rounding a force depends on the rate x' = dx/d(omega t), too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, cast
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +25,9 @@ from rotor.local_force import LocalForce
 from rotor.printed_laws import SCALAR
 from rotor.structure import ComplexArray, FloatArray
 
-# Rounding of a corner, relative to the way that the joint makes between two samples. Well below a half,
-# curves of lightly damped rotors break into small folds that closer sampling moves about.
-TRAVEL = 0.5
+# Rounding of a corner, relative to the way that the joint makes between two samples. With less, curves of lightly
+# damped rotors break into small folds that closer sampling moves about.
+TRAVEL = 0.35
 
 # Relative step into the complex plane that gives the derivative by the rounding: no difference is taken.
 _COMPLEX_STEP = 1e-20
@@ -43,32 +46,22 @@ class Memory:
 
 
 @dataclass(frozen=True)
-class Rounding:
-    """How a force depends on its rounding, and the rounding on the motion."""
-
-    slope: FloatArray  # (p, B, n_samples) derivative of the force by the rounding [N/m]
-    rate: FloatArray  # (B, n_unknowns, p) derivative of the rounding by the displacements in real form
-
-
-@dataclass(frozen=True)
 class SampledForce:
     """A local force over one period of each of B motions, at p of the joint coordinates."""
 
     coordinates: tuple[int, ...]  # (p,) which
     force: FloatArray  # (p, B, n_samples) [N]
     slope: FloatArray  # (p, p, B, n_samples) derivative by the displacements at the same instant [N/m]
+    slope_by_rate: FloatArray | None = None  # (p, p, B, n_samples) by the rates [N/m]; None: not rounded
     memory: Memory | None = None
-    rounding: Rounding | None = None
 
 
 @dataclass(frozen=True)
 class _Acting:
     """A local force in its place."""
 
-    force: LocalForce  # centred: without the offset
-    offset: float  # [m]
+    force: LocalForce
     coordinates: tuple[int, ...]
-    corner: float | None  # its own rounding [m]; None: a law without corners
 
 
 class PeriodicForces:
@@ -85,7 +78,7 @@ class PeriodicForces:
     plane : plane the rotor moves in, 1 = y or 2 = z; None: both
     harmonics : n_harmonics
     samples : samples of one period
-    corner : rounding of the corners of laws with a gap, relative to the gap; at least what ``TRAVEL`` says
+    corner : rounding of the corners of laws with a gap, relative to the gap, where the joint is at rest
     """
 
     def __init__(self, forces: Sequence[LocalForce], plane: int | None, harmonics: int, samples: int, corner: float):
@@ -94,29 +87,19 @@ class PeriodicForces:
         for force in forces:
             self._place(force, plane, corner)
         self.patterns = np.array(self._rows)  # (n_joints, n) displacement at each coordinate
-        k = np.arange(harmonics + 1)
-        phase = 2 * np.pi * np.outer(k, np.arange(samples)) / samples
         self.n_unknowns = 2 * harmonics + 1  # per coordinate: real parts, then imaginary parts but of the mean
-        self._synthesis = np.concatenate([np.cos(phase), -np.sin(phase[1:])])  # (n_unknowns, n_samples)
-        self._analysis = np.ascontiguousarray(np.exp(-1j * phase).T) * (2 / samples)  # (n_samples, K)
-        self._analysis[:, 0] /= 2
-        products = self._analysis[:, :, None] * self._synthesis.T[:, None, :]  # (n_samples, K, n_unknowns)
-        self._slope_analysis = np.ascontiguousarray(products).reshape(samples, -1).view(float)
-        self._travel = TRAVEL * 2 * np.pi / samples * np.concatenate([k, k[1:]])  # (n_unknowns,)
+        self._fourier = _fourier(harmonics, samples)
 
     def _place(self, force: LocalForce, plane: int | None, corner: float) -> None:
         """Put a force on its coordinates; what no free degree of freedom moves has no force."""
-        own = None
-        if "corner" in force.law.coefficients:
-            has_gap = "gap" in force.law.coefficients
-            own = corner * force.coefficient("gap") if has_gap else force.coefficient("corner")
-        centred = replace(force, offset=0.0)
+        if "gap" in force.law.coefficients:
+            force = force.with_corner(corner * force.coefficient("gap"))
         planes = (1, 2) if plane is None else (plane,)
         moved = [p for p in planes if force.patterns[p - 1].any()]
         together = [tuple(planes)] if force.law.radial and moved else [(p,) for p in moved]
         for group in together:
             coordinates = tuple(self._coordinate(force.patterns[p - 1]) for p in group)
-            self._acting.append(_Acting(centred, force.offset if 1 in group else 0.0, coordinates, own))
+            self._acting.append(_Acting(force if 1 in group else force.centred, coordinates))
 
     def _coordinate(self, pattern: FloatArray) -> int:
         for place, row in enumerate(self._rows):
@@ -133,21 +116,22 @@ class PeriodicForces:
         joints : (B, K, n_joints) peak phasors of the joint coordinates [m]
         derivatives : of laws with memory; without them those are zero
         """
-        u = real_form(joints)  # (B, n_unknowns, n_joints)
-        x = np.moveaxis(u, 2, 0) @ self._synthesis  # (n_joints, B, n_samples)
-        return [self._sample(acting, x[list(acting.coordinates)], u, derivatives) for acting in self._acting]
+        u = np.moveaxis(real_form(joints), 2, 0)  # (n_joints, B, n_unknowns)
+        return [self._sample(acting, u[list(acting.coordinates)], derivatives) for acting in self._acting]
 
-    def _sample(self, acting: _Acting, x: FloatArray, u: FloatArray, derivatives: bool) -> SampledForce:
+    def _sample(self, acting: _Acting, u: FloatArray, derivatives: bool) -> SampledForce:
+        x = u @ self._fourier.displacement  # (p, B, n_samples)
         if acting.force.law.memory:
             return _with_memory(acting, x[0], derivatives)
-        if acting.corner is None:
-            return SampledForce(acting.coordinates, *_evaluate(acting, x))
-        travel = self._travel[:, None] * u[:, :, list(acting.coordinates)]
-        corner = np.sqrt(acting.corner**2 + np.sum(travel**2, axis=(1, 2)))  # (B,)
-        step = _COMPLEX_STEP * corner
-        force, slope = _evaluate(acting, x, corner + 1j * step)
-        rounding = Rounding(force.imag / step[:, None], self._travel[:, None] * travel / corner[:, None, None])
-        return SampledForce(acting.coordinates, force.real, slope.real, rounding=rounding)
+        if "corner" not in acting.force.law.coefficients:
+            force, slope, _ = _evaluate(acting.force, x)
+            return SampledForce(acting.coordinates, force, slope)
+        rate = u @ self._fourier.rate
+        travel = TRAVEL * 2 * np.pi / x.shape[2]
+        own = acting.force.coefficient("corner")
+        corner = np.sqrt(own**2 + travel**2 * np.sum(rate**2, axis=0))  # (B, n_samples)
+        force, slope, by_corner = _evaluate(acting.force, x, corner)
+        return SampledForce(acting.coordinates, force, slope, by_corner[:, None] * (travel**2 * rate / corner))
 
     def __call__(self, joints: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Harmonics of the forces and their derivative.
@@ -165,7 +149,7 @@ class PeriodicForces:
         N, DN = np.zeros((B, K, n), dtype=complex), np.zeros((B, K, n, self.n_unknowns, n), dtype=complex)
         for sample in self.sampled(joints):
             for a, row in enumerate(sample.coordinates):
-                N[:, :, row] += sample.force[a] @ self._analysis
+                N[:, :, row] += sample.force[a] @ self._fourier.analysis
                 for b, column in enumerate(sample.coordinates):
                     DN[:, :, row, :, column] += self._derivative(sample, a, b)
         return N, DN
@@ -175,21 +159,63 @@ class PeriodicForces:
         N = np.zeros(joints.shape, dtype=complex)
         for sample in self.sampled(joints, derivatives=False):
             for a, row in enumerate(sample.coordinates):
-                N[:, :, row] += sample.force[a] @ self._analysis
+                N[:, :, row] += sample.force[a] @ self._fourier.analysis
         return N
 
     def _derivative(self, sample: SampledForce, a: int, b: int) -> ComplexArray:
         """(B, K, n_unknowns) derivative of the harmonics of one force by those of one coordinate."""
         if sample.memory is not None:
-            chain = _chain(sample.memory, self._synthesis.T)
-            parts = self._analysis.view(float).T @ chain.reshape(len(chain), -1)  # (2 K, B n_unknowns)
+            chain = _chain(sample.memory, self._fourier.displacement.T)
+            parts = self._fourier.analysis.view(float).T @ chain.reshape(len(chain), -1)  # (2 K, B n_unknowns)
             D = np.moveaxis(parts.reshape(-1, *chain.shape[1:]), 0, 2)
             return np.moveaxis(np.ascontiguousarray(D).view(complex), 2, 1)
-        slope = sample.slope[a, b]
-        D = (slope @ self._slope_analysis).view(complex).reshape(len(slope), -1, self.n_unknowns)
-        if sample.rounding is not None:
-            D += (sample.rounding.slope[a] @ self._analysis)[:, :, None] * sample.rounding.rate[:, None, :, b]
+        by_rate = None if sample.slope_by_rate is None else sample.slope_by_rate[a, b]
+        return self._fourier.derivative(sample.slope[a, b], by_rate)
+
+
+@dataclass(frozen=True)
+class _Fourier:
+    """Between the harmonics 0 ... K - 1 of a real period, in ``real_form``, and its samples."""
+
+    displacement: FloatArray  # (n_unknowns, n_samples) x by unknown
+    rate: FloatArray  # (n_unknowns, n_samples) x' by unknown
+    analysis: ComplexArray  # (n_samples, K)
+
+    def derivative(self, slope: FloatArray, by_rate: FloatArray | None) -> ComplexArray:
+        """(B, K, n_unknowns) derivative of a force's harmonics by those of a displacement.
+
+        A force with the slopes s by x and r by x' answers to Re(X_j e^{i j theta}) with s cos - r j sin, to its
+        imaginary part with -s sin - r j cos. With S_m and R_m the spectra of s and r,
+
+            P = S_{k-j} + i j R_{k-j},  Q = S_{k+j} - i j R_{k+j},
+            dN_k/dRe X_j = (P + Q)/2,  dN_k/dIm X_j = i (P - Q)/2.
+
+        Parameters
+        ----------
+        slope, by_rate : (B, n_samples) s and r [N/m]
+        """
+        n_samples, K = self.analysis.shape
+        j = np.arange(K)
+        apart, together = (j[:, None] - j) % n_samples, (j[:, None] + j) % n_samples
+        S = np.fft.fft(slope)
+        P, Q = S[:, apart], S[:, together]
+        if by_rate is not None:
+            R = 1j * np.fft.fft(by_rate)
+            P, Q = P + j * R[:, apart], Q - j * R[:, together]
+        D = np.concatenate([P + Q, 1j * (P - Q)[:, :, 1:]], axis=2) / n_samples
+        D[:, 0] /= 2
         return D
+
+
+@lru_cache(maxsize=16)
+def _fourier(harmonics: int, n_samples: int) -> _Fourier:
+    k = np.arange(harmonics + 1.0)
+    turn: ComplexArray = np.exp(2j * np.pi * np.outer(k, np.arange(n_samples)) / n_samples)  # (K, n_samples)
+    displacement = np.concatenate([turn.real, -turn.imag[1:]])
+    rate = np.concatenate([-k[:, None] * turn.imag, -k[1:, None] * turn.real[1:]])
+    analysis = np.ascontiguousarray(turn.conj().T) * (2 / n_samples)
+    analysis[:, 0] /= 2
+    return _Fourier(displacement, rate, analysis)
 
 
 def real_form(phasors: ComplexArray) -> FloatArray:
@@ -205,34 +231,24 @@ def complex_form(unknowns: FloatArray) -> ComplexArray:
     return phasors
 
 
-def _evaluate(acting: _Acting, x: FloatArray, corner: ComplexArray | None = None) -> tuple[Any, Any]:
-    """Force beyond that in the static position, and slope, of a law without memory.
+def _evaluate(
+    force: LocalForce, x: FloatArray, corner: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A law without memory.
 
     Parameters
     ----------
     x : (p, B, n_samples) [m]
-    corner : (B,) rounding [m], one for each motion
+    corner : (B, n_samples) rounding [m] in place of the force's own
 
     Returns
     -------
-    (p, B, n_samples) and (p, p, B, n_samples)
+    (p, B, n_samples) force, (p, p, B, n_samples) derivatives by the displacements, (p, B, n_samples) by the rounding
     """
     p, B, n_samples = x.shape
-    force = acting.force
-
-    def law(q: FloatArray, repeats: int) -> tuple[Any, Any]:
-        rounded = force if corner is None else force.with_corner(cast("float", np.repeat(corner, repeats)))
-        if p == 2:
-            return rounded.across(q[0], q[1])
-        f, slope = rounded.along(q[0])
-        return f[None], slope[None, None]
-
-    static = np.array([[acting.offset], [0.0]])[:p]
-    f, slope = law(x.reshape(p, -1) + static, n_samples)
-    f = f.reshape(x.shape)
-    if acting.offset:
-        f = f - law(np.repeat(static, B, axis=1), 1)[0][:, :, None]
-    return f, slope.reshape(p, p, B, n_samples)
+    q, rounding = x.reshape(p, -1), None if corner is None else corner.ravel()
+    f, slope, by_corner = force.across(q[0], q[1], rounding) if p == 2 else force.along(q[0], rounding)
+    return f.reshape(x.shape), slope.reshape(p, p, B, n_samples), by_corner.reshape(x.shape)
 
 
 def _with_memory(acting: _Acting, x: FloatArray, derivatives: bool) -> SampledForce:

@@ -1,7 +1,7 @@
 """Printed by ``python build_laws.py`` from ``force_laws.py``; do not edit.
 
-Every function returns the force [N] and its derivatives by the law's variables. ``SCALAR`` takes
-floats; ``ARRAY``, for the laws without memory, numpy arrays of equal shape.
+Every function returns the force [N] and its derivatives: ``SCALAR``, for floats, by the law's variables; ``ARRAY``,
+for the laws without memory and numpy arrays of equal shape, by the displacement and by the corner's rounding.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _hertz_scalar(x, k, d0, corner):
 def _bilinear_scalar(x, k, ratio, corner):
     x0 = math.sqrt(corner**2 + x**2)
     x1 = (1/2)*k*(ratio - 1)
-    return x1*(-corner + x + x0), x1*(x/x0 + 1)
+    return x1*(x + x0), x1*(x/x0 + 1)
 
 def _contact_scalar(x, k, gap, corner):
     x0 = corner**2
@@ -56,7 +56,7 @@ def _jenkins_scalar(x, x_before, force_before, k, limit):
     return ((limit) if x1 else (-limit) if x2 else (x0)), ((0) if x3 else (k)), ((0) if x3 else (-k)), ((0) if x3 else (1))
 
 def _cubic_array(x, k3):
-    return k3*x**3, 3*k3*x**2
+    return k3*x**3, 3*k3*x**2, 0
 
 def _clearance_array(x, k, gap, corner):
     x0 = corner**2
@@ -65,7 +65,9 @@ def _clearance_array(x, k, gap, corner):
     x3 = gap + x
     x4 = numpy.sqrt(x0 + x3**2)
     x5 = (1/2)*k
-    return x5*(x2 - x4), -x5*(x1/x2 + x3/x4)
+    x6 = x4**(-1.0)
+    x7 = x2**(-1.0)
+    return x5*(x2 - x4), -x5*(x1*x7 + x3*x6), -corner*x5*(x6 - x7)
 
 def _hertz_array(x, k, d0, corner):
     x0 = corner**2
@@ -76,12 +78,18 @@ def _hertz_array(x, k, d0, corner):
     x5 = numpy.sqrt(x0 + x4**2)
     x6 = x4 + x5
     x7 = numpy.sqrt(2)/numpy.sqrt(d0)
-    return -k*(x + (1/12)*x7*(-x3**(3/2) + x6**(3/2))), -k*((1/8)*x7*(-numpy.sqrt(x3)*(x1/x2 + 1) + numpy.sqrt(x6)*(-x4/x5 - 1)) + 1)
+    x8 = numpy.sqrt(x3)
+    x9 = x2**(-1.0)
+    x10 = numpy.sqrt(x6)
+    x11 = x5**(-1.0)
+    x12 = (1/8)*x7
+    return -k*(x + (1/12)*x7*(-x3**(3/2) + x6**(3/2))), -k*(x12*(x10*(-x11*x4 - 1) - x8*(x1*x9 + 1)) + 1), corner*k*x12*(-x10*x11 + x8*x9)
 
 def _bilinear_array(x, k, ratio, corner):
     x0 = numpy.sqrt(corner**2 + x**2)
     x1 = (1/2)*k*(ratio - 1)
-    return x1*(-corner + x + x0), x1*(x/x0 + 1)
+    x2 = x0**(-1.0)
+    return x1*(x + x0), x1*(x*x2 + 1), corner*x1*x2
 
 def _contact_array(x, k, gap, corner):
     x0 = corner**2
@@ -89,7 +97,9 @@ def _contact_array(x, k, gap, corner):
     x2 = numpy.sqrt(x0 + x1**2)
     x3 = gap - x
     x4 = numpy.sqrt(x0 + x3**2)
-    return k*(x - 1/2*x2 + (1/2)*x4), -k*((1/2)*x1/x2 + (1/2)*x3/x4 - 1)
+    x5 = x2**(-1.0)
+    x6 = x4**(-1.0)
+    return k*(x - 1/2*x2 + (1/2)*x4), -k*((1/2)*x1*x5 + (1/2)*x3*x6 - 1), -1/2*corner*k*(x5 - x6)
 
 SCALAR: dict[str, Callable[..., tuple[Any, ...]]] = {
     "cubic": _cubic_scalar,

@@ -108,9 +108,12 @@ NEARLY_LINEAR = 1e-5
 # Energy of a resonance, a small difference of what is stored; eigenvectors' round-off over the damping.
 ENERGY = 1e-6
 
-# A corner rounded over half the way between two samples: what folds back is e^-pi of the force's step of
-# slope, over the 512 samples squared, times some hundred of stored over fed energy.
-SAMPLED_CORNERS = 1e-4
+# A corner is rounded by the joint's rate, which differs between way and way back: work of second order in the
+# interval, for 512 samples some 1e-6 of what is stored, times some hundred of stored over fed energy.
+SAMPLED_CORNERS = 1e-3
+
+# A stator that is touched in passing, by 512 samples of a period; a twentieth of the noise of a good test.
+TOUCHED = 5e-4
 
 # A fold, where the frequency changes with the square of the arc length: 1e-4 of a step in slope, squared,
 # beside what the curve's start contributes.

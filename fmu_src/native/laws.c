@@ -49,7 +49,7 @@ static double bilinear(double x, double k, double ratio, double corner, double *
     const double x0 = sqrt(pow(corner, 2) + pow(x, 2));
     const double x1 = (1.0/2.0)*k*(ratio - 1);
     derivatives[0] = x1*(x/x0 + 1);
-    return x1*(-corner + x + x0);
+    return x1*(x + x0);
 }
 
 static double contact(double x, double k, double gap, double corner, double *derivatives)

@@ -17,7 +17,8 @@ from gap.blind.rig import FloatArray
 
 # coefficients u (nc,), Gamma (N, nc), dGamma/d(omega t), omega -> force (N,), slope by the coefficients (N, nc)
 Law = Callable[[FloatArray, FloatArray, FloatArray, float], tuple[FloatArray, FloatArray]]
-ROUNDING = 0.003  # corners, over the gap or over the largest displacement
+ROUNDING = 0.003  # corners, over the largest displacement
+DEPTH = 1e-4  # the same of a contact, over the gap: a hard stator is entered by hardly more than a thousandth of it
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def hertz(effect: Effect, stiffness: float) -> Law:
 
 def dead_band(gap: float, stiffness: float, linear: float, power: float = 1.0) -> Law:
     """stiffness ((x - g)_+ - (-x - g)_+) - linear x; with a power, contact hardens as (depth/g)^(power - 1)."""
-    rounding = ROUNDING * gap
+    rounding = DEPTH * gap
 
     def force(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         (a, da), (b, db) = depth(x - gap, rounding), depth(-x - gap, rounding)

@@ -24,7 +24,7 @@ from gap.blind.response import N_DRIFTING, chain_factor
 from gap.blind.rig import ComplexArray, FloatArray, Rig
 
 HARMONICS = 11
-SAMPLES = 512
+SAMPLES = 1024
 FAR = 0.25  # relative change of the motion from one line to the next that counts as another branch
 SMALLEST_STEP = 2e-3  # Hz
 STATIC_HZ = 2000.0  # modes above follow a disturbance at once

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from rotor.condition import Condition
-from rotor.force_laws import BILINEAR, CLEARANCE, CUBIC, HERTZ, JENKINS, ForceLaw
+from rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, ForceLaw
 from rotor.harmonic_balance import Balance, Motions
 from rotor.local_force import LocalForce
 from rotor.model import RotorModel
@@ -61,6 +61,10 @@ def cubic(k3: float) -> tuple[ForceLaw, tuple[float, ...]]:
 
 def clearance(gap: float, corner: float = 1e-9) -> tuple[ForceLaw, tuple[float, ...]]:
     return CLEARANCE, (STIFFNESS, gap, corner)
+
+
+def contact(ratio: float, gap: float) -> tuple[ForceLaw, tuple[float, ...]]:
+    return CONTACT, (ratio * STIFFNESS, gap, 1e-6 * gap)
 
 
 def bilinear(ratio: float, corner: float = 1e-12) -> tuple[ForceLaw, tuple[float, ...]]:

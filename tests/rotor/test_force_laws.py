@@ -97,7 +97,7 @@ def test_every_law_is_printed_for_floats_and_every_law_without_memory_for_arrays
 def test_floats_and_arrays_give_the_same(law, data):
     x, coefficients = data.draw(cases(law))
     points = np.array([x, -x, 0.0, x / 3])
-    force, slope = ARRAY[law.name](points, *coefficients)
+    force, slope, _ = ARRAY[law.name](points, *coefficients)
     single = np.array([SCALAR[law.name](float(p), *coefficients) for p in points])
     size = scale(law, x, coefficients)
     assert_allclose(force, single[:, 0], rtol=LAW_ROUND_OFF, atol=LAW_ROUND_OFF * size)
@@ -119,6 +119,10 @@ def test_the_slope_is_the_derivative_of_the_force(law, data):
     corner = coefficient(law, coefficients, "corner") if "corner" in law.coefficients else length
     tolerance = LAW_ROUND_OFF * (1 + length / corner) * scale(law, max(abs(x), length), coefficients) / length
     assert_allclose(by_step, slope, rtol=LAW_ROUND_OFF, atol=tolerance)
+    *_, by_corner = ARRAY[law.name](np.array([x]), *coefficients)
+    moved = [value + 1j * step if name == "corner" else value for name, value in zip(law.coefficients, coefficients, strict=True)]
+    by_step = np.imag(ARRAY[law.name](np.array([x]), *moved)[0]) / step
+    assert_allclose(np.broadcast_to(by_corner, 1), by_step, rtol=LAW_ROUND_OFF, atol=tolerance)
 
 
 @few
@@ -146,9 +150,14 @@ def test_a_jenkins_elements_derivatives_are_its_difference_quotients(k, limit, s
 @each_law
 @few
 @given(data=st.data())
-def test_a_law_vanishes_where_its_joint_is_at_rest(law, data):
+def test_at_rest_a_law_pulls_with_no_more_than_its_rounding(law, data):
     x, coefficients = data.draw(cases(law))
-    assert abs(SCALAR[law.name](0.0, *coefficients)[0]) <= LAW_ROUND_OFF * scale(law, x, coefficients)
+    rounding = 0.0
+    if law is BILINEAR:
+        k, ratio, corner = coefficients
+        rounding = k * abs(ratio - 1) * corner / 2
+    at_rest = abs(SCALAR[law.name](0.0, *coefficients)[0])
+    assert at_rest <= (1 + LAW_ROUND_OFF) * rounding + LAW_ROUND_OFF * scale(law, x, coefficients)
 
 
 @pytest.mark.parametrize("law", [CUBIC, CLEARANCE, HERTZ, CONTACT], ids=lambda law: law.name)
@@ -167,7 +176,7 @@ def test_only_odd_laws_are_radial():
     x = np.linspace(-3e-5, 3e-5, 7)
     for law in (law for law in WITHOUT_MEMORY if law.radial):
         coefficients = {"k": 1e6, "k3": 1e15, "gap": 1e-5, "corner": 1e-8}
-        force, _ = ARRAY[law.name](x, *(coefficients[name] for name in law.coefficients))
+        force, *_ = ARRAY[law.name](x, *(coefficients[name] for name in law.coefficients))
         assert_allclose(force, -force[::-1], rtol=0, atol=LAW_ROUND_OFF * np.abs(force).max())
 
 
@@ -357,10 +366,22 @@ def at_a_joint(law: ForceLaw, offset: float = 0.0) -> LocalForce:
 @pytest.mark.parametrize("offset", [0.0, 1.4e-5])
 def test_the_jacobian_in_both_planes_is_that_of_the_forces(law, offset):
     force, (y, z), h = at_a_joint(law, offset), np.array([[1.1e-5, -2e-5, 3e-6], [0.7e-5, 1.9e-5, -2e-5]]), 1e-10
-    _, jacobian = force.across(y, z)
+    _, jacobian, _ = force.across(y, z)
     for place, (dy, dz) in enumerate(((h, 0.0), (0.0, h))):
         quotient = (force.across(y + dy, z + dz)[0] - force.across(y - dy, z - dz)[0]) / (2 * h)
         assert_allclose(jacobian[:, place], quotient, rtol=0, atol=1e-5 * np.abs(jacobian).max())
+
+
+@pytest.mark.parametrize(
+    "law", [law for law in WITHOUT_MEMORY if "corner" in law.coefficients], ids=lambda law: law.name
+)
+@pytest.mark.parametrize("offset", [0.0, 1.4e-5])
+def test_forces_in_both_planes_answer_to_the_rounding_of_their_corners(law, offset):
+    force, (y, z) = at_a_joint(law, offset), np.array([[1.1e-5, -2e-5, 3e-6], [0.7e-5, 1.9e-5, -2e-5]])
+    corner, h = np.full(3, 1e-6), 1e-10
+    *_, by_corner = force.across(y, z, corner)
+    quotient = (force.across(y, z, corner + h)[0] - force.across(y, z, corner - h)[0]) / (2 * h)
+    assert_allclose(by_corner, quotient, rtol=0, atol=1e-5 * np.abs(by_corner).max())
 
 
 @pytest.mark.parametrize("law", RADIAL, ids=lambda law: law.name)
@@ -368,7 +389,7 @@ def test_the_jacobian_in_both_planes_is_that_of_the_forces(law, offset):
 @few
 def test_a_radial_law_pulls_back_along_the_displacement_whatever_its_direction(law, angle, size):
     force, r = at_a_joint(law), size * 1e-5
-    forces, jacobian = force.across(np.array([r * np.cos(angle)]), np.array([r * np.sin(angle)]))
+    forces, jacobian, _ = force.across(np.array([r * np.cos(angle)]), np.array([r * np.sin(angle)]))
     expected = force.along(np.array([r]))[0][0]
     scale_ = np.abs(expected) + 2e6 * r
     assert_allclose(forces[:, 0], expected * np.array([np.cos(angle), np.sin(angle)]), rtol=0, atol=1e-12 * scale_)

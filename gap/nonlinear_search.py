@@ -14,11 +14,12 @@ from functools import partial
 
 import numpy as np
 
-from gap.forward import over_receptance
+from gap.forward import Forward, over_receptance
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import Fit, Observed, Problem, Score
 from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH, NonlinearModal, Resolution
 from gap.search import Progress, Search, best_first, recalibrate
+from rotor.measured import measured_response
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
@@ -31,13 +32,15 @@ _ROUGH_ERROR, _MIDDLE_ERROR = 0.05, 0.01
 _POINTS = {
     "bearing_cubic": (14,),
     "bearing_hertz": (10,),
-    "bearing_clearance": (7, 6),
     "bearing_friction": (10, 5),
 }
 
-# Of a rub, points along its stiffness; and gaps, as shares of its node's largest motion, which goes little beyond them,
-# or so many along the range where that is not measured.
-_STIFFNESSES, _SHARES, _GAPS = 5, (0.97, 0.85, 0.7, 0.5, 0.3), 7
+# Of a rub, points along its stiffness; and gaps, as shares of its node's largest motion, which goes little beyond them.
+_STIFFNESSES, _SHARES = 5, (0.97, 0.85, 0.7, 0.5, 0.3)
+
+# Of clearance, points along the gap; and preloads, as shares of the largest force of the bearings: more than that keeps
+# the contact closed.
+_GAPS, _LOADED = 7, (0.95, 0.75, 0.55, 0.35, 0.2, 0.1, 0.02)
 
 # Of an even range the grid takes this share of it as the smallest point.
 _SMALL = 0.01
@@ -74,6 +77,9 @@ _FIRST, _THEN = (0.3,), (0.1,)
 _LEFT, _FINALISTS = 4, 3
 _ROUGHLY, _WITHIN = 3.0, 1.5
 
+# Share of the linear rotor's misfit that the best of these leaves at most.
+_GAINED = 0.7
+
 # A misfit by so much above the best one's is not fitted further.
 _CLEAR = 400.0
 
@@ -99,20 +105,20 @@ def search_nonlinear(
 
     Returns
     -------
-    the problem with the model error of a truncated motion, and the search on it
+    the problem with the model error of a truncated motion, and the search on it: candidates that explain more than the
+    nominal model does where that, too, counts a line far from the data by the logarithm of its misfit
     """
     forward = problem.forward
     calm, nu = _calm(problem)
-    rest = _Rest(calm, recalibrate(_at_level(problem, max)).k_b, _measured_motion(problem))
+    rest = _Rest(calm, recalibrate(_at_level(problem, max)).k_b, _seen_motion(problem, calm.k_b), _held(forward))
     every = _thinned(problem, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
+    linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
     uneven = [hypothesis for hypothesis in hypotheses if hypothesis.ids == ("bilinear_support",)]
     others = [hypothesis for hypothesis in hypotheses if hypothesis not in uneven]
-    if nominal.chi2 < NEAR * nominal.n_data:
-        left = _near(problem, others, rest, nominal, tell)
-    else:
-        left = _far(problem, others, rest, nu, tell)
+    left = [] if nominal.chi2 < NEAR * nominal.n_data else _far(problem, others, rest, linear, nu, tell)
+    left = left or _near(problem, others, rest, nominal, tell)
     tell("bilinear_support")
     left = [start for start in left if start.cost < _WITHIN * left[0].cost]
     left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
@@ -122,6 +128,7 @@ def search_nonlinear(
     fits = sorted((fit for fit in first if fit is not None), key=lambda fit: fit.cost)[:_FINALISTS]
     again = [robust_fit(every, fit.hypothesis, fit.u, fit.nu) for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [fit for fit in again if fit is not None] + fits[len(again) :]
+    fits = [fit for fit in fits if fit.log_evidence() > linear.log_evidence()]
     return every, Search(nominal, tuple(best_first(fits)))
 
 
@@ -131,7 +138,13 @@ class _Rest:
 
     calm: Fit
     loud: float  # bearing stiffness [N/m]
-    motion: dict[int, float]  # largest displacement of each node that has a sensor [m]
+    motion: FloatArray  # (n_nodes,) largest displacements [m]
+    held: list[int]  # nodes of the bearings
+
+    @property
+    def force(self) -> float:
+        """Largest force of a bearing as soft as the lowest level's [N]."""
+        return self.calm.k_b * float(self.motion[np.array(self.held) - 1].max())
 
 
 class _Teller:
@@ -147,9 +160,13 @@ class _Teller:
 
 
 def _far(
-    problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nu: FloatArray, tell: _Teller
+    problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, linear: Fit, nu: FloatArray, tell: _Teller
 ) -> list[_Start]:
-    """Where the gap is plain: a grid over all numbers by relative distance, then descents; best first."""
+    """Where the gap is plain: a grid over all numbers by relative distance, then descents; best first.
+
+    None where the best explains hardly more than the linear rotor does: few lines hold the gap then, and errors as
+    large as these descents begin with hide it.
+    """
     problem.forward.resolution, calm = ROUGH, rest.calm
     few = _thinned(problem, _GRID_LINES, calm.k_b, _ROUGH_ERROR)
     grid: dict[str, list[_Start]] = {}
@@ -161,6 +178,8 @@ def _far(
     problem.forward.resolution = MIDDLE
     some = _thinned(problem, _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     left = _descend(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost], _THEN)
+    if not left or left[0].cost > _GAINED * _loss(some, linear)[0]:
+        return []
     return _best_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), _THEN)])[:_LEFT]
 
 
@@ -244,14 +263,25 @@ def _largest_motion(problem: Problem, start: _Start) -> FloatArray:
     return np.maximum(motion[own.argmax()] / own.max(), _LEAST_MOTION)
 
 
-def _measured_motion(problem: Problem) -> dict[int, float]:
-    """The largest displacement of every node with a sensor, in all runs [m]."""
-    largest: dict[int, float] = {}
+def _held(forward: Forward) -> list[int]:
+    return sorted(set(range(1, forward.structure.n_nodes + 1)) - set(forward.structure.free_nodes))
+
+
+def _seen_motion(problem: Problem, k_b: float) -> FloatArray:
+    """(n_nodes,) the largest displacement of every node in all runs [m].
+
+    Of a node without a sensor, by the sensor that the nominal rotor says moves most at that line, and the shape it
+    says the rotor has.
+    """
+    forward, largest = problem.forward, np.zeros(problem.forward.structure.n_nodes)
     for run in problem.runs:
-        force = run.force_amplitude_N or 1.0
-        seen = force * np.abs(np.nan_to_num(run.H)) / np.abs(over_receptance(run))[:, None]
-        for channel, size in zip(run.channels, seen.max(axis=0), strict=True):
-            largest[channel.node] = max(largest.get(channel.node, 0.0), float(size))
+        seen = (run.force_amplitude_N or 1.0) * np.abs(np.nan_to_num(run.H)) / np.abs(over_receptance(run))[:, None]
+        shape = np.abs(measured_response(forward.structure, forward.condition(run, k_b), (), run.frequency_hz))
+        nodes = np.array([channel.node for channel in run.channels]) - 1
+        best, lines = shape[:, nodes].argmax(axis=1), np.arange(len(shape))
+        motion = shape * (seen[lines, best] / shape[lines, nodes[best]])[:, None]
+        motion[:, nodes] = seen
+        largest = np.maximum(largest, motion.max(axis=0))
     return largest
 
 
@@ -353,9 +383,12 @@ def _axes(hypothesis: Hypothesis, rest: _Rest) -> list[FloatArray]:
     """Points along each number's coordinate."""
     if hypothesis.ids == ("rub",):
         stiffness, gap = hypothesis.free
-        seen = rest.motion.get(_node(hypothesis), 0.0)
-        gaps = np.log(np.clip(np.array(_SHARES) * seen, gap.low, gap.high)) if seen else _axis(gap, _GAPS)
-        return [_axis(stiffness, _STIFFNESSES), np.unique(gaps)]
+        gaps = np.array(_SHARES) * rest.motion[_node(hypothesis) - 1]
+        return [_axis(stiffness, _STIFFNESSES), np.unique(np.log(np.clip(gaps, gap.low, gap.high)))]
+    if hypothesis.ids == ("bearing_clearance",):
+        gap, preload = hypothesis.free
+        preloads = np.clip(np.array(_LOADED) * rest.force, preload.low, preload.high)
+        return [_axis(gap, _GAPS), np.unique(preloads)]
     return [_axis(free, n) for free, n in zip(hypothesis.free, _POINTS[hypothesis.ids[0]], strict=True)]
 
 

@@ -19,8 +19,8 @@ from gap.nonlinear_search import (
     _elsewhere,
     _grid,
     _loss,
-    _measured_motion,
     _Rest,
+    _seen_motion,
     _Start,
     _thinned,
     _uneven,
@@ -31,7 +31,7 @@ from gap.nonlinear_search import (
 from gap.predict import predict
 from gap.search import recalibrate
 from gap.transfer import transfer_interval
-from rotor.effects import BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
+from rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
 from rotor.effects.effect import Effect
 from rotor.harmonic_balance import Balance
 from rotor.model import build_model
@@ -53,6 +53,7 @@ from tests.gap.conftest import (
 )
 
 CUBIC = BearingCubic(stiffness=1e15)
+OPENING = BearingClearance(gap=2e-6, preload=1.0)
 LEVELS = (0.05, 0.2, 0.8)
 
 
@@ -144,13 +145,41 @@ def test_a_hard_rub_shows_where_the_motion_of_its_node_ends():
     problem = problem_of(runs)
     problem.forward.resolution = ROUGH
     few, nu = _thinned(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
-    motion = _measured_motion(problem)
-    assert rub.gap < motion[5] < 1.5 * rub.gap
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion)
+    motion = _seen_motion(problem, K_B)
+    assert rub.gap < motion[4] < 1.5 * rub.gap
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion, [1, 7])
     places = candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True)
     points = sorted((p for place in places for p in _by_distance(few, place, rest, nu)), key=lambda p: p.cost)
     assert str(points[0].hypothesis) == "rub node 5"
     assert points[0].cost < 0.6 * _loss(few, _unfitted(few, NOMINAL, np.log([rest.calm.k_b]), nu))[0]
+
+
+def test_a_node_without_a_sensor_moves_as_the_rotor_is_bent(hardening):
+    every = _seen_motion(problem_of(hardening), K_B)
+    one = [replace(r, channels=r.channels[1:2], H=r.H[:, 1:2], std=r.std[:, 1:2]) for r in hardening]
+    by_one = _seen_motion(problem_of(one), K_B)
+    assert [channel.node for channel in one[0].channels] == [2]
+    assert every[0] > 0
+    np.testing.assert_allclose(by_one, every, rtol=0.2)
+
+
+def test_where_levels_do_not_differ_no_law_is_kept():
+    """At the end of its range where it does nothing, a law explains as much as none, and must not be named."""
+    runs = runs_of(BearingCubic(stiffness=1.0))
+    _, found = search_nonlinear(problem_of(runs), candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True))
+    assert found.fits == ()
+
+
+def test_a_contact_that_opens_on_few_lines_is_found():
+    """The nominal misfit is large by these lines alone, and descents that begin with large errors do not see them."""
+    runs = runs_of(OPENING)
+    problem = problem_of(runs)
+    laws = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
+    _, found = search_nonlinear(problem, laws)
+    assert found.nominal.chi2 > NEAR * found.nominal.n_data
+    best = found.fits[0]
+    assert best.chi2 < 1.2 * best.n_data
+    assert best.effects[0].preload == pytest.approx(OPENING.preload, rel=0.05)
 
 
 def test_a_contact_is_carried_over_to_other_places():
@@ -241,7 +270,7 @@ def test_lines_on_another_branch_do_not_decide(hardening):
 def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):
     problem = problem_of(hardening[2:3])
     (friction,) = candidates(hardening, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B, {})
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B, np.zeros(7), [1, 7])
     points = [u for u in _grid(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
     assert len(points) > 10
     assert np.allclose([np.exp(u[0]) + np.exp(u[2]) for u in points], rest.calm.k_b)

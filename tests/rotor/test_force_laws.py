@@ -120,7 +120,10 @@ def test_the_slope_is_the_derivative_of_the_force(law, data):
     tolerance = LAW_ROUND_OFF * (1 + length / corner) * scale(law, max(abs(x), length), coefficients) / length
     assert_allclose(by_step, slope, rtol=LAW_ROUND_OFF, atol=tolerance)
     *_, by_corner = ARRAY[law.name](np.array([x]), *coefficients)
-    moved = [value + 1j * step if name == "corner" else value for name, value in zip(law.coefficients, coefficients, strict=True)]
+    moved = [
+        value + 1j * step if name == "corner" else value
+        for name, value in zip(law.coefficients, coefficients, strict=True)
+    ]
     by_step = np.imag(ARRAY[law.name](np.array([x]), *moved)[0]) / step
     assert_allclose(np.broadcast_to(by_corner, 1), by_step, rtol=LAW_ROUND_OFF, atol=tolerance)
 

@@ -174,6 +174,11 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     runs = runs_of(opening)
     problem = problem_of(runs)
     laws = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, _seen_motion(problem, K_B), [1, 7])
+    preloads = np.array([laws[0].effects(u[1:])[0].preload for u in _grid(laws[0], rest)])
+    assert opening.preload < rest.force < 1.5 * opening.preload
+    assert preloads.max() < rest.force
+    assert np.abs(preloads / opening.preload - 1).min() < 0.2
     _, found = search_nonlinear(problem, laws)
     assert found.nominal.chi2 > NEAR * found.nominal.n_data
     best = found.fits[0]

@@ -312,14 +312,15 @@ def test_direct_integration_stays_on_the_motion_of_harmonic_balance(law, coeffic
 
 
 def test_a_stiff_stator_is_felt_where_it_is_touched_whatever_the_samples():
-    """By some hundredths of the gap, where the shaft turns round: rounding by one length would be felt before."""
-    hz, rub = np.array([75.0, 95.0, 105.0, 115.0]), Rub(stiffness=4e7, gap=2e-5, node=2)
-    coarse, fine = (paper_balance(rub, samples=n, corner=1e-4).solve(hz, 20.0) for n in (512, 8192))
+    """By some thousandths of the gap, where the shaft turns round: rounding by one length would be felt before."""
+    hz, rub = np.arange(60.0, 70.0), Rub(stiffness=4e7, gap=2e-5, node=2)
+    coarse, fine = (paper_balance(rub, samples=n, corner=1e-4).solve(hz, 14.0) for n in (512, 8192))
     assert coarse.converged.all()
     assert fine.converged.all()
-    depth = np.abs(coarse.forces[0, 1, 0]) / rub.stiffness
-    assert 1e-3 < depth / rub.gap < 3e-2
-    np.testing.assert_allclose(coarse.acceleration()[:, 1], fine.acceleration()[:, 1], rtol=tol.TOUCHED, atol=1e-4)
+    depth = np.abs(coarse.forces[:, 1, 0]) / rub.stiffness / rub.gap
+    assert 5e-4 < depth.min() < depth.max() < 1e-2
+    found, expected = coarse.acceleration()[:, 1], fine.acceleration()[:, 1]
+    assert (np.linalg.norm(found - expected, axis=1) < tol.TOUCHED * np.linalg.norm(expected, axis=1)).all()
 
 
 def test_stepping_a_slider_through_time_settles_on_the_loop_of_harmonic_balance():

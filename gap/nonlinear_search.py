@@ -268,18 +268,22 @@ def _held(forward: Forward) -> list[int]:
 
 
 def _seen_motion(problem: Problem, k_b: float) -> FloatArray:
-    """(n_nodes,) the largest displacement of every node in all runs [m].
+    """(n_nodes,) the largest displacement of every node along the force, in all runs [m].
 
     Of a node without a sensor, by the sensor that the nominal rotor says moves most at that line, and the shape it
     says the rotor has.
     """
     forward, largest = problem.forward, np.zeros(problem.forward.structure.n_nodes)
     for run in problem.runs:
-        seen = (run.force_amplitude_N or 1.0) * np.abs(np.nan_to_num(run.H)) / np.abs(over_receptance(run))[:, None]
+        along = [c for c, channel in enumerate(run.channels) if channel.plane == run.excitation_plane]
+        if not along:
+            continue
+        H, nodes = np.nan_to_num(run.H[:, along]), np.array([run.channels[c].node for c in along]) - 1
+        seen = (run.force_amplitude_N or 1.0) * np.abs(H) / np.abs(over_receptance(run))[:, None]
         shape = np.abs(measured_response(forward.structure, forward.condition(run, k_b), (), run.frequency_hz))
-        nodes = np.array([channel.node for channel in run.channels]) - 1
         best, lines = shape[:, nodes].argmax(axis=1), np.arange(len(shape))
-        motion = shape * (seen[lines, best] / shape[lines, nodes[best]])[:, None]
+        most = shape[lines, nodes[best]]
+        motion = shape * np.divide(seen[lines, best], most, out=np.zeros(len(shape)), where=most > 0)[:, None]
         motion[:, nodes] = seen
         largest = np.maximum(largest, motion.max(axis=0))
     return largest

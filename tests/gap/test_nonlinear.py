@@ -162,6 +162,21 @@ def test_a_node_without_a_sensor_moves_as_the_rotor_is_bent(hardening):
     np.testing.assert_allclose(by_one, every, rtol=0.2)
 
 
+def test_sensors_that_tell_nothing_of_the_motion_are_passed_over(hardening):
+    """On rigid supports a sensor at a bearing reads nothing; one across the force reads another motion."""
+    rigid, loud = hardening[0], hardening[3]
+    at_bearing = replace(rigid, channels=rigid.channels[:1], H=0 * rigid.H[:, :1], std=rigid.std[:, :1])
+    across = replace(loud, channels=tuple(replace(c, plane="z") for c in loud.channels))
+    both = replace(
+        loud, channels=loud.channels + across.channels, H=np.hstack([loud.H, 0 * loud.H]), std=np.hstack([loud.std] * 2)
+    )
+    expected = _seen_motion(problem_of([loud]), K_B)
+    assert (expected > 0).all()
+    np.testing.assert_array_equal(_seen_motion(problem_of([at_bearing, loud]), K_B), expected)
+    np.testing.assert_array_equal(_seen_motion(problem_of([across, loud]), K_B), expected)
+    np.testing.assert_array_equal(_seen_motion(problem_of([both]), K_B), expected)
+
+
 def test_where_levels_do_not_differ_no_law_is_kept():
     """At the end of its range where it does nothing, a law explains as much as none, and must not be named."""
     runs = runs_of(BearingCubic(stiffness=1.0))

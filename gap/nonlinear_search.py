@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from gap.forward import Forward, over_receptance
+from gap.forward import over_receptance
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import Fit, Observed, Problem, Score
 from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH, NonlinearModal, Resolution
@@ -110,7 +110,8 @@ def search_nonlinear(
     """
     forward = problem.forward
     calm, nu = _calm(problem)
-    rest = _Rest(calm, recalibrate(_at_level(problem, max)).k_b, _seen_motion(problem, calm.k_b), _held(forward))
+    loud, held = recalibrate(_at_level(problem, max)).k_b, forward.structure.supported_nodes
+    rest = _Rest(calm, loud, _seen_motion(problem, calm.k_b), held)
     every = _thinned(problem, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
@@ -139,7 +140,7 @@ class _Rest:
     calm: Fit
     loud: float  # bearing stiffness [N/m]
     motion: FloatArray  # (n_nodes,) largest displacements [m]
-    held: list[int]  # nodes of the bearings
+    held: tuple[int, ...]  # nodes of the bearings
 
     @property
     def force(self) -> float:
@@ -164,7 +165,7 @@ def _far(
 ) -> list[_Start]:
     """Where the gap is plain: a grid over all numbers by relative distance, then descents; best first.
 
-    None where the best explains hardly more than the linear rotor does: few lines hold the gap then, and errors as
+    Empty where the best explains hardly more than the linear rotor does: few lines hold the gap then, and errors as
     large as these descents begin with hide it.
     """
     problem.forward.resolution, calm = ROUGH, rest.calm
@@ -261,10 +262,6 @@ def _largest_motion(problem: Problem, start: _Start) -> FloatArray:
     motion = np.concatenate(motions)
     own = motion[:, _node(start.hypothesis) - 1]
     return np.maximum(motion[own.argmax()] / own.max(), _LEAST_MOTION)
-
-
-def _held(forward: Forward) -> list[int]:
-    return sorted(set(range(1, forward.structure.n_nodes + 1)) - set(forward.structure.free_nodes))
 
 
 def _seen_motion(problem: Problem, k_b: float) -> FloatArray:

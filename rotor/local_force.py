@@ -83,7 +83,8 @@ class LocalForce:
         """The same force without static displacement."""
         return replace(self, offset=0.0)
 
-    def _coefficients(self, corner: Any) -> tuple[Any, ...]:
+    def _coefficients(self, corner: FloatArray | float | None) -> tuple[Any, ...]:
+        """The law's coefficients, with another rounding unless it is None."""
         if corner is None:
             return self.coefficients
         return tuple(

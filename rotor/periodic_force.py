@@ -29,7 +29,7 @@ from rotor.structure import ComplexArray, FloatArray
 # damped rotors break into small folds that closer sampling moves about.
 TRAVEL = 0.35
 
-# Relative step into the complex plane that gives the derivative by the rounding: no difference is taken.
+# Step into the complex plane that gives the derivatives of laws with memory: no difference is taken.
 _COMPLEX_STEP = 1e-20
 
 # Fewer motions than this go through a law with memory one by one: an array costs more than a few floats.
@@ -234,7 +234,7 @@ def complex_form(unknowns: FloatArray) -> ComplexArray:
 def _evaluate(
     force: LocalForce, x: FloatArray, corner: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A law without memory.
+    """A force of a law without memory, in the one or two planes it acts in.
 
     Parameters
     ----------

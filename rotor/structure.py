@@ -66,8 +66,16 @@ class Structure:
     @property
     def free_nodes(self) -> tuple[int, ...]:
         """Rig nodes without a support, from 1: those that a rigid support lets move."""
-        held = set(self.support_node.tolist())
-        return tuple(node for node, station in enumerate(self.stations.tolist(), start=1) if station not in held)
+        return tuple((np.flatnonzero(~self._supported) + 1).tolist())
+
+    @property
+    def supported_nodes(self) -> tuple[int, ...]:
+        """Rig nodes with a support, from 1."""
+        return tuple((np.flatnonzero(self._supported) + 1).tolist())
+
+    @property
+    def _supported(self) -> NDArray[np.bool_]:
+        return np.isin(self.stations, self.support_node)
 
     def dof(self, node: int, plane: int) -> int:
         """Full index of a rig node's deflection; node from 1, plane 1 = y or 2 = z.

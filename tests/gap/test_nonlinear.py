@@ -146,7 +146,7 @@ def test_a_hard_rub_shows_where_the_motion_of_its_node_ends():
     few, nu = _thinned(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
     motion = _seen_motion(problem, K_B)
     assert rub.gap < motion[4] < 1.5 * rub.gap
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion, [1, 7])
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion, (1, 7))
     places = candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True)
     points = sorted((p for place in places for p in _by_distance(few, place, rest, nu)), key=lambda p: p.cost)
     assert str(points[0].hypothesis) == "rub node 5"
@@ -189,7 +189,7 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     runs = runs_of(opening)
     problem = problem_of(runs)
     laws = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, _seen_motion(problem, K_B), [1, 7])
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, _seen_motion(problem, K_B), (1, 7))
     preloads = np.array([laws[0].effects(u[1:])[0].preload for u in _grid(laws[0], rest)])
     assert opening.preload < rest.force < 1.5 * opening.preload
     assert preloads.max() < rest.force
@@ -289,7 +289,7 @@ def test_lines_on_another_branch_do_not_decide(hardening):
 def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):
     problem = problem_of(hardening[2:3])
     (friction,) = candidates(hardening, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B, np.zeros(7), [1, 7])
+    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B, np.zeros(7), (1, 7))
     points = [u for u in _grid(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
     assert len(points) > 10
     assert np.allclose([np.exp(u[0]) + np.exp(u[2]) for u in points], rest.calm.k_b)

@@ -11,8 +11,9 @@ m-th resonance, which belongs to the run, not to the model.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -29,6 +30,8 @@ from rotor.state_space import StateSpace
 from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 from rotor.system import LinearSystem
 from sim.campaign import Channel, NominalBelief, Run
+
+T = TypeVar("T")
 
 # Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
 _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
@@ -89,6 +92,15 @@ class _Rotor:
     outputs: FloatArray  # (n_channels + 1, n)
     poles: ComplexArray  # (n_states,)
     residues: ComplexArray  # (n_channels + 1, n_states)
+    sensitivity: FloatArray  # (MODES, n_tolerances)
+
+
+@dataclass(frozen=True)
+class _Balanced:
+    """A rotor under nonlinear effects."""
+
+    balance: Balance
+    forces: bool  # whether one of them acts
     sensitivity: FloatArray  # (MODES, n_tolerances)
 
 
@@ -269,9 +281,9 @@ class Forward:
         self.images = True  # whether a fast sweep's transients are seen with their images
         self.with_data = True  # whether a run's values say which branch it is on
         self._known: dict[tuple, Known] = {}
-        self._sensitivities: dict[tuple, FloatArray] = {}
         self._variants: list[Structure] = []
         self._rotors: dict[tuple, _Rotor] = {}
+        self._balances: dict[tuple, _Balanced] = {}
         self._bends: dict[tuple, list[_Bend]] = {}
 
     def allow_for_tolerances(self, rig: Rig, runs: Sequence[Run], k_b: float) -> None:
@@ -333,27 +345,34 @@ class Forward:
         return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, over_receptance(run), self.images)
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
-        condition, finely = self.condition(run, k_b), self.resolution
-        if not build_model(self.structure, condition, effects).forces:
+        condition, effects, finely = self.condition(run, k_b), tuple(effects), self.resolution
+        plain = self._balance(condition, effects, np.zeros(len(TOLERANCES)))
+        if not plain.forces:
             return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
         top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
 
         def balance(tolerance: FloatArray) -> tuple[Balance, IntArray]:
+            made = self._balance(condition, effects, tolerance).balance
+            return made, _numbers(made.values, top)
+
+        numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
+        mode, sensitivity = _numbers(plain.balance.values, top), plain.sensitivity
+        return NonlinearModal(
+            run, balance, plain.balance, mode, sensitivity, effects, numbers, self._known, finely, self.with_data
+        )
+
+    def _balance(self, condition: Condition, effects: tuple[Effect, ...], tolerance: FloatArray) -> _Balanced:
+        """A rotor under nonlinear effects; runs at several levels share it."""
+
+        def make() -> _Balanced:
             model = build_model(self._with(tolerance), condition, effects)
             made = Balance(model, condition, harmonics=finely.harmonics, samples=finely.samples, corner=CORNER)
             if made.values.ndim > 1:
                 raise ValueError("a rotor without a full set of eigenvectors has no modal form")
-            return made, _numbers(made.values, top)
+            return _Balanced(made, bool(model.forces), self._sensitivity(made.system))
 
-        numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
-        plain, mode = balance(np.zeros(len(TOLERANCES)))
-        key = (*_key(run)[:3], k_b, top)
-        if key not in self._sensitivities:
-            self._sensitivities = {key: self._sensitivity(plain.system)}
-        sensitivity = self._sensitivities[key]
-        return NonlinearModal(
-            run, balance, plain, mode, sensitivity, tuple(effects), numbers, self._known, finely, self.with_data
-        )
+        finely = self.resolution
+        return _remembered(self._balances, (condition, effects, tolerance.tobytes(), finely), make)
 
     def _with(self, tolerance: FloatArray) -> Structure:
         """The structure with the workshop's tolerances, its matrices to first order."""
@@ -398,11 +417,7 @@ class Forward:
         """A rotor's modes as seen by some channels; runs at several levels share them."""
         limit = max(_KEPT_HZ, _KEPT_RATIO * run.frequency_hz[-1])
         key = (id(structure), condition, effects, channels, limit)
-        if key not in self._rotors:
-            if len(self._rotors) >= _REMEMBERED:
-                self._rotors.pop(next(iter(self._rotors)))
-            self._rotors[key] = self._solve(structure, condition, effects, channels, limit)
-        return self._rotors[key]
+        return _remembered(self._rotors, key, lambda: self._solve(structure, condition, effects, channels, limit))
 
     def _solve(
         self,
@@ -445,6 +460,15 @@ class Forward:
         for column, mass in enumerate(masses[:2]):
             at[:count, 2 + column] = -mass / 2
         return at
+
+
+def _remembered(store: dict[tuple, T], key: tuple, make: Callable[[], T]) -> T:
+    """The value of a key, made where it is new; of those kept the oldest goes."""
+    if key not in store:
+        if len(store) >= _REMEMBERED:
+            store.pop(next(iter(store)))
+        store[key] = make()
+    return store[key]
 
 
 def _of_poles(group: _Group, shift: ComplexArray) -> ComplexArray:

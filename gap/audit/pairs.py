@@ -264,6 +264,12 @@ def _level_findings(levels: Sequence[Prepared], belief: NominalBelief) -> Iterat
             amplitude_dependent = True
             words = f"{m.words} {span}: the rig depends on amplitude; look for a nonlinear cause."
             yield Finding("level", "note", words, both, *m.value_and_limit)
+    for frequency, way in _lost(low, high):
+        amplitude_dependent = True
+        words = f"The resonance at {frequency:.4g} Hz and {forces[0]:g} N is gone at {forces[-1]:g} N, where "
+        words += f"the nearest is {abs(way):.0%} {'above' if way > 0 else 'below'} it" if way else "there is none"
+        words += ": the rig depends on amplitude; look for a nonlinear cause."
+        yield Finding("level", "note", words, both, way or -1.0, _SAME_RESONANCE)
     found = compare(high, low, _common(high, low), belief.frequency_drift)
     if found is None:
         if not amplitude_dependent:
@@ -276,6 +282,21 @@ def _level_findings(levels: Sequence[Prepared], belief: NominalBelief) -> Iterat
     elif not amplitude_dependent:
         words = f"The responses {span} agree: homogeneity index {100 * index:.2g} % where noise and drift"
         yield Finding("level", "ok", f"{words} explain {100 * found.expected:.2g} %.", both, found.ratio, SCATTER_RATIO)
+
+
+def _lost(low: Prepared, high: Prepared) -> Iterator[tuple[float, float]]:
+    """Frequency of each clear resonance that has no like at the higher force, though lines are near [Hz], and how far
+    off the nearest is, relative; 0 where there is none."""
+    if not _common(low, high):
+        return
+    kept = {r.line for r, _ in _matched(low, high)}
+    for r in low.resonances:
+        beside = high.f / r.frequency_hz - 1
+        near = [np.any((side > 0) & (side < _SAME_RESONANCE)) for side in (beside, -beside)]
+        if r.line in kept or not np.isfinite(r.damping_ratio) or not all(near):
+            continue
+        ways = [q.frequency_hz / r.frequency_hz - 1 for q in high.resonances]
+        yield r.frequency_hz, min(ways, key=abs, default=0.0)
 
 
 def _homogeneity(low: Prepared, high: Prepared) -> float:

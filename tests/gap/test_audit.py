@@ -25,6 +25,7 @@ from rotor.measured import measured_response
 from rotor.modal import damped_modes
 from rotor.model import build_system
 from rotor.rig import load_rig
+from rotor.system import undamped_modes
 from sim.campaign import Campaign, Channel, NominalBelief, PeakList, Run
 
 RIG = "nit-rourkela"
@@ -527,6 +528,31 @@ def test_amplitude_dependence_is_noted_with_its_trend():
     assert found
     assert {f.severity for f in found} == {"note"}
     assert any((f.value or 0) > 1e-3 and "amplitude" in f.words for f in found)
+
+
+def gone(runs):
+    return [f for f in audit(in_campaign(*runs)) if "gone" in f.words]
+
+
+def test_a_resonance_that_is_elsewhere_at_a_higher_force_is_noted():
+    soft, stiff = replace(BEARING, k_b=1e6), replace(BEARING, k_b=3e6)
+    low, high = measure(soft, force_amplitude_N=1.0), measure(stiff, seed=1, force_amplitude_N=5.0)
+    first = gone([low, high])[0]
+    frequency = float(first.words.split(" Hz")[0].split()[-1])
+    resonances = [undamped_modes(build_system(STRUCTURE, each)).omega / (2 * np.pi) for each in (soft, stiff)]
+    assert min(np.abs(resonances[0] / frequency - 1)) < 2e-3
+    assert min(np.abs(resonances[1] / frequency - 1)) == pytest.approx(abs(first.value or 0), abs=2e-3)
+    below = (high.frequency_hz > 0.9 * frequency) & (high.frequency_hz < frequency)
+    std = None if high.std is None else high.std[~below]
+    unseen = replace(high, H=high.H[~below], std=std, frequency_hz=high.frequency_hz[~below])
+    assert not any(f"{frequency:.4g} Hz" in f.words for f in gone([low, unseen]))
+
+
+@pytest.mark.parametrize("step", [0.005, 0.02, 0.05])
+def test_a_resonance_between_coarse_lines_is_not_gone(step):
+    coarse = np.exp(np.arange(np.log(20), np.log(400), step))
+    low, high = measure(BEARING, force_amplitude_N=1.0), measure(BEARING, coarse, seed=1, force_amplitude_N=5.0)
+    assert not gone([low, high])
 
 
 def test_up_and_down_are_compared():

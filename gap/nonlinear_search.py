@@ -69,8 +69,8 @@ _STARTS, _PLACES = 2, 3
 # A node that moves less than this share of another's is taken to move so much, when a law is carried over to it.
 _LEAST_MOTION = 0.03
 
-# Relative errors that are added in the descents, first of all effects, then of those that are left.
-_FIRST, _THEN = (0.3,), (0.1,)
+# Relative error that is added in the first descents.
+_FIRST = (0.3,)
 
 # Effects that are left after the first descents, and after the second; beyond the best one, only those whose loss
 # is within these factors of its.
@@ -86,6 +86,9 @@ _CLEAR = 400.0
 # Misfit of a line, in standard errors, beyond which it counts as an outlier; rounds of weighting, and steps in each.
 OUTLIER = 3.0
 _ROUNDS, _STEPS = 3, 5
+
+# The same of the descents of the effects that are left, whose few lines only have to tell them apart.
+_ROUNDS_THEN, _STEPS_THEN = 1, 4
 
 
 @dataclass(frozen=True)
@@ -178,10 +181,10 @@ def _far(
     rough = _descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
     problem.forward.resolution = MIDDLE
     some = _thinned(problem, _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
-    left = _descend(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost], _THEN)
+    left = _settle(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost])
     if not left or left[0].cost > _GAINED * _loss(some, linear)[0]:
         return []
-    return _best_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), _THEN)])[:_LEFT]
+    return _best_of_each([*left, *_settle(some, _elsewhere(some, hypotheses, left))])[:_LEFT]
 
 
 def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[_Start]:
@@ -429,6 +432,13 @@ def _descend(problem: Problem, starts: Sequence[_Start], anneal: Sequence[float]
         loss, _ = _loss(problem, fit)
         found.append(_Start(loss + fit.penalty, start.hypothesis, fit.u, fit.nu))
     return _best_of_each(found)
+
+
+def _settle(problem: Problem, starts: Sequence[_Start]) -> list[_Start]:
+    """Robust fits from every start, which lines on another branch of the response pull nowhere; as in `_descend`."""
+    settings = {"rounds": _ROUNDS_THEN, "steps": _STEPS_THEN}
+    fits = [fit for start in starts if (fit := _fitted(problem, start, **settings)) is not None]
+    return _best_of_each([_Start(fit.cost, fit.hypothesis, fit.u, fit.nu) for fit in fits])
 
 
 def robust_fit(

@@ -21,6 +21,7 @@ from gap.nonlinear_search import (
     _loss,
     _Rest,
     _seen_motion,
+    _settle,
     _Start,
     _thinned,
     _uneven,
@@ -281,9 +282,12 @@ def test_lines_on_another_branch_do_not_decide(hardening):
     runs = (hardening[1], replace(hardening[3], H=wrong))
     problem = problem_of(runs)
     (cubic,) = candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
-    fit = robust_fit(problem, cubic, np.log([1.01 * K_B, 1.1e15]))
+    u = np.log([1.01 * K_B, 1.1e15])
+    fit = robust_fit(problem, cubic, u)
     assert fit is not None
     assert fit.effects[0].stiffness == pytest.approx(1e15, rel=0.03)
+    (settled,) = _settle(problem, [_Start(0.0, cubic, u, np.zeros(problem.nuisances.n))])
+    assert np.exp(settled.u[1]) == pytest.approx(1e15, rel=0.05)
 
 
 def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):

@@ -10,7 +10,7 @@
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
 # Draw of the report set that docs/blind.md shows.
-BLIND_SEED := 1
+BLIND_SEED := 2
 PYTHON := $(VENV)/bin/python
 # The matrices are small: one BLAS thread per process is several times faster than many.
 export OPENBLAS_NUM_THREADS := 1

@@ -32,7 +32,7 @@ from sim.formats.atomic import replacing
 
 SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
 PAGE = "blind.md"
-SCHEMA = "rigtwin.blind-results/1"
+SCHEMA = "rigtwin.blind-results/2"
 
 # The fact that tells draws apart.
 _DRAW = "split, seed"
@@ -179,28 +179,10 @@ def _answer(campaign: Path, answer: Path, exclude: Sequence[str]) -> dict[str, f
     seconds = {"seconds": time.perf_counter() - start, "processor": time.process_time() - busy}
     path = outcome.diagnosis.save(answer)
     write_prediction(path, campaign / "held_out", answer)
-    _write_fitted(outcome.curves, answer / "fitted")
     draw = zlib.crc32(campaign.name.encode())
     if outcome.diagnosis.verdict in ("cause", "ambiguous") and draw % _CONTROL_EVERY == 0:
         _write_control(measured, outcome.diagnosis, exclude, draw, campaign / "held_out", answer / "control")
     return seconds
-
-
-def _write_fitted(curves: Sequence[Any], folder: Path) -> None:
-    """The fits as CSV, on the lines of the measured runs that they were made on."""
-    from dataclasses import replace
-
-    from sim.formats.run_file import write_beside
-
-    for curve in curves:
-        for kind, H in (("nominal", curve.nominal), ("corrected", curve.corrected)):
-            if H is None:
-                continue
-            path = folder / kind / f"{curve.run.name}.csv"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            run = replace(curve.run, H=np.asarray(H), std=None, harmonics={})
-            with replacing(path) as beside:
-                write_beside(run, path, beside)
 
 
 def _write_control(

@@ -167,10 +167,8 @@ def _shrinks(outcomes: Sequence[Outcome]) -> Iterator[Bar]:
     yield number_bar(f"{what}, large: median", median(large), len(large), Limit(low=0.99))
     yield number_bar(f"{what}, large: worst", min(large, default=math.nan), len(large), Limit(low=0.9))
     yield number_bar(f"{what}, small: median", median(small), len(small), Limit(low=0.8))
-    for words, key in (("its own held-out stretches", "own"), ("the held-out transfer", "shrink")):
-        found = [getattr(o, key) for o in named]
-        hits = [bool(s.covered) for s in found if s is not None and s.covered is not None]
-        yield share_bar(f"90 % interval of the shrink covers the one free of noise on {words}", hits, COVERAGE)
+    hits = [bool(o.shrink.covered) for o in named if o.shrink is not None and o.shrink.covered is not None]
+    yield share_bar("90 % interval of the shrink covers the one free of noise on the held-out transfer", hits, COVERAGE)
     controls = [o.control.explainable for o in named if o.control is not None]
     controls = [c for c in controls if not math.isnan(c)]
     yield number_bar(

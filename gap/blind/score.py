@@ -9,7 +9,6 @@ DIAGNOSES_DIR/<campaign>/
     failure.txt                               why there is none
     nominal/<run>.csv, corrected/<run>.csv    predictions on the held-out runs' own lines
     control/corrected/<run>.csv               the same with a random effect outside the answered set
-    fitted/<kind>/<run>.csv                   the fits on lines of the measured runs
 
 Right answers: a cause with the label's effects, ``no_gap`` where the label has none, ``unknown`` where the effect was
 excluded or is in nobody's library. A campaign without an answer counts as answered wrongly.
@@ -29,13 +28,12 @@ from typing import Any
 
 import numpy as np
 
-from gap.blind.folder import HELD_OUT, MEASURED, TRUTH, read_csv
+from gap.blind.folder import HELD_OUT, TRUTH, read_csv
 from gap.blind.statistics import Rate, auroc, brier, calibration_error, median, rate
 
 POSITION_TOLERANCE = 0.010  # m
 Z_90 = 1.645
 QUIET_CHANNEL = 1e-4  # of the largest: left out of a gap
-STRETCHES = 10  # of a measured run; the diagnosis holds every second one out of its own check
 FAILED = "failed"  # in place of a verdict
 
 
@@ -123,7 +121,6 @@ class Outcome:
     k_b_miss: float  # of the recalibrated nominal, in its own standard errors
     seconds: float
     shrink: Shrink | None = None  # on the held-out transfer
-    own: Shrink | None = None  # on the stretches of measured lines that the diagnosis itself held out
     control: Shrink | None = None  # as shrink, of a random effect outside the answered set
     processor_seconds: float = math.nan
     failure: str = ""
@@ -297,25 +294,6 @@ def read_shrink(campaign: Path, nominal: Path, corrected: Path, diagnosis: Mappi
     return Shrink(float(np.mean(before)), float(np.mean(after)), float(np.mean(floor)), *_interval(diagnosis))
 
 
-def read_own_shrink(campaign: Path, fitted: Path, diagnosis: Mapping[str, Any]) -> Shrink | None:
-    """The diagnosis' own held-out stretches against the measured runs without their noise, each with its gains."""
-    gaps: list[tuple[float, float, float]] = []
-    with np.load(campaign / TRUTH / f"{MEASURED}.npz") as truth:
-        for run in sorted({key.rsplit("/", 1)[0] for key in truth.files}):
-            files = [fitted / kind / f"{run}.csv" for kind in ("nominal", "corrected")]
-            if not all(f.exists() for f in files):
-                return None
-            (frequency, nominal), (_, corrected) = map(read_csv, files)
-            lines = np.abs(truth[f"{run}/frequency_Hz"][:, None] - frequency).argmin(axis=0)
-            lines_held_out = (np.arange(len(frequency)) * STRETCHES // len(frequency)) % 2 == 1
-            at = np.ix_(lines[lines_held_out], [n - 1 for n in nominal])
-            actual, std = truth[f"{run}/actual"][at], truth[f"{run}/std"][at]
-            models = [np.column_stack([*nodes.values()])[lines_held_out] for nodes in (nominal, corrected)]
-            gaps.append((gap(actual, models[0]), gap(actual, models[1]), gap(actual, actual + std)))
-    before, after, floor = (float(value) for value in np.mean(gaps, axis=0))
-    return Shrink(before, after, floor, *_interval(diagnosis))
-
-
 def _interval(diagnosis: Mapping[str, Any]) -> tuple[float, float]:
     """90 % interval of the explainable shrink that the diagnosis gives."""
     low, high = ((diagnosis.get("shrink") or {}).get("ci90") or (None, None))[:2]
@@ -462,7 +440,6 @@ def _read_outcome(label: Label, campaign: Path, answer: Path) -> Outcome:
     nominal = answer / "nominal"
     found = replace(
         outcome(label, diagnosis, read_shrink(campaign, nominal, answer / "corrected", diagnosis)),
-        own=read_own_shrink(campaign, answer / "fitted", diagnosis),
         control=read_shrink(campaign, nominal, answer / "control" / "corrected", diagnosis),
     )
     if seconds.exists():

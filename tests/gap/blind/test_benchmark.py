@@ -43,7 +43,6 @@ def test_right_names_on_a_fixed_part(tmp_path):
         assert not o.failure
         assert o.top_right, f"{o.label.name}: {o.verdict} {sorted(o.top)}"
         assert o.located or not o.label.ids
-        assert o.own is not None
         assert o.shrink is not None
         assert o.shrink.explainable > 0.8 or not o.label.ids
 

@@ -17,7 +17,6 @@ from gap.blind.score import (
     groups,
     label_from,
     outcome,
-    read_own_shrink,
     read_shrink,
     score,
     shuffled,
@@ -180,24 +179,6 @@ def test_shrink_is_read_from_predicted_files(tmp_path):
     assert_allclose(shrink.floor, np.hypot(0.01, 0.005))
     assert shrink.covered
     assert read_shrink(tmp_path, nominal, tmp_path / "elsewhere", {}) is None
-
-
-def test_the_own_shrink_is_that_of_every_second_stretch(tmp_path):
-    from gap.blind.folder import write_csv
-
-    frequency, H = np.linspace(20, 30, 40), np.ones((40, 7), dtype=complex)
-    (tmp_path / "truth").mkdir()
-    arrays = {"frequency_Hz": frequency, "ideal": 0 * H, "actual": H, "std": 0.01 * np.abs(H)}
-    np.savez(tmp_path / "truth" / "measured.npz", **{f"run01/{k}": v for k, v in arrays.items()})
-    even = (np.arange(20) * 10 // 20) % 2 == 0  # the fit is on every second line
-    for kind, factor in (("nominal", 1.5), ("corrected", 1.1)):
-        (tmp_path / kind).mkdir()
-        model = np.where(even[:, None], 7.0, factor * H[::2])
-        write_csv(tmp_path / kind / "run01.csv", frequency[::2], model, range(1, 8), None)
-    shrink = read_own_shrink(tmp_path, tmp_path, {})
-    assert shrink is not None
-    assert_allclose([shrink.before, shrink.after, shrink.floor], [0.5, 0.1, 0.01])
-    assert shrink.covered is None
 
 
 @pytest.mark.parametrize("verdict", ["no_gap", "cause", "ambiguous", "unknown", "not_enough_data"])

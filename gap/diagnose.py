@@ -97,10 +97,14 @@ class _Ranked:
     no_gap: float
 
 
-def structure_of(rig: str, elements: int = _ELEMENTS) -> Structure:
-    """The campaign's rig, with so many elements between two nodes or the rig's own number, if that is larger."""
-    loaded = load_rig(rig)
-    return assemble(loaded, elements_between_nodes=max(elements, loaded.elements_between_nodes))
+def elements_between_nodes(rig: str, least: int = _ELEMENTS) -> int:
+    """So many, or the rig's own number, if that is larger."""
+    return max(least, load_rig(rig).elements_between_nodes)
+
+
+def structure_of(rig: str, least: int = _ELEMENTS) -> Structure:
+    """The campaign's rig, with at least so many elements between two nodes."""
+    return assemble(load_rig(rig), elements_between_nodes=elements_between_nodes(rig, least))
 
 
 def forward_of(campaign: Campaign) -> Forward:

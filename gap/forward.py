@@ -308,15 +308,14 @@ class Forward:
 
     def condition(self, run: Run, k_b: float) -> Condition:
         """The test condition of a run."""
-        damping = self.belief.shaft_damping_ratio
         return Condition(
             k_b=k_b,
             rigid_support=run.support == "rigid",
             bearing_damping=self.belief.bearing_damping_Ns_per_m,
+            shaft_damping_ratio=self.belief.shaft_damping_ratio,
             excitation_node=run.excitation_node,
             excitation_plane=1 if run.excitation_plane == "y" else 2,
             spin_speed=run.spin_rpm * np.pi / 30,
-            **({} if damping is None else {"shaft_damping_ratio": damping}),
         )
 
     def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> Modal | NonlinearModal:

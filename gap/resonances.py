@@ -7,7 +7,7 @@ once. Shapes are the undamped ones; damping is taken mode by mode.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -82,15 +82,13 @@ class Rotor:
         return self._batch(low, high, k_b)
 
     def _system(self, k_b: float, rigid: bool, effects: Sequence[Effect]) -> LinearSystem:
-        damping = self.belief.shaft_damping_ratio
         condition = Condition(
             k_b=k_b,
             rigid_support=rigid,
             bearing_damping=self.belief.bearing_damping_Ns_per_m,
+            shaft_damping_ratio=self.belief.shaft_damping_ratio,
             excitation_node=self.node,
         )
-        if damping is not None:
-            condition = replace(condition, shaft_damping_ratio=damping)
         system = build_system(self.structure, condition, effects)
         return system if system.couples_planes() else system.in_plane(1)
 

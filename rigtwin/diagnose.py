@@ -171,7 +171,7 @@ def measured_on_the_virtual_rig(
     k_b: float,
     progress: Progress | None = None,
 ) -> tuple[list[ComplexArray], str]:
-    """Each run measured again without noise, with the effects, on the FMU of the campaign's rig.
+    """Each run measured again without noise, with the effects, on an FMU of the rig with the diagnosis' mesh.
 
     Parameters
     ----------
@@ -185,14 +185,19 @@ def measured_on_the_virtual_rig(
     -------
     (n_freq, n_channels) of each run, and "fmu", or "rig" where an effect is none of the FMU's
     """
+    from gap.diagnose import elements_between_nodes
+
     belief = campaign.nominal
-    parameters = {"k_b": k_b, "bearing_damping": belief.bearing_damping_Ns_per_m}
-    if belief.shaft_damping_ratio is not None:
-        parameters["shaft_damping_ratio"] = belief.shaft_damping_ratio
+    parameters = {
+        "k_b": k_b,
+        "bearing_damping": belief.bearing_damping_Ns_per_m,
+        "shaft_damping_ratio": belief.shaft_damping_ratio,
+    }
     tell = progress or (lambda *_: None)
     tell(0, len(runs), "virtual rig: building the FMU")
     measured = []
-    with rotor_fmu(campaign.rig) as fmu, FmuSession(fmu) as session:
+    mesh = elements_between_nodes(campaign.rig)
+    with rotor_fmu(campaign.rig, elements_between_nodes=mesh) as fmu, FmuSession(fmu) as session:
         for number, run in enumerate(runs):
             tell(number, len(runs), f"virtual rig: run {number + 1} of {len(runs)}")
             measured.append(_measure(session, run, parameters, tuple(effects)))

@@ -63,14 +63,14 @@ def is_shipped(rig: Rig) -> bool:
 
 
 @contextmanager
-def rotor_fmu(source: str) -> Iterator[Path]:
-    """RotorRig.fmu: the file itself, or built of a rig for as long as the block runs."""
+def rotor_fmu(source: str, **options: Any) -> Iterator[Path]:
+    """RotorRig.fmu: the file itself, or built of a rig, with these options, for as long as the block runs."""
     if source.lower().endswith(".fmu"):
         yield existing(Path(source))
         return
     rig = load_rig(source)
     with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder:
-        yield build_rotor_for_the_rig(rig, Path(folder))
+        yield build_rotor_for_the_rig(rig, Path(folder), **options)
 
 
 def existing(path: Path) -> Path:

@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rotor.condition import Condition
+
 FloatArray = NDArray[np.floating[Any]]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
@@ -90,7 +92,7 @@ class PeakList:
 class NominalBelief:
     """What the nominal model believes of this rig before any diagnosis."""
 
-    shaft_damping_ratio: float | None = None
+    shaft_damping_ratio: float = Condition.shaft_damping_ratio
     bearing_damping_Ns_per_m: float = 0.0
     gain_tolerance: float = 0.02
     frequency_drift: float = 1e-4

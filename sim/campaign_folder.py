@@ -15,7 +15,7 @@ from typing import Annotated, Any, Required
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator, with_config
 
-from rotor.rig import shipped_rigs
+from rotor.rig import load_rig, shipped_rigs
 from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
 from sim.formats.atomic import replacing
 from sim.formats.run_file import SUFFIXES, read_run, write_beside
@@ -91,6 +91,7 @@ def load_campaign(folder: str | Path) -> Campaign:
     Raises
     ------
     MeasurementError : the folder, campaign.toml or a data file cannot be used; names the file and the key or line
+    RigError : the rig file cannot be used
     """
     folder = Path(folder)
     table = _read_table(folder)
@@ -102,8 +103,14 @@ def load_campaign(folder: str | Path) -> Campaign:
         rig=rig,
         runs=tuple(dataclasses.replace(run, name=name) for run, name in zip(runs, names, strict=True)),
         peaks=tuple(PeakList(p.support, np.array(p.frequencies_Hz), np.array(p.std_Hz)) for p in table.peaks),
-        nominal=NominalBelief(**table.nominal.model_dump()),
+        nominal=_belief(table.nominal, rig),
     )
+
+
+def _belief(table: _NominalTable, rig: str) -> NominalBelief:
+    """What the campaign says, and the rig's own damping where it says none."""
+    told = table.model_dump(exclude_none=True)
+    return NominalBelief(**({"shaft_damping_ratio": load_rig(rig).shaft_damping_ratio} | told))
 
 
 def _read_table(folder: Path) -> _CampaignTable:
@@ -200,11 +207,10 @@ def _file_name(name: str) -> str:
 
 def _tables(campaign: Campaign, folder: Path, files: list[str]) -> dict[str, Any]:
     """The campaign as the tables of campaign.toml."""
-    nominal = dataclasses.asdict(campaign.nominal)
     return {
         "title": campaign.title,
         "rig": _rig_to_save(folder, campaign.rig),
-        "nominal": {key: value for key, value in nominal.items() if value is not None},
+        "nominal": dataclasses.asdict(campaign.nominal),
         "run": [{"file": file, **stored_settings(run)} for run, file in zip(campaign.runs, files, strict=True)],
         "peaks": [
             {"support": p.support, "frequencies_Hz": p.frequencies_hz.tolist(), "std_Hz": p.std_hz.tolist()}

@@ -306,7 +306,7 @@ def test_believed_damping_serves_where_the_lines_do_not_tell():
     (one, *_) = Prepared(run, "").resonances
     unresolved = replace(one, damping_ratio=float("nan"))
     assert Prepared(run, "").half_power_hz(unresolved, NominalBelief(0.01)) == pytest.approx(0.02 * one.frequency_hz)
-    assert np.isnan(Prepared(run, "").half_power_hz(unresolved, NominalBelief()))
+    assert np.isnan(Prepared(run, "").half_power_hz(unresolved, NominalBelief(0.0)))
 
 
 def test_a_hole_in_the_raster_is_found_and_one_over_a_resonance_is_worse():

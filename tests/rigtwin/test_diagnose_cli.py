@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gap.diagnose import structure_of
 from gap.diagnosis import SCHEMA, Diagnosis
 from rigtwin.diagnose import load_document, measured_on_the_virtual_rig
-from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import EFFECTS
 from rotor.measured import measured_response
-from rotor.rig import load_rig
 from sim.campaign import Campaign, Channel, NominalBelief, Run
 from sim.campaign_folder import save_campaign
 from sim.formats import read_run, run_file
@@ -226,7 +225,7 @@ def test_the_virtual_rig_measures_what_the_effects_do_to_each_run():
     measured, verified = measured_on_the_virtual_rig(campaign, runs, (pedestal, gain), 5e6)
     assert verified == "rig"  # the gain is none of the FMU's effects
     condition = Condition(k_b=5e6, bearing_damping=30.0, shaft_damping_ratio=0.004)
-    structure = assemble(load_rig("nit-rourkela"))
+    structure = structure_of("nit-rourkela")
     for run_, H in zip(runs, measured, strict=True):
         here = replace(condition, rigid_support=run_.support == "rigid", excitation_node=run_.excitation_node)
         expected = measured_response(

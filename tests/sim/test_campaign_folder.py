@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -11,11 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rotor.rig import load_rig
 from sim import campaign_folder
 from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList
 from sim.campaign_folder import load_campaign, save_campaign
 from sim.formats import RunSettings, read_run
 from tests.sim.recorded import a_run, assert_same_run, runs
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 CSV = "frequency_Hz,node2_re,node2_im\n95,1,2\n96,3,4\n"
 
@@ -90,6 +94,15 @@ def test_standard_errors_may_be_missing(tmp_path):
     assert load_campaign(folder_with(tmp_path, HEAD + RUN, a=CSV)).runs[0].std is None
 
 
+def test_damping_that_the_campaign_leaves_out_is_the_rigs(tmp_path):
+    folder = folder_with(tmp_path, HEAD + RUN, a=CSV)
+    assert load_campaign(folder).nominal.shaft_damping_ratio == load_rig("nit-rourkela").shaft_damping_ratio
+    shutil.copy(EXAMPLES / "own_rotor.toml", folder / "rig.toml")
+    for told, expected in (("", 0.002), ("[nominal]\nshaft_damping_ratio = 0.004\n", 0.004)):
+        text = HEAD.replace("nit-rourkela", "rig.toml") + told + RUN
+        assert load_campaign(folder_with(tmp_path, text, a=CSV)).nominal.shaft_damping_ratio == expected
+
+
 def test_resonance_lists_alone_make_a_campaign(tmp_path):
     campaign = load_campaign(folder_with(tmp_path, HEAD + PEAKS))
     assert campaign.runs == ()
@@ -106,7 +119,7 @@ def test_every_key_of_a_run_reaches_the_run(tmp_path):
 
 
 def test_a_rig_path_counts_from_the_campaigns_folder(tmp_path, monkeypatch):
-    (tmp_path / "ours.toml").write_text('name = "ours"\n')
+    shutil.copy(EXAMPLES / "own_rotor.toml", tmp_path / "ours.toml")
     folder = tmp_path / "campaign"
     folder.mkdir()
     folder_with(folder, 'rig = "../ours.toml"\n' + PEAKS)
@@ -241,7 +254,7 @@ def test_campaign_toml_says_every_setting_in_the_contracts_words(tmp_path):
 def test_a_rig_file_is_found_again_when_the_folder_moves(tmp_path, monkeypatch):
     folder = tmp_path / "here"
     folder.mkdir()
-    (folder / "ours.toml").write_text('name = "ours"\n')
+    shutil.copy(EXAMPLES / "own_rotor.toml", folder / "ours.toml")
     monkeypatch.chdir(folder)
     save_campaign(a_campaign(rig="ours.toml"), folder)
     folder.rename(tmp_path / "there")

@@ -6,13 +6,11 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import MeasurementError, PeakList, Run
 from sim.modal_fit import Mode, driving_point, fit_modes
 
 FEATURE_NAMES = ("delta_f1", "delta_f2", "amplitude_ratio", "delta_f1_std", "delta_f2_std", "amplitude_ratio_std")
-
-# Powers of omega between a quantity's amplitude and acceleration.
-_TO_ACCELERATION = {"receptance": 2, "mobility": 1, "accelerance": 0, "acceleration": 0}
 
 
 @dataclass(frozen=True)
@@ -46,12 +44,20 @@ def features_of_runs(rigid: Run, bearing: Run) -> Features:
     _check_supports(rigid, bearing, "run")
     if (rigid.excitation_node, rigid.excitation_plane) != (bearing.excitation_node, bearing.excitation_plane):
         raise MeasurementError("the two runs were driven at different places: their amplitudes cannot be compared")
+    forces = [(run.quantity, run.force_amplitude_N) for run in (rigid, bearing)]
+    if "acceleration" in (rigid.quantity, bearing.quantity) and forces[0] != forces[1]:
+        raise MeasurementError(
+            "accelerations at constant exciter current compare only at the same quantity and force_amplitude_N; "
+            f"the rigid run has {forces[0]}, the bearing run {forces[1]}"
+        )
     (r1, r2), (b1, b2) = fit_modes(rigid, 2), fit_modes(bearing, 2)
     (a0, a0_std), (a1, a1_std) = _resonance_acceleration(rigid, r1), _resonance_acceleration(bearing, b1)
-    if a0 == 0:
-        raise MeasurementError(
-            f"node {rigid.excitation_node} does not move in mode 1 on rigid supports: there is no amplitude ratio"
-        )
+    for run, a in ((rigid, a0), (bearing, a1)):
+        if a == 0:
+            raise MeasurementError(
+                f"node {run.excitation_node} does not move in mode 1 on {run.support} support: "
+                "there is no amplitude ratio"
+            )
     return Features(
         delta_f1=r1.frequency_hz - b1.frequency_hz,
         delta_f2=r2.frequency_hz - b2.frequency_hz,
@@ -69,7 +75,7 @@ def _check_supports(rigid: Run | PeakList, bearing: Run | PeakList, what: str) -
 
 def _resonance_acceleration(run: Run, mode: Mode) -> tuple[float, float]:
     """Resonance acceleration of a mode at the driving point, with its standard error, whatever the run measures."""
-    factor = (2 * np.pi * mode.frequency_hz) ** _TO_ACCELERATION[run.quantity]
+    factor = (2 * np.pi * mode.frequency_hz) ** (2 - DERIVATIVE_ORDER[run.quantity])
     value, std = driving_point(run, mode, run.excitation_node, run.excitation_plane)
     return factor * value, factor * std
 

@@ -93,7 +93,7 @@ class StiffnessFinder:
 
     def _frequencies(self, k_b: float = 1e7, rigid: bool = False) -> np.ndarray:
         condition = Condition(k_b, rigid, self._damping.bearing_damping, self._damping.shaft_damping_ratio)
-        return damped_modes(build_system(self._structure, condition)).frequency_hz[[0, 2]]
+        return damped_modes(build_system(self._structure, condition).in_plane(1)).frequency_hz[:2]
 
 
 def _resonance_acceleration(system: LinearSystem, node: int) -> float:
@@ -101,15 +101,15 @@ def _resonance_acceleration(system: LinearSystem, node: int) -> float:
 
     Receptance is the sum of R / (s - lambda) over all eigenvalues; a pair of them is
     2 [s Re R - Re(R conj lambda)] / (s^2 + 2 zeta omega_r s + omega_r^2). At s = i omega_r its
-    denominator is 2 i zeta omega_r^2, and acceleration is omega_r^2 times it. The two planes share
-    their eigenvalues, so the residues of both are added up.
+    denominator is 2 i zeta omega_r^2, and acceleration is omega_r^2 times it.
     """
+    system = system.in_plane(1)
     space, force = StateSpace(system), system.unit_vector(node, 1)
     eigenvalue, V = np.linalg.eig(space.A)
     read_out, inputs = space.displacement(force[None])[0], space.input(force[:, None])[:, 0]
     residue = (read_out @ V) * np.linalg.solve(V, inputs.astype(complex))  # (n_states,)
     oscillating = np.imag(eigenvalue) > 1e-9 * np.abs(eigenvalue).max()
-    first = eigenvalue[oscillating][np.argmin(np.abs(eigenvalue[oscillating]))]
-    R = residue[np.abs(eigenvalue - first) < 1e-6 * np.abs(first)].sum()
+    lowest = np.argmin(np.where(oscillating, np.abs(eigenvalue), np.inf))
+    first, R = eigenvalue[lowest], residue[lowest]
     omega, zeta = np.abs(first), -first.real / np.abs(first)
     return float(np.abs(2 * (1j * omega * R.real - (R * first.conjugate()).real)) / (2 * zeta))

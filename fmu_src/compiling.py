@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -64,15 +66,15 @@ def reachable_targets() -> tuple[Target, ...]:
 
 
 def compiler(target: Target) -> list[str]:
-    """Command of a C compiler for a target: $CC or the system's for this machine, ziglang for any.
+    """Command of a C compiler for a target: ziglang, or else $CC or the system's for this machine.
 
     Raises CompileError where there is none.
     """
-    own = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
     if find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc", "-target", target.zig]
-    if own and target == this_machine():
-        return [own]
+    own = shlex.split(os.environ.get("CC", "")) or [c for c in ("cc", "gcc", "clang") if shutil.which(c)][:1]
+    if own and shutil.which(own[0]) and target == this_machine():
+        return own
     raise CompileError(f"no C compiler for {target.fmi3}: install one, or ziglang (pip install ziglang)")
 
 
@@ -121,11 +123,13 @@ def _kept(folder: Path, command: Sequence[str], target: Target) -> Path:
 
 def _keep(made: Path, kept: Path) -> Path:
     """Put a library there, beside and renamed; where that is not possible, it stays where it is."""
+    beside = kept.with_name(f".{kept.name}.{os.getpid()}")
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        beside = kept.with_name(f".{kept.name}.{os.getpid()}")
         shutil.copy2(made, beside)
         os.replace(beside, kept)
     except OSError:
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
         return made
     return kept

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from fmu_src.variables import Variable
 from rotor.effects.effect import SWITCH, Effect, Parameter
 from rotor.effects.library import EFFECTS
+from rotor.rig import MOST_BEARING_DAMPING
 
 ROTOR_MEANING = "Finite-element rotor on its bearings: sine force in, node accelerations out"
 ROTOR_STEP = 1e-4  # of the default experiment [s]
@@ -60,7 +61,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
             "N.s/m",
             rig.bearing_damping,
             0.0,
-            1e6,
+            MOST_BEARING_DAMPING,
             "tunable",
         ),
         Variable(

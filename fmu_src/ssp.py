@@ -67,11 +67,14 @@ def write_ssp(
         SubElement(connections, f"{{{_SSD}}}Connection", link)
     indent(root)
     beside = target.with_name(f".{target.name}.{os.getpid()}")
-    with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("SystemStructure.ssd", tostring(root, encoding="UTF-8", xml_declaration=True))
-        for fmu in (rotor_fmu, estimator_fmu):
-            archive.write(fmu, f"resources/{fmu.name}")
-    os.replace(beside, target)
+    try:
+        with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("SystemStructure.ssd", tostring(root, encoding="UTF-8", xml_declaration=True))
+            for fmu in (rotor_fmu, estimator_fmu):
+                archive.write(fmu, f"resources/{fmu.name}")
+        os.replace(beside, target)
+    finally:
+        beside.unlink(missing_ok=True)
     return target
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem
+from gap.likelihood import Fit, Observed, Problem
 from rotor.structure import ComplexArray, FloatArray
 
 # Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
@@ -27,22 +27,18 @@ class Adequacy:
     correlation: float  # of neighbouring lines' residuals, in its standard errors
 
 
-def whitened(observed: Observed, model: ComplexArray, model_error: float = 0.0) -> ComplexArray:
+def whitened(observed: Observed, model: ComplexArray) -> ComplexArray:
     """(n_freq, n_channels) residuals of unit variance per real component; nan where nothing is there."""
     y = observed.run.H
     silent = np.abs(np.nan_to_num(y)) <= 1e-9 * np.nanmax(np.abs(y))
-    return np.where(
-        observed.valid & ~silent,
-        observed.less(model) / (np.hypot(observed.std, model_error * np.abs(np.nan_to_num(y))) / np.sqrt(2)),
-        np.nan,
-    )
+    return np.where(observed.valid & ~silent, observed.less(model) / (observed.std / np.sqrt(2)), np.nan)
 
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:
     """Compare a fit's residuals with the noise under them."""
-    scatter, bends, squares, products, n = 0.0, 0, 0.0, 0.0, 0
+    scatter, bends, squares, products, variance, n = 0.0, 0, 0.0, 0.0, 0.0, 0
     for observed, model in zip(problem.observed, problem.predict(fit), strict=True):
-        z = whitened(observed, model, problem.model_error if problem.model_error > MODEL_ERROR else 0.0)
+        z = whitened(observed, model)
         real = observed.run.magnitude_only
         parts = 1 if real else 2
         for channel in z.T:
@@ -52,6 +48,7 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         size = float(np.nansum(np.abs(z) ** 2)) / parts
         squares += size
         n += int(np.isfinite(z).sum())
+        variance += float(np.isfinite(z).sum()) / parts  # of the products' sum, where residuals are independent
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
     scale2 = scatter / bends if bends else 1.0
     surely = 1.0 if abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2
@@ -59,7 +56,7 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
     return Adequacy(
         scale=float(np.sqrt(scale2)),
         misfit=squares / dof / max(surely, 1e-30),
-        correlation=products / max(squares, 1e-30) * np.sqrt(2 * n),
+        correlation=products / max(squares, 1e-30) * n / np.sqrt(max(variance, 1.0)),
     )
 
 

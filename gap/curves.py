@@ -27,8 +27,9 @@ def nrmse(measured: ComplexArray, model: ComplexArray) -> float:
 
     Parameters
     ----------
-    measured, model : (n_freq, n_channels); real and not negative for magnitudes
+    measured, model : (n_freq, n_channels); real and not negative for magnitudes; lines without a value are left out
     """
+    measured, model = _where_measured(measured, model)
     size = np.sqrt(np.sum(np.abs(measured) ** 2, axis=0))
     moving = size > SILENT * size.max(initial=0.0)
     if not moving.any():
@@ -39,8 +40,14 @@ def nrmse(measured: ComplexArray, model: ComplexArray) -> float:
 
 def log_distance_db(measured: ComplexArray, model: ComplexArray) -> float:
     """Root mean square of 20 log10 |H / H_model| over all lines of the channels that move [dB]."""
+    measured, model = _where_measured(measured, model)
     size = np.sqrt(np.sum(np.abs(measured) ** 2, axis=0))
     moving = size > SILENT * size.max(initial=0.0)
     a, b = np.abs(measured[:, moving]), np.abs(model[:, moving])
     ok = (a > 0) & (b > 0)
     return float(np.sqrt(np.mean((20 * np.log10(a[ok] / b[ok])) ** 2))) if ok.any() else float("nan")
+
+
+def _where_measured(measured: ComplexArray, model: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    there = np.isfinite(measured)
+    return np.where(there, measured, 0.0), np.where(there, model, 0.0)

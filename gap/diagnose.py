@@ -20,7 +20,7 @@ from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Regime,
 from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
 from gap.helpers import helped_by
-from gap.hypotheses import Hypothesis, candidates
+from gap.hypotheses import NO_GAP_PRIOR, NOMINAL, SURE, Hypothesis, candidates
 from gap.likelihood import Fit, Problem, observe
 from gap.next_test import best_next_test
 from gap.nonlinear_search import robust_fit, search_nonlinear
@@ -42,7 +42,7 @@ from rotor.assembly import assemble
 from rotor.effects.library import EFFECTS
 from rotor.rig import load_rig
 from rotor.structure import ComplexArray, Structure
-from sim.campaign import Campaign, Run
+from sim.campaign import Campaign, MeasurementError, Run
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
@@ -52,11 +52,10 @@ ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in 
 FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
 FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
 LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance
-SURE = 0.9  # probability from which one cause is named
-NO_GAP_PRIOR = 0.95  # probability of no gap before the data
 PAIR_GAIN = 12.0  # logarithm of the evidence that a pair must add
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
 AT_MOST = 3  # effects in that set
+LEAST_DATA = 20  # real numbers; of fewer nothing is concluded
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
@@ -108,8 +107,18 @@ def structure_of(rig: str, least: int = _ELEMENTS) -> Structure:
 
 
 def forward_of(campaign: Campaign) -> Forward:
-    """The model of a campaign's rig, meshed finely enough for a diagnosis."""
-    return Forward(structure_of(campaign.rig), campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
+    """The model of a campaign's rig, meshed finely enough for a diagnosis.
+
+    Raises MeasurementError where a run has a node that the rig lacks.
+    """
+    structure = structure_of(campaign.rig)
+    for run in campaign.runs:
+        last = max(run.excitation_node, *(channel.node for channel in run.channels))
+        if last > structure.n_nodes:
+            raise MeasurementError(
+                f"run {run.name!r}: node {last} does not exist, the rig has {structure.n_nodes}; correct one of them"
+            )
+    return Forward(structure, campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
 
 
 @threadpool_limits.wrap(limits=1)  # the matrices are small: several threads make it five times slower
@@ -133,6 +142,7 @@ def diagnose(
     Raises
     ------
     ValueError : an excluded effect does not exist
+    MeasurementError : a run has a node that the rig lacks
     """
     if unknown := sorted(set(exclude) - set(EFFECTS)):
         raise ValueError(f"exclude: no effect {', '.join(unknown)}; see rigtwin effects")
@@ -154,7 +164,7 @@ def diagnose(
         problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
     standing = _standing(problem, nominal, fits)
     clock.lap("form")
-    ranked = _rank(problem, nominal, standing)
+    ranked = _rank(nominal, standing)
     verdict = _verdict(problem, nominal, ranked, standing)
     if standing.other_form and verdict in ("cause", "ambiguous"):
         findings = (*findings, _form_finding(ranked.fits[0], standing))
@@ -197,13 +207,14 @@ def _explained(
         return made
 
     found = None if dependent and library.laws else singles()
-    if found and not (library.laws and _differ_by_level(problem, found.fits[0])):
+    if found and not (library.laws and _differ_by_level(problem, (*found.fits, found.nominal)[0])):
         return problem, nominal, _finished(problem, found, library.linear, progress, clock)
     coarser, bent = search_nonlinear(problem, library.laws, progress)
     clock.lap("nonlinear effects")
     adequate = bool(bent.fits) and _adequate(coarser, bent.fits[0], judge(coarser, bent.fits[0]))
+    plain = robust_fit(coarser, NOMINAL, bent.nominal.u, bent.nominal.nu) or bent.nominal  # as the laws are fitted
     if adequate and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:
-        return coarser, bent.nominal, list(bent.fits)
+        return coarser, plain, list(bent.fits)
     with_pairs = not (dependent or adequate)
     straight = _finished(problem, found or singles(), library.linear, progress, clock, with_pairs=with_pairs)
     rivals = [fit for fit in (robust_fit(coarser, fit.hypothesis, fit.u) for fit in straight[:POLISHED]) if fit]
@@ -211,7 +222,7 @@ def _explained(
     clock.lap("linear rivals")
     if not bent.fits or best > bent.fits[0].log_weight:
         return problem, nominal, straight
-    return coarser, bent.nominal, best_first([*bent.fits, *rivals])
+    return coarser, plain, best_first([*bent.fits, *rivals])
 
 
 def _differ_by_level(problem: Problem, fit: Fit) -> bool:
@@ -236,9 +247,14 @@ def _finished(
     with_pairs: bool = True,
 ) -> list[Fit]:
     """Linear effects, best first, and pairs where no single one is adequate."""
-    fits = list(found.fits)
-    if with_pairs and not (
-        _adequate(problem, fits[0], judge(problem, fits[0])) and most_left(problem, fits[0], hypotheses) < 2 * PAIR_GAIN
+    fits = list(found.fits) or [found.nominal]
+    if (
+        with_pairs
+        and found.fits
+        and not (
+            _adequate(problem, fits[0], judge(problem, fits[0]))
+            and most_left(problem, fits[0], hypotheses) < 2 * PAIR_GAIN
+        )
     ):
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
@@ -299,7 +315,7 @@ def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
 def _excess(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     """How far a fit is from leaving nothing but noise: 1 at the threshold of adequacy."""
     if nonlinear(fit.effects):
-        return fit.chi2 / fit.n_data / ADEQUATE_NONLINEAR
+        return fit.chi2 / fit.n_data / _scale(quality) ** 2 / ADEQUATE_NONLINEAR
     return max(
         (quality.misfit - 1) / (ADEQUATE_MISFIT - 1),
         quality.correlation / ADEQUATE_CORRELATION,
@@ -340,9 +356,9 @@ def _left(fit: Fit) -> float:
     return (max(fit.chi2 - fit.n_data, 0.0) + fit.penalty) / fit.n_data
 
 
-def _rank(problem: Problem, nominal: Fit, standing: _Standing) -> _Ranked:
+def _rank(nominal: Fit, standing: _Standing) -> _Ranked:
     """Probabilities by evidence; the nominal model has its own prior."""
-    scale, fits = _scale(standing.quality), standing.fits
+    scale, fits = _scale(standing.quality), [fit for fit in standing.fits if fit.hypothesis.terms]
     single = [fit.log_evidence(scale) + np.log(fit.hypothesis.prior * (1 - NO_GAP_PRIOR)) for fit in fits]
     every = np.array([*single, nominal.log_evidence(scale) + np.log(NO_GAP_PRIOR)])
     share = np.exp(every - logsumexp(every))
@@ -351,13 +367,13 @@ def _rank(problem: Problem, nominal: Fit, standing: _Standing) -> _Ranked:
 
 
 def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, standing: _Standing) -> Verdict:
+    if nominal.n_data < LEAST_DATA:
+        return "not_enough_data"
     if ranked.no_gap > 0.5:
         return "no_gap" if _adequate(problem, nominal, judge(problem, nominal)) else "unknown"
     if standing.excess >= 1:
         return "unknown"
-    by_name = _by_name(ranked)
-    top = max(by_name.values()) / max(sum(by_name.values()), 1e-300)
-    return "cause" if top >= SURE else "ambiguous"
+    return "cause" if max(_by_name(ranked).values()) >= SURE else "ambiguous"
 
 
 def _by_name(ranked: _Ranked) -> dict[tuple[str, ...], float]:
@@ -390,7 +406,7 @@ def _report(
     causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
     if raster is not None:
         verdict, causes = "cause", (raster, *causes)
-    best = nominal if verdict in ("no_gap", "unknown") or raster is not None else ranked.fits[0]
+    best = nominal if verdict not in ("cause", "ambiguous") or raster is not None else ranked.fits[0]
     believed = problem.bare(nominal)
     corrected = problem.predict(best)
     where = locate(problem, nominal, believed, _regime(verdict, causes, findings))
@@ -399,7 +415,7 @@ def _report(
     if verdict in ("cause", "ambiguous") and raster is None:
         shrink = measure_shrink(problem, nominal, ranked.fits[0], scale, confirm)
         clock.lap("held out")
-    equivalent = _equivalent(ranked, causes) if verdict == "ambiguous" else ()
+    equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
     rivals = [next(f for f in ranked.fits if sorted(f.hypothesis.ids) == sorted(c.effects)) for c in equivalent]
     curves = tuple(
         Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.std)
@@ -421,7 +437,7 @@ def _report(
         where=where,
         causes=causes,
         equivalent=equivalent,
-        next_test=best_next_test(problem, rivals, campaign)
+        next_test=best_next_test(problem, rivals)
         if len(rivals) > 1
         else wording.next_test(verdict, campaign, causes, equivalent),
         shrink=shrink,
@@ -500,11 +516,12 @@ def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Caus
     )
 
 
-def _equivalent(ranked: _Ranked, causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """The smallest set that holds nearly all of the probability, of at most three."""
+def _equivalent(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """The smallest set that holds nearly all of the causes' probability, of at most three."""
+    total = sum(cause.probability for cause in causes)
     chosen: list[Cause] = []
     for cause in causes:
-        if sum(c.probability for c in chosen) >= ANSWERED or len(chosen) == AT_MOST:
+        if sum(c.probability for c in chosen) >= ANSWERED * total or len(chosen) == AT_MOST:
             break
         chosen.append(cause)
     return tuple(chosen)
@@ -546,7 +563,7 @@ def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:
         return ()
     words = (
         f"the values scatter {quality.scale:.2g} times as much as their standard errors say; "
-        "the errors were scaled by that before anything was judged"
+        "fits are judged and ranked with errors scaled by that"
     )
     return (Finding("noise", "warning", words, "", quality.scale, high),)
 

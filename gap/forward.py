@@ -292,7 +292,8 @@ class Forward:
         Frequencies follow the tolerances in every candidate's own modes; shapes change by what they change in the
         nominal model, or in the candidate itself once ``bend`` has been called for it.
         """
-        elements = (len(self.structure.x) - 1) // (len(rig.nodes_m) - 1)
+        stretches = len(assemble(rig, elements_between_nodes=1).x) - 1  # changes of section cut the mesh as well
+        elements = (len(self.structure.x) - 1) // stretches
         self._variants = [assemble(each, elements_between_nodes=elements) for each in _variants(rig)]
         for run in runs:
             self.bend(run, k_b, ())

@@ -124,7 +124,8 @@ def _table(problem: Problem, masks, before, after, scale: float) -> FloatArray:
         y = np.nan_to_num(run.H)
         a, b = (np.abs(H0), np.abs(H1)) if run.magnitude_only else (H0, H1)
         valid = observed.valid & mask[:, None]
-        values = np.stack([np.abs(y) ** 2, np.abs(y - a) ** 2, np.abs(y - b) ** 2, (scale * observed.std) ** 2], axis=2)
+        sizes = (y, y - a, y - b, scale * observed.error)
+        values = np.stack([np.abs(each) ** 2 for each in sizes], axis=2)
         values = np.where(valid[:, :, None], values, 0.0)
         place = np.arange(n) * _BLOCKS // n
         for block in range(1, _BLOCKS, 2):

@@ -142,6 +142,9 @@ _SECOND = ("viscoelastic_support", "plane_anisotropy")
 _RESONANT = ("pedestal_flexibility", "force_dropout")
 _MANY = (0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9)
 
+NO_GAP_PRIOR = 0.95  # probability of no gap before the data
+SURE = 0.9  # probability from which a verdict is certain
+
 NOMINAL = Hypothesis()
 
 

@@ -62,6 +62,11 @@ class Observed:
         return np.abs(y) - expected_magnitude(self, H)[0] if self.run.magnitude_only else y - H
 
     @property
+    def error(self) -> FloatArray:
+        """(n_freq, n_channels) sqrt(E|data - truth|^2): a magnitude sees half of the noise's power."""
+        return self.std / np.sqrt(2) if self.run.magnitude_only else self.std
+
+    @property
     def n_values(self) -> int:
         """Real numbers that were measured; a node that is held still tells none."""
         moving = np.abs(np.nan_to_num(self.run.H)) > 0
@@ -98,14 +103,15 @@ class Nuisances:
         at += len(TOLERANCES)
         self.drift = [slice(at + MODES * r, at + MODES * (r + 1)) for r in range(n_runs)]
         self.n = at + MODES * n_runs
+        self.gain_std = max(belief.gain_tolerance, 1e-6)
+        self.sensor_std = max(belief.gain_tolerance / 2, 1e-6)
+        self.drift_std = max(belief.frequency_drift, 1e-7)
         std = np.empty(self.n)
-        std[self.gain] = [
-            _ANY_SCALE if run.quantity == "acceleration" else max(belief.gain_tolerance, 1e-6) for run in runs
-        ]
-        std[self.sensor] = max(belief.gain_tolerance / 2, 1e-6)
+        std[self.gain] = [_ANY_SCALE if run.quantity == "acceleration" else self.gain_std for run in runs]
+        std[self.sensor] = self.sensor_std
         std[self.tolerance] = TOLERANCE
         for each in self.drift:
-            std[each] = max(belief.frequency_drift, 1e-7)
+            std[each] = self.drift_std
         self.std = std
 
     def of_run(self, nu: FloatArray, run: int) -> tuple[FloatArray, FloatArray]:
@@ -414,7 +420,7 @@ class Problem:
         total = float(np.sum((nu / self.nuisances.std) ** 2))
         for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
             H = modal.response(*self.nuisances.of_run(nu, r)) * self.nuisances.gains(nu, r, modal)
-            total += float(np.sum(np.abs(_residual(observed, H, np.hypot(added, self.model_error))) ** 2))
+            total += float(np.sum(np.abs(residual(observed, H, np.hypot(added, self.model_error))) ** 2))
         return total if np.isfinite(total) else np.inf
 
     def _linearise(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float):
@@ -591,7 +597,7 @@ def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own
     return after.response(*own) - before.response(*own)
 
 
-def _residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
+def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
     """(data - model) over the standard error of a real component; what is not there is zero."""
     variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(observed.run.H)) ** 2
     return np.where(observed.valid, observed.less(H) / np.sqrt(variance / 2), 0.0)
@@ -623,10 +629,10 @@ def _weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatA
     y = observed.run.H
     variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(y)) ** 2
     weight = np.where(observed.valid, 1 / np.sqrt(variance / 2), 0.0)
-    residual = _residual(observed, H, added)
+    left = residual(observed, H, added)
     if observed.run.magnitude_only:
-        return weight, residual.real.ravel()
-    return weight, np.concatenate([residual.real.ravel(), residual.imag.ravel()])
+        return weight, left.real.ravel()
+    return weight, np.concatenate([left.real.ravel(), left.imag.ravel()])
 
 
 def _columns(observed: Observed, H: ComplexArray, columns: ComplexArray, weight: FloatArray) -> FloatArray:

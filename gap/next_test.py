@@ -25,7 +25,7 @@ from gap.likelihood import Fit, Problem, change_of
 from rotor.effects import AttachedMass, Effect
 from rotor.effects.library import EFFECTS
 from rotor.structure import ComplexArray, FloatArray, Structure
-from sim.campaign import Campaign, Channel, Run, SupportKind
+from sim.campaign import Channel, Run, SupportKind
 
 # Chi-squared from which two members count as told apart.
 TOLD_APART = 25.0
@@ -76,14 +76,13 @@ class Separation:
     pair: tuple[int, int] = field(default=(0, 1))  # which one
 
 
-def best_next_test(problem: Problem, fits: Sequence[Fit], campaign: Campaign) -> NextTest:
+def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest:
     """The run that separates the members of an answered set best.
 
     Parameters
     ----------
     problem : all runs, as they were fitted
     fits : one of each member, at least two
-    campaign : what was measured
 
     Raises
     ------
@@ -91,7 +90,7 @@ def best_next_test(problem: Problem, fits: Sequence[Fit], campaign: Campaign) ->
     """
     if len(fits) < 2:
         raise ValueError("a next test separates at least two candidates")
-    ranked = separations(problem, fits, proposals(problem, fits, campaign))
+    ranked = separations(problem, fits, proposals(problem, fits))
     best = ranked[0]
     a, b = (_name(fits[k]) for k in best.pair)
     least = "" if len(fits) == 2 else "least of all pairs, "
@@ -133,7 +132,7 @@ def relative_noise(problem: Problem) -> float:
 # -- what could be measured ------------------------------------------------------------------------
 
 
-def proposals(problem: Problem, fits: Sequence[Fit], campaign: Campaign) -> list[Proposal]:
+def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
     """Other drive nodes, the other support, three levels, a known mass, more accelerometers."""
     structure = problem.forward.structure
     lines = _lines(problem, fits)
@@ -153,9 +152,8 @@ def proposals(problem: Problem, fits: Sequence[Fit], campaign: Campaign) -> list
     if len(run.channels) < len(everywhere):
         words = f"Repeat the run {here} with an accelerometer at every node"
         made.append(Proposal(words, (replace(run, channels=everywhere, H=_no_response(lines, everywhere)),), 0.0))
-    gain = max(campaign.nominal.gain_tolerance, 1e-6)
-    arbitrary = run.quantity == "acceleration"
-    return [replace(each, gain_std=float("inf") if arbitrary else gain) for each in made]
+    gain_std = float("inf") if run.quantity == "acceleration" else problem.nuisances.gain_std
+    return [replace(each, gain_std=gain_std) for each in made]
 
 
 def _driven(runs: Sequence[Run], run: Run, structure: Structure, measured: bool) -> Iterator[Proposal]:
@@ -251,7 +249,7 @@ class _View:
         return self.forward.modal(run, K_B.value(u[0]), (*effects, *self.proposal.added))
 
     def _derivatives(self, r: int) -> list[ComplexArray]:
-        """Of one run: by u, tolerances, known sensors' gains; then by every run's gain and drifts, and new sensors."""
+        """Of one run: by u, known sensors' gains, tolerances; then by every run's gain and drifts, and new sensors."""
         run, H = self.proposal.runs[r], self.H[r]
         nuisances = self.problem.nuisances
         D = self._modal(run, self.fit.u).with_derivatives(np.zeros(MODES), self._tolerance)[1] * self._gains(run)
@@ -279,12 +277,12 @@ class _View:
 
     def _prior(self) -> FloatArray:
         """Inverse covariance of what may change, in the order of ``_derivatives``."""
-        n_u, nuisances, belief = len(self.fit.u), self.problem.nuisances, self.forward.belief
+        n_u, nuisances = len(self.fit.u), self.problem.nuisances
         kept = np.r_[np.arange(n_u), n_u + np.r_[nuisances.sensor], n_u + np.r_[nuisances.tolerance]]
         told = np.linalg.inv(self.fit.covariance()[np.ix_(kept, kept)])
-        own = [self.proposal.gain_std**-2, *[max(belief.frequency_drift, 1e-7) ** -2] * MODES]
+        own = [self.proposal.gain_std**-2, *[nuisances.drift_std**-2] * MODES]
         fresh = own * len(self.proposal.runs)
-        fresh += [max(belief.gain_tolerance / 2, 1e-6) ** -2] * len(self._new_sensors())
+        fresh += [nuisances.sensor_std**-2] * len(self._new_sensors())
         prior = np.zeros((len(kept) + len(fresh),) * 2)
         prior[: len(kept), : len(kept)] = told
         prior[range(len(kept), len(prior)), range(len(kept), len(prior))] = fresh

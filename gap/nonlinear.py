@@ -30,9 +30,6 @@ from sim.campaign import Run
 
 BoolArray = NDArray[np.bool_]
 
-# What finely computed motions leave of the response; see docs/diagnosis.md.
-MODEL_ERROR = 0.001
-
 # A line this far from the data, and so many times as far as the median line, is started again.
 _FAR, _FARTHER = 0.05, 4.0
 
@@ -201,8 +198,9 @@ class NonlinearModal:
 
     def _miss(self, solved: Solved, lines: IntArray | None = None) -> FloatArray:
         """(n_freq,) distance to the data, relative, over all channels."""
-        y = np.nan_to_num(self.run.H if lines is None else self.run.H[lines])
-        d = np.abs(y) - np.abs(solved.H) if self.run.magnitude_only else y - solved.H
+        H = self.run.H if lines is None else self.run.H[lines]
+        y = np.nan_to_num(H)
+        d = np.where(np.isfinite(H), np.abs(y) - np.abs(solved.H) if self.run.magnitude_only else y - solved.H, 0.0)
         return np.linalg.norm(d, axis=1) / np.maximum(np.linalg.norm(y, axis=1), 1e-300)
 
     def _measured_motion(self, balance: Balance) -> ComplexArray:
@@ -230,7 +228,8 @@ class NonlinearModal:
         states = balance.resolvent(self._omega, balance.loads)[:, 1]  # (n_freq, n_states, n_joints + 1)
         sensors, joints = self._read(balance) @ states, balance.left @ states
         linear = sensors[:, :, -1] * self._force
-        y = np.nan_to_num(self.run.H) / (self._unit * self._scale[:, None])
+        y = np.where(np.isfinite(self.run.H), self.run.H, 0.0) / (self._unit * self._scale[:, None])
+        y = np.where(np.isfinite(self.run.H), y, linear)
         if self.run.magnitude_only:
             y = linear
         elif self.run.quantity == "acceleration":  # of an arbitrary scale

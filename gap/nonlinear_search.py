@@ -16,8 +16,8 @@ import numpy as np
 
 from gap.forward import over_receptance
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
-from gap.likelihood import Fit, Observed, Problem, Score
-from gap.nonlinear import FINAL, MIDDLE, MODEL_ERROR, ROUGH, NonlinearModal, Resolution
+from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem, Score, residual
+from gap.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
 from gap.search import Progress, Search, best_first, recalibrate
 from rotor.measured import measured_response
 from rotor.structure import FloatArray
@@ -483,9 +483,7 @@ def _loss(problem: Problem, fit: Fit) -> tuple[float, list[FloatArray]]:
     for observed, H in zip(problem.observed, problem.predict(fit), strict=True):
         y, real = np.nan_to_num(observed.run.H), observed.run.magnitude_only
         used = observed.valid & (np.abs(y) > 0)
-        d = np.abs(y) - np.abs(H) if real else y - H
-        variance = (observed.std**2 + (problem.model_error * np.abs(y)) ** 2) / 2
-        z2 = np.where(used, np.abs(d) ** 2 / variance, 0.0)
+        z2 = np.where(used, np.abs(residual(observed, H, problem.model_error)) ** 2, 0.0)
         n = used.sum(axis=1) * (1 if real else 2)
         mean = z2.sum(axis=1) / np.maximum(n, 1)
         squares.append(mean)

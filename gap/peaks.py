@@ -26,14 +26,11 @@ from scipy.optimize import minimize
 from scipy.stats import chi2 as chi2_distribution
 
 from gap.diagnosis import Band, Cause, Diagnosis, Estimate, Finding, Location, NextTest, Where
-from gap.hypotheses import K_B, Hypothesis, candidates
+from gap.hypotheses import K_B, NO_GAP_PRIOR, SURE, Hypothesis, candidates
 from gap.resonances import Resonances, Rotor
 from rotor.rig import load_rig
 from rotor.structure import FloatArray
 from sim.campaign import Campaign, Channel, PeakList, Run
-
-# Probability of no gap before the data, and probability from which a verdict stands: those of ``gap.diagnose``.
-_NO_GAP, _SURE = 0.95, 0.9
 
 # Level of the test whether the residuals of matched peaks are those of their standard errors.
 _TEST_LEVEL = 0.01
@@ -341,8 +338,8 @@ class Lists:
         """Every effect at its best place, with the probability of all its places."""
         every = [self.score(h) for h in self.hypotheses if h.ids[0] not in exclude]
         nominal = self.score(Hypothesis())
-        weights = np.array([s.log_evidence + np.log(s.hypothesis.prior * (1 - _NO_GAP)) for s in every])
-        own = nominal.log_evidence + np.log(_NO_GAP)
+        weights = np.array([s.log_evidence + np.log(s.hypothesis.prior * (1 - NO_GAP_PRIOR)) for s in every])
+        own = nominal.log_evidence + np.log(NO_GAP_PRIOR)
         shares = np.exp(np.append(weights, own) - np.logaddexp.reduce(np.append(weights, own)))
         best: dict[str, Scored] = {}
         total: dict[str, float] = {}
@@ -417,7 +414,7 @@ def diagnosis_of(
     """What a ranking says, in the form of every diagnosis."""
     nominal = ranking.nominal
     causes = tuple(_cause(s, p) for s, p in zip(ranking.scored, ranking.probabilities, strict=True))
-    agrees = ranking.no_gap > _SURE and nominal.adequate and nominal.n_unseen == 0
+    agrees = ranking.no_gap > SURE and nominal.adequate and nominal.n_unseen == 0
     return Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,

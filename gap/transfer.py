@@ -87,7 +87,7 @@ class _Test:
         self._nuisances, self._best = problem.nuisances, best
         self._parts = []
         for r in middle_level(problem.runs):
-            there = replace(problem.runs[r], excitation_node=node, quantity="accelerance", harmonics={}, std=None)
+            there = replace(problem.runs[r], excitation_node=node, harmonics={}, std=None)
             effects = acting(best.effects, there.support)
             run_gain = np.exp(best.nu[problem.nuisances.gain][r])
             if nonlinear(effects):

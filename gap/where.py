@@ -76,7 +76,7 @@ def _misfit(observed: Observed, model: ComplexArray) -> FloatArray:
     difference = np.abs(y) - np.abs(model) if observed.run.magnitude_only else y - model
     valid = observed.valid
     size = np.sum(np.where(valid, np.abs(y) ** 2, 0.0), axis=0)
-    noise = np.where(valid, observed.std**2, 0.0)
+    noise = np.where(valid, observed.error**2, 0.0)
     gap = np.where(valid, np.maximum(np.abs(difference) ** 2 - noise, 0.0), 0.0)
     moving = size > 1e-8 * size.max(initial=1e-300)
     return np.sum(gap[:, moving] / size[moving], axis=1)
@@ -87,19 +87,22 @@ def _bands(problem: Problem, nominal: Fit, misfits: Sequence[FloatArray]) -> tup
     f_lo = min(run.frequency_hz[0] for run in problem.runs)
     f_hi = max(run.frequency_hz[-1] for run in problem.runs)
     counted = [m.frequencies_hz for m in problem.modals(nominal.k_b, nominal.effects)]
-    inside = [f[(f > f_lo) & (f < f_hi)] for f in counted]
-    most = max((len(f) for f in inside), default=0)
-    if most == 0:
+    inside = [(m, f[m]) for f in counted for m in np.flatnonzero((f > f_lo) & (f < f_hi))]
+    if not inside:
         return (Band(float(f_lo), float(f_hi), None, 1.0),)
-    centres = [np.median([f[m] for f in inside if len(f) > m]) for m in range(most)]
-    edges = [f_lo, *(float(np.sqrt(a * b)) for a, b in pairwise(centres)), f_hi]
-    sums = np.zeros(most)
+    by_mode = {m: float(np.median([f for k, f in inside if k == m])) for m, _ in inside}
+    modes = sorted(by_mode, key=lambda m: by_mode[m])
+    edges = [f_lo, *(float(np.sqrt(by_mode[a] * by_mode[b])) for a, b in pairwise(modes)), f_hi]
+    sums = np.zeros(len(modes))
     for run, misfit in zip(problem.runs, misfits, strict=True):
-        place = np.clip(np.searchsorted(edges[1:-1], run.frequency_hz), 0, most - 1)
+        place = np.clip(np.searchsorted(edges[1:-1], run.frequency_hz), 0, len(modes) - 1)
         np.add.at(sums, place, misfit)
     total = sums.sum()
-    shares = sums / total if total > 0 else np.full(most, 1 / most)
-    return tuple(Band(float(edges[m]), float(edges[m + 1]), m + 1, float(shares[m])) for m in range(most))
+    shares = sums / total if total > 0 else np.full(len(modes), 1 / len(modes))
+    return tuple(
+        Band(float(low), float(high), int(m) + 1, float(share))
+        for (low, high), m, share in zip(pairwise(edges), modes, shares, strict=True)
+    )
 
 
 def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray]):
@@ -114,7 +117,7 @@ def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray]):
         if run.magnitude_only:
             continue
         columns = [c for c, channel in enumerate(run.channels) if channel.plane == run.excitation_plane]
-        several |= len(columns) > 1
+        several |= np.count_nonzero(np.abs(model[:, columns]).any(axis=0)) > 1  # a held node tells nothing
         e = np.where(observed.valid, model - np.nan_to_num(run.H), 0.0)[:, columns]
         std = np.where(observed.valid, observed.std, np.inf)[:, columns]
         power = np.sum(np.abs(e / std) ** 2)

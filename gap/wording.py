@@ -50,7 +50,10 @@ def sentence(diagnosis: Diagnosis) -> str:
     first = named(diagnosis.causes[0])
     if diagnosis.verdict == "cause":
         return f"The gap comes from {first} (probability {_percent(diagnosis.causes[0].probability)}){tail}"
-    others = ", or ".join(named(cause) for cause in diagnosis.equivalent) or first
+    if len(diagnosis.equivalent) < 2:
+        surely = _percent(diagnosis.causes[0].probability)
+        return f"The gap may come from {first} (probability {surely}), or be none{tail}"
+    others = ", or ".join(map(named, diagnosis.equivalent))
     return f"These data cannot tell apart {others}; the first{tail}"
 
 
@@ -99,8 +102,7 @@ def next_test(
         return NextTest(words, settings | {"support": support})
     structure = load_rig(campaign.rig)
     sensors = {channel.node for run in campaign.runs for channel in run.channels}
-    if len(sensors) < _SENSORS:
-        more = _spread(structure, sensors, _SENSORS - len(sensors))
+    if more := _spread(structure, sensors, max(_SENSORS - len(sensors), 0)):
         nodes = " and ".join(map(str, sorted(more)))
         words = f"Measure at {'nodes' if len(more) > 1 else 'node'} {nodes} too"
         return NextTest(f"{words}: with few accelerometers several places explain the same gap.", settings)

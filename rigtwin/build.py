@@ -11,6 +11,7 @@ from rigtwin.console import note, say
 from rigtwin.exits import UserError
 from rigtwin.fmus import SHIPPED_RIG, build_rotor, is_shipped
 from rotor.rig import Rig, load_rig
+from sim.formats.atomic import replacing
 
 
 def build_fmus(source: str, out: Path, *, train: bool, native: bool) -> None:
@@ -48,4 +49,6 @@ def _trained(source: str, out: Path) -> None:
 
     result = train(TrainingPlan(rig=source, out=out / "training"))
     for path in (result.rotor_fmu, result.estimator_fmu):
-        say(str(shutil.copy(path, out / path.name)))
+        with replacing(out / path.name) as beside:
+            shutil.copy(path, beside)
+        say(str(out / path.name))

@@ -98,6 +98,8 @@ def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None) -> li
 def _tests(
     paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any], card: dict[str, Any]
 ) -> list[tuple[str, Features]]:
+    if paths:
+        _refuse_beside_files(paths, numbers, settings)
     if len(paths) == 2:
         return list(_pairs(_read_pair(paths, settings), card))
     if len(paths) == 1 and paths[0].is_file():
@@ -109,6 +111,15 @@ def _tests(
     if paths:
         raise UserError(f"{len(paths)} files given; give a rigid and a bearing run, or one campaign folder")
     return [("numbers given", _features(numbers))]
+
+
+def _refuse_beside_files(paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any]) -> None:
+    """What the files say is not said again on the command line, but for the ratio beside resonance lists."""
+    given = {name for name, value in asdict(numbers).items() if value is not None}
+    if shifts := sorted(name for name in given if not name.startswith("amplitude_ratio") or len(paths) == 2):
+        raise UserError(f"{option(shifts[0])}: numbers go without files; give either")
+    if settings and len(paths) == 1:
+        raise UserError(f"{option(min(settings))}: the campaign says that of its runs; change its campaign.toml")
 
 
 def _read_pair(paths: Sequence[Path], settings: dict[str, Any]) -> list[Run]:
@@ -154,6 +165,8 @@ def _rig_name(rig: str) -> str:
 
 def _campaign_tests(campaign: Campaign, numbers: Numbers, card: dict[str, Any]) -> list[tuple[str, Features]]:
     if campaign.runs:
+        if numbers.amplitude_ratio is not None:
+            raise UserError("--amplitude-ratio: the campaign has runs, which give the ratio; it goes with lists only")
         return list(_pairs(campaign.runs, card))
     return [("resonance lists", features_of_campaign_peaks(campaign, _ratio(numbers)))]
 
@@ -161,8 +174,11 @@ def _campaign_tests(campaign: Campaign, numbers: Numbers, card: dict[str, Any]) 
 def features_of_campaign_peaks(campaign: Campaign, ratio: Ratio) -> Features:
     """Features of a campaign that holds resonance lists only. Raises UserError where a support is missing."""
     lists = {peaks.support: peaks for peaks in campaign.peaks}
-    if set(lists) != {"rigid", "bearing"}:
-        raise UserError(f"campaign {campaign.title!r}: [[peaks]] of both supports, rigid and bearing, are needed")
+    if set(lists) != {"rigid", "bearing"} or len(campaign.peaks) != 2:
+        raise UserError(
+            f"campaign {campaign.title!r}: one [[peaks]] of each support, rigid and bearing, is needed; "
+            f"it has {len(campaign.peaks)}"
+        )
     return features_of_peaks(lists["rigid"], lists["bearing"], ratio.value, ratio.std)
 
 

@@ -23,6 +23,7 @@ _SENTENCES = {
     "rotor.rig": ("RigError",),
     "sim.campaign": ("MeasurementError",),
     "sim.session": ("FmuError",),
+    "sim.setup": ("SetupError",),
     "sim.stepped_sine": ("NotSettledError",),
 }
 

@@ -71,7 +71,7 @@ def frf_figure(curves: Sequence[Curve]) -> go.Figure:
         rigid = curve.run.support == "rigid"
         line = {"color": INK if rigid else next(colours), "dash": "dot" if rigid else "solid", "width": 2}
         f, size, std = _magnitude(curve)
-        if std is not None and np.nanmax(std / size) > _VISIBLE_BAND:
+        if std is not None and size.size and np.nanmax(std / size) > _VISIBLE_BAND:
             figure.add_trace(_band(f, size, std, line["color"]))
         hover = "%{x:.4f} Hz<br>%{y:.4g}<extra>" + curve.label + "</extra>"
         figure.add_trace(go.Scatter(x=f, y=size, name=curve.label, line=line, hovertemplate=hover))

@@ -89,11 +89,12 @@ def manifest(fmu: Path) -> dict[str, Any]:
         with zipfile.ZipFile(existing(fmu)) as archive:
             if "modelDescription.xml" not in archive.namelist():
                 raise UserError(f"{fmu}: not an FMU, it holds no modelDescription.xml")
-            return json.loads(archive.read("resources/manifest.json"))
+            facts = json.loads(archive.read("resources/manifest.json"))
     except zipfile.BadZipFile as error:
         raise UserError(f"{fmu}: not an FMU ({error})") from error
-    except KeyError:
+    except (KeyError, ValueError):  # no such file, or another tool's
         return {}
+    return facts if isinstance(facts, dict) else {}
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from rotor.rig import load_rig
 from sim.campaign import Campaign, Channel, MeasurementError, Run
 from sim.campaign_folder import load_campaign
 from sim.formats import read_run
+from sim.formats.settings import UnknownSupportError
 from sim.modal_fit import fit_modes
 
 
@@ -81,9 +82,7 @@ def _read(sources: Sources) -> Campaign:
 def _read_run(path: Path, settings: dict[str, Any]) -> Run:
     try:
         return read_run(existing(path), **settings)
-    except MeasurementError as error:
-        if settings or "support" not in str(error):
-            raise
+    except UnknownSupportError as error:
         raise UserError(f"{path}: does not say its support; give it with --rigid or --bearing") from error
 
 

@@ -137,7 +137,10 @@ def measured_response(
         if nominal:
             scale = scale * force_factor(group.effects, omega, drive)
         sensors = [scale * channel_factor(group.effects, omega, node) for node in group.nodes]
-        response[:, [read.index(node) for node in group.nodes]] = H * np.array(sensors).T
+        by_node = dict(zip(group.nodes, (H * np.array(sensors).T).T, strict=True))
+        for column, node in enumerate(read):
+            if node in by_node:
+                response[:, column] = by_node[node]
     return response
 
 

@@ -16,6 +16,9 @@ from rotor.elements import Section, cowper_shear_factor
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
+# Largest damper of a bearing [N s/m].
+MOST_BEARING_DAMPING = 1e6
+
 # Two positions closer than this are the same place on the shaft.
 SAME_PLACE_M = 1e-9
 
@@ -187,7 +190,7 @@ class Rig(_Table):
     nodes_m: Annotated[list[NonNegative], Field(min_length=2)]
     elements_between_nodes: Annotated[int, Field(ge=1, le=64)] = 1
     shaft_damping_ratio: Annotated[float, Field(ge=0, le=0.2)] = 0.001
-    bearing_damping_Ns_per_m: NonNegative = 0.0
+    bearing_damping_Ns_per_m: Annotated[float, Field(ge=0, le=MOST_BEARING_DAMPING)] = 0.0
     excitation_node: Annotated[int, Field(ge=1)] = 2
     k_b: BearingStiffness = BearingStiffness()
     segment: Annotated[list[Segment], Field(min_length=1)]
@@ -215,12 +218,20 @@ class Rig(_Table):
             raise ValueError("two supports at one node: merge them")
         if not any(s.stiffness == "k_b" for s in self.support):
             raise ValueError('no support has stiffness = "k_b": there is no bearing to identify')
+        holding = [s for s in self.support if s.stiffness != 0]
+        if len(holding) < 2 and not any(s.tilt_stiffness_Nm_per_rad for s in self.support):
+            raise ValueError("the shaft can turn about its only support: give another one, or a tilt stiffness")
         return self
 
     @property
     def length(self) -> float:
         """Length of the shaft [m]."""
         return sum(s.length_m for s in self.segment)
+
+    def same_rotor(self, other: Rig) -> bool:
+        """Whether shaft, disks, masses and supports are the same; titles, meshes and start values may differ."""
+        parts = {"nodes_m", "segment", "disk", "mass", "support"}
+        return self.model_dump(include=parts) == other.model_dump(include=parts)
 
 
 def shipped_rigs() -> list[str]:
@@ -235,17 +246,19 @@ def load_rig(source: str | Path) -> Rig:
 
     Raises
     ------
-    RigError : no such rig or file, not TOML, or a key is wrong (every wrong key is named)
+    RigError : no such rig or file, not TOML, a key is wrong (every wrong key is named), or another rotor has the
+        name of a shipped one
     """
     if str(source) in shipped_rigs():
-        text, where = files("rotor").joinpath("rigs", f"{source}.toml").read_text(encoding="utf-8"), f"rig {source}"
-    else:
-        try:
-            text, where = Path(source).read_text(encoding="utf-8"), str(source)
-        except (OSError, UnicodeDecodeError) as error:
-            known = ", ".join(shipped_rigs())
-            raise RigError(f"{source}: cannot be read ({error}); give a rig TOML or one of: {known}") from error
-    return parse_rig(text, where)
+        return parse_rig(files("rotor").joinpath("rigs", f"{source}.toml").read_text(encoding="utf-8"), f"rig {source}")
+    try:
+        rig = parse_rig(Path(source).read_text(encoding="utf-8"), str(source))
+    except (OSError, UnicodeDecodeError) as error:
+        known = ", ".join(shipped_rigs())
+        raise RigError(f"{source}: cannot be read ({error}); give a rig TOML or one of: {known}") from error
+    if rig.name in shipped_rigs() and not rig.same_rotor(load_rig(rig.name)):
+        raise RigError(f"{source}: name: {rig.name} is a shipped rig of other dimensions; give this one another name")
+    return rig
 
 
 def parse_rig(text: str, where: str = "rig") -> Rig:

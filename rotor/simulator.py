@@ -79,7 +79,7 @@ class RotorSimulator:
         self._build(condition, effects)
         if np.array_equal(free, self._free):
             self._state = self._stepper.state_of(*motion, memory)
-        elif self._ticks or self._state.any():
+        elif self._state.any():
             self._build(*before)
             raise ValueError(
                 "this changes the degrees of freedom (rigid_support, or an effect with masses or states of its own): "

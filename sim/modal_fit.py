@@ -12,6 +12,7 @@ projection, Golub and Pereyra, *SIAM J. Numer. Anal.* 10, 1973, 413-432).
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,9 @@ _PROMINENCE = 1.5
 
 # Lines within so many half-power bandwidths on either side take part in a fit.
 _BANDWIDTHS = 8.5
+
+
+logger = logging.getLogger(__name__)
 
 
 class ModalFitError(MeasurementError):
@@ -59,6 +63,10 @@ def fit_modes(run: Run, n_modes: int | None = None) -> tuple[Mode, ...]:
     """
     if run.magnitude_only:
         raise ModalFitError(f"run {run.name!r} holds magnitudes only; a modal fit needs the phase")
+    measured = np.any(run.H != 0, axis=1)
+    if not measured.all():
+        logger.warning("run %r: %d lines without a response are left out", run.name, np.count_nonzero(~measured))
+        run = run.on_lines(measured)
     found = resonances(run.frequency_hz, _displacement_size(run))
     if not found or (n_modes is not None and len(found) < n_modes):
         raise ModalFitError(
@@ -73,7 +81,8 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
 
     Parameters
     ----------
-    run : a run with phase; lines within +-8 half-power bandwidths are used, but none nearer to another resonance
+    run : a run with phase; lines within 8.5 half-power bandwidths on either side are used, but none nearer to another
+        resonance
     near_hz : the line with the highest response, or close to it
 
     Raises

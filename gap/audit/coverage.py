@@ -14,7 +14,7 @@ from sim.campaign import Campaign
 # Measured over expected quasi-static response on rigid supports, where only the drawing counts. Effects
 # of a rig change it by some ten per cent; a wrong unit by ten or a thousand.
 UNIT_FACTOR = 2.5
-_UNITS = {9.81: "g instead of m/s^2", 1e3: "mm instead of m", 1e6: "um instead of m", 1e-3: "kN instead of N"}
+_UNITS = {1 / 9.81: "g instead of m/s^2", 1e3: "mm instead of m, or kN instead of N", 1e6: "um instead of m"}
 
 
 def check_coverage(campaign: Campaign, runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Finding]:
@@ -99,8 +99,7 @@ def check_units(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
             UNIT_FACTOR,
         )
         return
-    size = max(factor, 1 / factor)
-    guess = [name for unit, name in _UNITS.items() if abs(np.log(size / max(unit, 1 / unit))) < np.log(1.5)]
+    guess = [name for unit, name in _UNITS.items() if abs(np.log(factor / unit)) < np.log(1.5)]
     hint = f" ({guess[0]}?)" if guess else ""
     yield p.finding(
         "units",

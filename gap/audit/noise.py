@@ -56,6 +56,9 @@ CONTRADICTED, CONTRADICTED_SHARE = 3.0, 0.03
 # Scatter of the given errors themselves from line to line: relative, 0.07 for 50 repeats of each line, 0.3 for four.
 ROUGH_ERRORS = 0.07
 
+# Where nothing is known of the noise, its share of the response: what a careful laboratory reaches.
+USUAL_NOISE = 0.01
+
 
 @dataclass(frozen=True)
 class NoiseEstimate:
@@ -141,16 +144,22 @@ def weigh_errors(given: FloatArray, own: FloatArray, H: np.ndarray) -> GivenErro
     return GivenErrors(std, roughness, own > CONTRADICTED * std)
 
 
+def of_complex(std: FloatArray, run: Run) -> FloatArray:
+    """Errors of a run's values as standard errors are given: of the complex response, also where it is a magnitude."""
+    return np.sqrt(2) * std if run.magnitude_only else std
+
+
 def believed_errors(run: Run) -> FloatArray:
     """(n_freq, n_channels) standard errors to fit with: the given ones, as far as the lines' scatter bears them out.
 
-    Where none are given, the scatter. Errors that are wrong by a factor are scaled as a whole. Values with far too
+    Where none are given, the scatter, or what a careful laboratory reaches where the lines are too few to show any.
+    Errors that are wrong by a factor are scaled as a whole. Values with far too
     small an error get their scatter. It is taken throughout where other values have far too large a one, as when one
     error stands for all lines of a channel; and where the errors scatter themselves, as those from few repeats do.
     """
-    own = estimate_noise(run).std
+    own = of_complex(estimate_noise(run).std, run)
     if run.std is None:
-        return own
+        return own if np.isfinite(own).any() else USUAL_NOISE * np.abs(run.H)
     given = weigh_errors(run.std, own, run.H)
     if not (given.rough or given.uneven):
         return given.std

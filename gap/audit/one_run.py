@@ -12,6 +12,7 @@ from gap.audit.noise import (
     CONTRADICTED_SHARE,
     ROUGH_ERRORS,
     mean_square,
+    of_complex,
     responses,
     weigh_errors,
 )
@@ -211,7 +212,7 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
 
 def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:
     """Standard errors that are right on the whole and wrong at single values."""
-    weighed = weigh_errors(given, p.noise.std[np.ix_(p.lines, p.live)], p.H)
+    weighed = weigh_errors(given, of_complex(p.noise.std[np.ix_(p.lines, p.live)], p.run), p.H)
     rough, share = weighed.roughness, weighed.share
     if weighed.rough:
         words = (
@@ -229,7 +230,7 @@ def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:
 
 def _noise_ratios(p: Prepared, given: np.ndarray) -> np.ndarray:
     """(n_live,) estimated over given noise; nan where a channel's standard errors are zero or no number."""
-    draws = p.noise.draws[np.ix_(p.lines, p.live)]
+    draws = of_complex(p.noise.draws[np.ix_(p.lines, p.live)], p.run)
     usable = np.isfinite(given) & (given > 0)
     squares = np.where(usable, (draws / np.where(usable, given, 1.0)) ** 2, np.nan)
     return np.sqrt([mean_square(s, magnitude=p.run.magnitude_only) for s in squares.T])

@@ -9,16 +9,13 @@ from typing import Literal
 
 import numpy as np
 
-from gap.audit.noise import NoiseEstimate, estimate_noise, live_channels, responses
+from gap.audit.noise import USUAL_NOISE, NoiseEstimate, estimate_noise, live_channels, responses
 from gap.audit.resonances import Resonance, find_resonances
 from gap.diagnosis import Finding
 from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import Channel, FloatArray, NominalBelief, Run
 
 Severity = Literal["ok", "note", "warning", "error"]
-
-# Where nothing is known of the noise: what a careful laboratory reaches.
-_USUAL_NOISE = 0.01
 
 # Beats lie within this share of the resonance; a real rotor has no three modes in one plane so close.
 _BEAT_REACH, _FEWEST_BEATS = 0.15, 2
@@ -66,7 +63,7 @@ class Prepared:
     def std(self) -> FloatArray:
         """(n, n_live) estimated standard errors; a usual value where too few lines tell. Never zero."""
         std, size = self.noise.std[np.ix_(self.lines, self.live)], np.abs(self.H)
-        return np.maximum(np.where(np.isfinite(std), std, _USUAL_NOISE * size), 1e-6 * size + np.finfo(float).tiny)
+        return np.maximum(np.where(np.isfinite(std), std, USUAL_NOISE * size), 1e-6 * size + np.finfo(float).tiny)
 
     @cached_property
     def resonances(self) -> tuple[Resonance, ...]:

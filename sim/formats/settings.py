@@ -28,6 +28,10 @@ def _unknown_is_none(value: Any) -> Any:
 Force = Annotated[Positive | None, BeforeValidator(_unknown_is_none)]
 
 
+class UnknownSupportError(MeasurementError):
+    """Neither the campaign nor the data file says what held the rotor."""
+
+
 @with_config(ConfigDict(extra="forbid"))
 class RunSettings(TypedDict, total=False):
     """How a run was measured. An absent key was not said; it is then looked for in the data file."""
@@ -86,7 +90,7 @@ def settle(path: Path, given: RunSettings, found: RunSettings) -> dict[str, Any]
             logger.warning("%s: says %s = %r; %r is used, as the campaign says", path, key, found[key], given[key])
     said: dict[str, Any] = {**found, **given}
     if "support" not in said:
-        raise MeasurementError(f'{path}: support is not known; say support = "rigid" or "bearing"')
+        raise UnknownSupportError(f'{path}: support is not known; say support = "rigid" or "bearing"')
     force = None if said.get("quantity") == "acceleration" else 1.0
     return {**_DEFAULTS, "force_amplitude_N": force, **said}
 

@@ -30,13 +30,13 @@ def rivals():
     run = measure("rigid", (AttachedMass(mass=0.02, node=3),), channels=ONE, seed=1)
     problem = problem_of(run)
     fits = [fitted(problem, candidate([run], "attached_mass", node), np.log(0.02)) for node in (3, 5)]
-    return campaign_of(run), problem, fits
+    return problem, fits
 
 
 def test_the_run_that_is_proposed_was_not_measured(rivals):
-    campaign, problem, fits = rivals
-    test = best_next_test(problem, fits, campaign)
-    assert test.words.split(":")[0] in {p.words for p in proposals(problem, fits, campaign)}
+    problem, fits = rivals
+    test = best_next_test(problem, fits)
+    assert test.words.split(":")[0] in {p.words for p in proposals(problem, fits)}
     assert "attached mass at node 3" in test.words
     assert "attached mass at node 5" in test.words
     assert set(test.run) == {"support", "excitation_node", "force_amplitude_N"}
@@ -57,8 +57,8 @@ def refitted(problem, separation, fits):
 
 
 def test_two_members_are_as_far_apart_as_a_fit_of_both_runs_says(rivals):
-    campaign, problem, fits = rivals
-    ranked = separations(problem, fits, proposals(problem, fits, campaign))
+    problem, fits = rivals
+    ranked = separations(problem, fits, proposals(problem, fits))
     assert [s.chi2 for s in ranked] == sorted((s.chi2 for s in ranked), reverse=True)
     driven = {s.proposal.runs[0].excitation_node: s for s in ranked if s.proposal.words.startswith("Drive")
               and s.proposal.runs[0].support == "rigid"}  # fmt: skip
@@ -70,14 +70,14 @@ def test_two_members_are_as_far_apart_as_a_fit_of_both_runs_says(rivals):
 
 
 def test_a_member_is_not_apart_from_itself(rivals):
-    campaign, problem, fits = rivals
-    for separation in separations(problem, [fits[0], fits[0]], proposals(problem, fits, campaign)):
+    problem, fits = rivals
+    for separation in separations(problem, [fits[0], fits[0]], proposals(problem, fits)):
         assert_allclose(separation.chi2, 0, atol=1e-6)
 
 
 def test_a_repeat_of_the_same_run_tells_little(rivals):
-    campaign, problem, fits = rivals
-    proposed = proposals(problem, fits, campaign)
+    problem, fits = rivals
+    proposed = proposals(problem, fits)
     driven = next(p for p in proposed if p.runs[0].support == "rigid" and not p.added)
     repeat = replace(driven, words="again", runs=(replace(driven.runs[0], excitation_node=2),))
     best = separations(problem, fits, proposed)[0].chi2
@@ -88,7 +88,7 @@ def test_nothing_that_was_measured_is_proposed_again():
     runs = both_supports(MASS)
     problem = problem_of(*runs)
     fits = [fitted(problem, candidate(runs, "attached_mass", 3), np.log(0.1))] * 2
-    words = [p.words for p in proposals(problem, fits, campaign_of(*runs))]
+    words = [p.words for p in proposals(problem, fits)]
     assert not any("at node 2, accelerometers" in w for w in words)  # driven there already
     assert not any("accelerometer at every node" in w for w in words)  # they are there already
     assert not any("times the force" in w for w in words)  # nothing nonlinear is in the set
@@ -97,16 +97,16 @@ def test_nothing_that_was_measured_is_proposed_again():
 
 
 def test_the_support_that_is_missing_is_among_the_proposals(rivals):
-    campaign, problem, fits = rivals
-    (bearing,) = [p for p in proposals(problem, fits, campaign) if p.settings["support"] == "bearing" and not p.added
+    problem, fits = rivals
+    (bearing,) = [p for p in proposals(problem, fits) if p.settings["support"] == "bearing" and not p.added
                   and "every node" not in p.words]  # fmt: skip
     assert bearing.settings["excitation_node"] == 2
 
 
 def test_force_levels_are_for_nonlinear_members(rivals):
-    campaign, problem, fits = rivals
+    problem, fits = rivals
     cubic = replace(fits[0], hypothesis=Fixed(BearingCubic(stiffness=1e12)), u=fits[0].u[:1])
-    (levels,) = [p for p in proposals(problem, [cubic, fits[1]], campaign) if "three times the force" in p.words]
+    (levels,) = [p for p in proposals(problem, [cubic, fits[1]]) if "three times the force" in p.words]
     assert [run.force_amplitude_N for run in levels.runs] == [pytest.approx(1 / 3), 3.0]
 
 
@@ -133,7 +133,7 @@ def test_runs_of_other_kinds_have_a_next_test(kind):
         )
     problem = problem_of(*runs)
     fits = [fitted(problem, candidate(runs, "attached_mass", node), np.log(0.1)) for node in (3, 5)]
-    ranked = separations(problem, fits, proposals(problem, fits, campaign_of(*runs)))
+    ranked = separations(problem, fits, proposals(problem, fits))
     assert ranked[0].chi2 > TOLD_APART
     assert best_next_test(problem, fits, campaign_of(*runs)).run
 
@@ -143,6 +143,6 @@ def test_the_noise_is_the_campaigns(rivals):
 
 
 def test_one_member_leaves_nothing_to_separate(rivals):
-    campaign, problem, fits = rivals
+    problem, fits = rivals
     with pytest.raises(ValueError, match="at least two"):
-        best_next_test(problem, fits[:1], campaign)
+        best_next_test(problem, fits[:1])

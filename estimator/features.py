@@ -52,11 +52,10 @@ def features_of_runs(rigid: Run, bearing: Run) -> Features:
         )
     (r1, r2), (b1, b2) = fit_modes(rigid, 2), fit_modes(bearing, 2)
     (a0, a0_std), (a1, a1_std) = _resonance_acceleration(rigid, r1), _resonance_acceleration(bearing, b1)
-    for run, a in ((rigid, a0), (bearing, a1)):
+    for run, a, held in ((rigid, a0, "rigid supports"), (bearing, a1, "bearings")):
         if a == 0:
             raise MeasurementError(
-                f"node {run.excitation_node} does not move in mode 1 on {run.support} support: "
-                "there is no amplitude ratio"
+                f"node {run.excitation_node} does not move in mode 1 on {held}: there is no amplitude ratio"
             )
     return Features(
         delta_f1=r1.frequency_hz - b1.frequency_hz,

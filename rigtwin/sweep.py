@@ -290,5 +290,5 @@ def levels_of(text: str | None) -> tuple[float, ...]:
     except ValueError:
         raise UserError(f"--levels {text}: write forces in newtons, for example --levels 0.5,1,2") from None
     if not all(0 < level < math.inf for level in levels) or len({f"{level:g}" for level in levels}) < len(levels):
-        raise UserError(f"--levels {text}: the forces must be positive and differ in their first six digits")
+        raise UserError(f"--levels {text}: the forces must be positive and different in six digits")
     return levels

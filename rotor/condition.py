@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+# Largest damper of a bearing [N s/m].
+MOST_BEARING_DAMPING = 1e6
+
 
 @dataclass(frozen=True)
 class Condition:

@@ -11,13 +11,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from rotor.condition import MOST_BEARING_DAMPING
 from rotor.elements import Section, cowper_shear_factor
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-
-# Largest damper of a bearing [N s/m].
-MOST_BEARING_DAMPING = 1e6
 
 # Two positions closer than this are the same place on the shaft.
 SAME_PLACE_M = 1e-9

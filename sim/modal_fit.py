@@ -64,7 +64,7 @@ def fit_modes(run: Run, n_modes: int | None = None) -> tuple[Mode, ...]:
     if run.magnitude_only:
         raise ModalFitError(f"run {run.name!r} holds magnitudes only; a modal fit needs the phase")
     measured = np.any(run.H != 0, axis=1)
-    if not measured.all():
+    if measured.any() and not measured.all():
         logger.warning("run %r: %d lines without a response are left out", run.name, np.count_nonzero(~measured))
         run = run.on_lines(measured)
     found = resonances(run.frequency_hz, _displacement_size(run))

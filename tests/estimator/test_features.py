@@ -168,6 +168,20 @@ def test_a_driving_point_that_stands_still_has_no_ratio():
 # -- resonance lists -------------------------------------------------------------------------------
 
 
+def test_a_dead_accelerometer_on_bearings_has_no_ratio():
+    rigid, bearing = (exact_run(support, nodes=(2, 3)) for support in ("rigid", "bearing"))
+    dead = replace(bearing, H=bearing.H * [0, 1])
+    with pytest.raises(MeasurementError, match="does not move in mode 1 on bearings"):
+        features_of_runs(rigid, dead)
+
+
+def test_accelerations_compare_at_one_force_only():
+    rigid, bearing = (exact_run(support, quantity="acceleration") for support in ("rigid", "bearing"))
+    features_of_runs(rigid, bearing)
+    with pytest.raises(MeasurementError, match="same quantity and force_amplitude_N"):
+        features_of_runs(rigid, replace(bearing, force_amplitude_N=2.0))
+
+
 def test_lists_of_resonances_give_the_shifts_and_their_errors():
     """The paper's measured peaks; further peaks do not count."""
     rigid = PeakList("rigid", np.array([95.0, 320.0]), np.array([1.5, 3.0]))

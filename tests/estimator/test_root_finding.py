@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from numpy.testing import assert_allclose
 
 from estimator.features import Features
 from estimator.root_finding import StiffnessFinder
+from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.frequency_response import accelerance
 from rotor.modal import damped_modes
 from rotor.model import build_system
+from rotor.rig import load_rig
 from tests.rotor.rigs import paper_structure
 from tests.tolerances import LIGHT_DAMPING
 
@@ -33,6 +36,23 @@ def relative_slope(mode: int, k_b: float) -> float:
     """d shift / d log k_b [Hz], by a wide central difference."""
     up, down = (FINDER.shifts(k_b * math.exp(s))[mode - 1] for s in (1e-3, -1e-3))
     return float((up - down) / 2e-3)
+
+
+def test_a_flat_shaft_is_measured_in_the_plane_of_its_force():
+    rig = load_rig("nit-rourkela")
+    round_one = rig.segment[0]
+    I_y = np.pi * 0.02**4 / 64
+    keys = {"length_m", "youngs_modulus_Pa", "density_kg_per_m3", "poisson"}
+    moments = {"area_m2": np.pi * 0.02**2 / 4, "second_moment_y_m4": I_y, "second_moment_z_m4": I_y / 2}
+    flat = type(round_one).model_validate(round_one.model_dump(include=keys) | moments | {"shear_factor": 0.9})
+    structure = assemble(rig.model_copy(update={"segment": [flat]}))
+    condition = Condition(bearing_damping=10.0)
+    finder = StiffnessFinder(structure, condition)
+    rigid, bearing = (
+        damped_modes(build_system(structure, replace(condition, k_b=2e6, rigid_support=held)).in_plane(1)).frequency_hz
+        for held in (True, False)
+    )
+    assert_allclose(finder.shifts(2e6), rigid[:2] - bearing[:2])
 
 
 @pytest.mark.parametrize("mode", [1, 2])

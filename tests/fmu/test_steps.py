@@ -106,6 +106,17 @@ def test_an_experiment_may_start_at_any_time(rotor_session):
     assert_close(readings[2], readings[0], STEPPER)
 
 
+@pytest.mark.parametrize("value", [{"rigid_support": True}, {"pedestal_flexibility.enabled": True}])
+def test_what_changes_the_size_of_the_rotor_may_be_set_whenever_it_starts(rotor_session, value):
+    rotor_session.start()
+    rotor_session._fmu.reset()
+    rotor_session._fmu.setupExperiment(startTime=1234.5)
+    rotor_session.set(value)
+    rotor_session._fmu.enterInitializationMode()
+    rotor_session._fmu.exitInitializationMode()
+    assert rotor_session.get(list(value)) == list(value.values())
+
+
 def test_an_estimate_takes_no_step_or_any(estimator_session):
     estimator_session.start()
     at_once = estimator_session.get(["k_b", "k_b_std", "valid"])

@@ -482,6 +482,14 @@ def test_units_of_g_are_found():
     assert (found.check, "g instead" in found.words) == ("units", True)
 
 
+@pytest.mark.parametrize(("factor", "hint"), [(9.81, None), (1e3, "kN instead of N"), (1e-3, None)])
+def test_a_unit_is_guessed_only_where_it_errs_in_that_direction(factor, hint):
+    run = measure(RIGID)
+    (found,) = troubles(audit(in_campaign(replace(run, H=run.H * factor, std=None))))
+    assert ("instead of" in found.words) == (hint is not None)
+    assert hint is None or hint in found.words
+
+
 # -- pairs -----------------------------------------------------------------------------------------
 
 

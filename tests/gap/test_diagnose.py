@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from gap.adequacy import judge
 from gap.curves import nrmse
-from gap.diagnose import diagnose
-from gap.diagnosis import FILE_NAME, SCHEMA
+from gap.diagnose import _equivalent, _Ranked, _verdict, diagnose, prepared
+from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Location
 from gap.held_out import lines_to_measure
 from gap.predict import predict
 from rotor.effects import BearingCubic
+from rotor.effects.library import EFFECTS
+from sim.campaign import Channel, MeasurementError
 from tests.gap.conftest import (
     K_B,
     MASS,
@@ -165,6 +169,55 @@ def test_errors_need_not_be_given():
     diagnosis = diagnose(campaign_of(*runs), exclude=all_but("attached_mass")).diagnosis
     assert diagnosis.causes[0].effects == ("attached_mass",)
     assert diagnosis.causes[0].location.node == 3
+
+
+def test_few_lines_without_errors_do_not_hide_a_gap():
+    runs = [replace(run.on_lines(slice(0, None, len(run.frequency_hz) // 6)), std=None) for run in both_supports(MASS)]
+    assert max(len(run.frequency_hz) for run in runs) < 8
+    assert diagnose(campaign_of(*runs), exclude=all_but("attached_mass")).diagnosis.verdict != "no_gap"
+
+
+def test_next_to_no_data_is_not_enough():
+    run = measure("rigid", channels=(Channel(2),), frequency_hz=np.linspace(50.0, 60.0, 4))
+    diagnosis = diagnose(campaign_of(replace(run, std=None)), exclude=all_but("attached_mass")).diagnosis
+    assert diagnosis.verdict == "not_enough_data"
+    assert diagnosis.shrink is None
+
+
+def test_a_node_that_the_rig_lacks_is_wrong_input():
+    run = measure("rigid", (MASS,))
+    beyond = replace(run, channels=(*run.channels[:-1], Channel(9)))
+    with pytest.raises(MeasurementError, match="node 9 does not exist, the rig has 7"):
+        diagnose(campaign_of(beyond))
+
+
+def test_with_every_effect_excluded_a_gap_is_unknown():
+    diagnosis = diagnose(campaign_of(*both_supports(MASS, seed=3)), exclude=tuple(EFFECTS)).diagnosis
+    assert (diagnosis.verdict, diagnosis.causes) == ("unknown", ())
+
+
+def test_a_cause_is_named_only_where_it_is_sure():
+    """No gap takes its share of the probability, and what is hopeless is in no set."""
+    fits = tuple(SimpleNamespace(hypothesis=SimpleNamespace(ids=(name,))) for name in ("a", "b", "c"))
+    for shares, no_gap, verdict in (((0.53, 0.01, 0.0), 0.46, "ambiguous"), ((0.95, 0.01, 0.0), 0.04, "cause")):
+        ranked = _Ranked(fits, shares, no_gap)  # type: ignore[arg-type]
+        nominal, standing = SimpleNamespace(n_data=1000), SimpleNamespace(excess=0.5)
+        assert _verdict(None, nominal, ranked, standing) == verdict  # type: ignore[arg-type]
+    causes = [Cause((name,), Location("shaft"), p, {}, None, 0.0) for name, p in (("a", 0.5), ("b", 0.45), ("c", 1e-9))]
+    assert [cause.effects for cause in _equivalent(causes)] == [("a",), ("b",)]
+
+
+@pytest.mark.parametrize("magnitude", [False, True])
+def test_what_the_nominal_model_leaves_of_its_own_rig_is_noise(magnitude):
+    """The same with given errors and with errors by the lines' own scatter."""
+    fine = np.unique(np.r_[np.linspace(20.0, 400.0, 800), lines("bearing")])
+    runs = [measure("bearing", seed=seed, frequency_hz=fine) for seed in range(2)]
+    for given in (True, False):
+        some = [replace(run, H=np.abs(run.H), magnitude_only=True) if magnitude else run for run in runs]
+        some = some if given else [replace(run, std=None) for run in some]
+        problem, nominal = prepared(campaign_of(*some))
+        assert nominal.chi2 / nominal.n_data == pytest.approx(1.0, abs=0.15)
+        assert abs(judge(problem, nominal).correlation) < 3.5
 
 
 def test_progress_and_the_virtual_rig_are_asked():

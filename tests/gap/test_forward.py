@@ -323,3 +323,13 @@ def test_a_fast_sweep_pulls_peaks_along(forward):
     steady = np.abs(forward.modal(run, K_B).response()[:, 0])
     up, down, settled = (run.frequency_hz[np.argmax(h)] for h in (H["up"], H["down"], steady))
     assert down < settled < up
+
+
+def test_tolerances_of_a_stepped_shaft_are_meshed_as_the_rig():
+    """Sections that change between nodes cut the mesh as well."""
+    rig = load_rig("nit-rourkela")
+    parts = [rig.segment[0].model_copy(update={"length_m": length}) for length in (0.05, 0.1, 0.12, 0.156)]
+    stepped = rig.model_copy(update={"segment": parts})
+    forward = Forward(assemble(stepped, elements_between_nodes=2), BELIEF)
+    forward.allow_for_tolerances(stepped, [blank("rigid", np.linspace(80.0, 120.0, 5))], K_B)
+    assert {variant.n for variant in forward._variants} == {forward.structure.n}

@@ -81,6 +81,16 @@ def test_bands_join_and_hold_a_resonance_each():
     assert (bands[0].f_lo, bands[-1].f_hi) == (20.0, 400.0)
 
 
+def test_a_band_has_the_number_of_its_mode():
+    (band,) = located(measure("rigid", (MASS,), frequency_hz=np.linspace(200.0, 400.0, 300))).bands
+    assert band.mode == 2
+
+
+def test_a_held_node_is_no_second_accelerometer():
+    assert located(measure("rigid", (MASS,), channels=(Channel(1), Channel(2)))).remark
+    assert not located(measure("rigid", (MASS,), channels=(Channel(2), Channel(3)))).remark
+
+
 def test_what_acts_in_the_bearings_shows_on_bearings_alone():
     supports = located(*both_supports(BearingDamping(damping=200.0))).supports
     assert supports["bearing"] > 0.95

@@ -211,6 +211,7 @@ def test_wrong_input_gives_one_message_and_exit_code_2(refused, arguments, said)
         (("--set", "rigid_support=true"), "use --support"),
         (("--set", "excitation_node=3"), "use --excitation-node"),
         (("--set", "k_b=-1"), "k_b must be at least 10000 N/m, got -1"),
+        (("--f-max", "inf"), "f_max"),
         (("--excitation-node", 8), "excitation_node must be at most 7, got 8"),
     ],
     ids=lambda value: " ".join(map(str, value)) if isinstance(value, tuple) else "",

@@ -95,6 +95,7 @@ def test_text_names_the_effects(rotor_fmu):
         ),
         (("--effect", "force_dropout", "--effect", "fast_sweep"), "give force_dropout or fast_sweep"),
         (("--levels", "1,1"), "the forces must be positive and different"),
+        (("--levels", "1.0000001,1.0000002"), "different in six digits"),
         (("--levels", "1,-2"), "the forces must be positive and different"),
         (("--levels", "low"), "write forces in newtons"),
         (("--force", 0), "--force 0: the force must be positive"),

@@ -73,6 +73,10 @@ def test_channels_come_in_the_order_asked_for():
     close(measured(*effects, nodes=(5, 2, 6)), measured(*effects)[:, [4, 1, 5]])
 
 
+def test_a_node_may_be_read_twice():
+    close(measured(nodes=[2, 4, 2]), measured(nodes=[2, 4])[:, [0, 1, 0]])
+
+
 def test_coupled_planes_are_seen_across_the_force_and_uncoupled_ones_are_not():
     assert not measured(plane=2).any()
     assert np.abs(measured(PlaneAnisotropy(), plane=2)).max() > 0.1 * np.abs(measured(PlaneAnisotropy())).max()

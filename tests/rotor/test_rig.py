@@ -2,6 +2,7 @@
 
 import copy
 import math
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -155,6 +156,23 @@ def test_a_rig_is_loaded_from_a_path(tmp_path):
     path = tmp_path / "pinned.toml"
     path.write_text(PINNED_TOML.format(**GOOD), encoding="utf-8")
     assert load_rig(path).name == "pinned"
+
+
+def test_another_rotor_under_a_shipped_name_is_refused(tmp_path):
+    text = (files("rotor") / "rigs" / "nit-rourkela.toml").read_text(encoding="utf-8")
+    path = tmp_path / "copy.toml"
+    path.write_text(text.replace("elements_between_nodes = 1", "elements_between_nodes = 4"), encoding="utf-8")
+    assert load_rig(path).elements_between_nodes == 4
+    path.write_text(text.replace("diameter_m = 0.020", "diameter_m = 0.024"), encoding="utf-8")
+    with pytest.raises(RigError, match="nit-rourkela is a shipped rig of other dimensions"):
+        load_rig(path)
+
+
+def test_a_shaft_that_turns_about_its_only_support_is_refused():
+    hung = PINNED_TOML.format(**GOOD).partition("[[support]]")[0] + '[[support]]\nnode = 1\nstiffness = "k_b"\n'
+    with pytest.raises(RigError, match="turn about its only support"):
+        parse_rig(hung)
+    assert parse_rig(hung + "tilt_stiffness_Nm_per_rad = 10.0\n").support[0].tilt_stiffness_Nm_per_rad == 10.0
 
 
 def test_the_shipped_rig_is_the_papers():

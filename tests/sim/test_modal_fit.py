@@ -340,6 +340,14 @@ def test_fewer_resonances_than_asked_for_are_an_error_that_counts_them():
         fit_modes(measured(two_modes()), 3)
 
 
+def test_lines_that_were_dropped_take_no_part():
+    run = measured(two_modes())
+    H = run.H.copy()
+    H[[20, 60, 61]] = 0
+    whole, holed = fit_modes(run, 2), fit_modes(replace(run, H=H), 2)
+    assert_allclose([m.frequency_hz for m in holed], [m.frequency_hz for m in whole], rtol=1e-6)
+
+
 @pytest.mark.parametrize("level", [0.0, 1.0])
 def test_a_flat_response_has_no_mode(level):
     f = np.linspace(20, 400, 96)

@@ -1,15 +1,22 @@
 """What goes inside the FMUs.
 
-=========================  ===========================================================
-module                     what it holds
-=========================  ===========================================================
-``variables``              the variable tables of both FMUs: the one place names stand
-``slave``                  a pythonfmu slave driven by such a table
-``rotor_slave``            RotorRig, the rotor as a co-simulation FMU
-``estimator_slave``        StiffnessEstimator, the network as a co-simulation FMU
-``staging``                bundles sources under names no host can own
-``documentation``          the FMU's picture and its HTML page
-=========================  ===========================================================
+=======================  ====================================================================================
+module                   what it holds
+=======================  ====================================================================================
+``variables``            what a variable of an FMU is, and the units
+``rotor_variables``      the variables of RotorRig: the one place where their names stand
+``estimator_variables``  the variables of StiffnessEstimator
+``model_description``    modelDescription.xml of a variable table, FMI 2.0 and 3.0
+``slave``                a pythonfmu slave driven by such a table
+``rotor_slave``          RotorRig, the rotor as a co-simulation FMU
+``estimator_slave``      StiffnessEstimator, the network as a co-simulation FMU
+``staging``              bundles sources under names no host can own
+``documentation``        the FMU's picture and its HTML page
+``native_sources``       C sources of an FMU without Python inside: ``native/`` and what is printed for a rig
+``network_code``         C code of a small ONNX network
+``compiling``            C sources to shared libraries
+``ssp``                  both FMUs wired into one system
+=======================  ====================================================================================
 
 The slaves are thin: set, one physics call, get.
 """

@@ -1,1 +1,30 @@
-"""Diagnosis of the gap between a measured rotor and its model: where, which effect, how far it shrinks."""
+"""Diagnosis of the gap between a measured rotor and its model: where, which effect, how far it shrinks.
+
+====================  ============================================================  =====================
+module                what it holds                                                 start here
+====================  ============================================================  =====================
+``diagnose``          a campaign in, a diagnosis out: the order of everything       ``diagnose``
+``audit``             is the measurement itself sound?                              ``audit``
+``hypotheses``        candidates: which effect, where, with which free numbers      ``candidates``
+``forward``           the model of a measured run, resonance by resonance           ``Forward``
+``likelihood``        residuals, nuisances and their joint fit                      ``Problem``
+``search``            linear effects and pairs of them                              ``search``
+``dwell``             the one number with thousands of minima: a fast sweep's       ``dwell_fits``
+``transients``        what a fast sweep leaves of a rotor's transients              ``transients``
+``nonlinear``         the model of a run under a force law, by harmonic balance     ``NonlinearModal``
+``nonlinear_search``  nonlinear effects                                             ``search_nonlinear``
+``helpers``           fits that are shared with other processes                     ``helped_by``
+``adequacy``          is a fit as good as the noise allows?                         ``judge``
+``where``             shares of the gap, and the joint stiffness of a place         ``locate``
+``held_out``          how far the gap shrinks on lines that were left out           ``measure_shrink``
+``transfer``          how far it will shrink where another node is driven           ``transfer_interval``
+``next_test``         the run that would tell the causes apart                      ``best_next_test``
+``peaks``             campaigns of which only resonances survive                    ``diagnose_peaks``
+``resonances``        a candidate's resonances over k_b                             ``Resonances``
+``predict``           what a diagnosis says of runs that it never saw               ``predict``
+``curves``            measured runs beside their models                             ``nrmse``
+``wording``           the verdict in a sentence                                     ``sentence``
+``diagnosis``         the contents of diagnosis.json                                ``Diagnosis``
+``blind``             the benchmark: a generator that imports nothing of the above
+====================  ============================================================  =====================
+"""

@@ -1,19 +1,21 @@
 """Measurements, virtual and real: one type for both, and the fmpy-driven virtual test rig.
 
-====================  ====================================================  ==========================
-module                what it holds                                         start here
-====================  ====================================================  ==========================
-``campaign``          the types: a run (one stepped sine), a campaign       ``Run``, ``Campaign``
-``formats``           campaign CSV, UFF 58, HDF5, MAT                       ``read_run``, ``write_run``
-``campaign_folder``   ``campaign.toml`` and its data files                  ``load_campaign``
-``session``           one FMU instance from unzip to free                   ``FmuSession``
-``detection``         synchronous detection over whole periods              ``detect``
-``sensors``           repeatable sensor noise                               ``SensorNoise``
-``setup``             the rig with its effects, the plan of a sweep         ``Rig``, ``SweepPlan``
-``lines``             one line: wait until settled, set the force, read     ``LineReader``
-``stepped_sine``      sweeps, refined round each resonance                  ``sweep``
-``modal_fit``         modes of a measured frequency response                ``fit_modes``
-====================  ====================================================  ==========================
+===================  ======================================================  ===========================
+module               what it holds                                           start here
+===================  ======================================================  ===========================
+``campaign``         the types: a run (one stepped sine), a campaign         ``Run``, ``Campaign``
+``formats``          campaign CSV, UFF 58, HDF5, MAT                         ``read_run``, ``write_run``
+``campaign_folder``  ``campaign.toml`` and its data files                    ``load_campaign``
+``session``          one FMU instance from unzip to free                     ``FmuSession``
+``instances``        fmpy's instances, FMI 2.0 and 3.0, by one set of names  ``instance``
+``detection``        synchronous detection over whole periods                ``detect``
+``sensors``          repeatable sensor noise                                 ``SensorNoise``
+``setup``            the rig with its effects, the plan of a sweep           ``Rig``, ``SweepPlan``
+``lines``            one line: wait until settled, set the force, read       ``LineReader``
+``stepped_sine``     sweeps, refined round each resonance                    ``sweep``
+``runs``             several runs, each by an FMU instance of its own        ``sweep_all``
+``modal_fit``        modes of a measured frequency response                  ``fit_modes``
+===================  ======================================================  ===========================
 
 FMUs are reached through ``.fmu`` files only.
 """

@@ -112,3 +112,11 @@ def test_importing_a_package_loads_nothing_heavy(package):
     loaded = {module.split(".")[0] for module in run.stdout.split()}
     assert package.split(".")[0] in loaded
     assert loaded & LIGHT_PACKAGES[package] == set()
+
+
+@pytest.mark.parametrize("room", ["rotor", "sim", "estimator", "gap", "fmu_src", "rigtwin", "gap/audit", "gap/blind"])
+def test_every_module_stands_in_the_table_of_its_room(room):
+    folder = ROOT / room
+    table = ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))) or ""
+    modules = {path.stem for path in folder.glob("*.py") if not path.stem.startswith("__")}
+    assert {name for name in modules if f"`{name}`" not in table} == set()

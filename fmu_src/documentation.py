@@ -34,7 +34,8 @@ _STEEL, _DISK, _BEARING = "#9db4c8", "#5b7083", "#c9683c"
 def rotor_pages(rig: Rig, facts: RotorFacts, *, needs_python: bool = True) -> dict[str, bytes]:
     """``model.png`` and ``documentation/index.html`` of the rotor FMU, by path in the archive."""
     system = build_system(assemble(rig), Condition(k_b=facts.k_b_start))
-    f1 = float(natural_frequencies_hz(system, plane=1)[0])
+    frequencies = natural_frequencies_hz(system, plane=1)
+    f1 = float(frequencies[frequencies > 0][0])  # a shaft on one bearing swings about it at no frequency
     page = _PAGES.get_template("rotor.html").render(
         rig=rig,
         facts=facts,

@@ -6,7 +6,6 @@ from fmu_src.variables import Variable
 
 ESTIMATOR_MEANING = "Bearing stiffness from the frequency shifts and the amplitude ratio of a stepped-sine test"
 ESTIMATOR_STEP = 1.0  # of the default experiment [s]
-ESTIMATOR_FEATURES = ("delta_f1", "delta_f2", "amplitude_ratio")
 
 
 def estimator_variables(starts: dict[str, float]) -> tuple[Variable, ...]:

@@ -6,7 +6,7 @@ The model description, the checks of incoming values, the HTML documentation and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 # FMI 2 unit definitions: exponents of the SI base units.
 UNITS: dict[str, dict[str, int]] = {
@@ -39,10 +39,9 @@ class Variable:
     minimum: float | int | None = None
     maximum: float | int | None = None
     variability: str | None = None
-    setting: str = ""  # name of the physics setting it drives, default its own name
     depends_on: tuple[str, ...] = ()  # inputs with a direct feedthrough to this output
     initially_depends_on: tuple[str, ...] = ()  # what its value at initialisation depends on
-    boolean: bool = field(default=False)
+    boolean: bool = False
 
     @property
     def kind(self) -> str:

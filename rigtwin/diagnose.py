@@ -40,6 +40,7 @@ from rigtwin.exits import UserError
 from rigtwin.fmus import existing, rotor_fmu
 from rigtwin.scale_out import executor
 from rotor.effects import Effect
+from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import Campaign, ComplexArray, Run
 from sim.campaign_folder import load_campaign
 from sim.formats.atomic import replacing
@@ -149,9 +150,6 @@ def _progress() -> Iterator[Progress]:
 
 # -- the virtual rig -----------------------------------------------------------------------------------
 
-# Powers of i omega between acceleration and a quantity.
-_INTEGRATED = {"receptance": 2, "mobility": 1, "accelerance": 0, "acceleration": 0}
-
 
 def _confirmed_unless_interrupted(
     campaign: Campaign, runs: Sequence[Run], effects: Sequence[Effect], k_b: float, progress: Progress
@@ -218,7 +216,8 @@ def _measure(session: FmuSession, run: Run, parameters: dict[str, float], effect
     plan = SweepPlan(force_amplitude=run.force_amplitude_N or 1.0, direction=run.sweep or "up")
     found = measure_lines(session, rig, plan, run.frequency_hz).run
     H = np.column_stack([found.channel(channel.node, channel.plane) for channel in run.channels])
-    return H / (2j * np.pi * run.frequency_hz[:, None]) ** _INTEGRATED[run.quantity]
+    omega = 2 * np.pi * run.frequency_hz[:, None]
+    return H * (1j * omega) ** (DERIVATIVE_ORDER[run.quantity] - DERIVATIVE_ORDER["accelerance"])
 
 
 # -- what is printed ---------------------------------------------------------------------------------

@@ -23,8 +23,3 @@ class Drive:
 
     held: float = 0.0
     tones: tuple[Tone, ...] = field(default_factory=tuple)
-
-    @property
-    def silent(self) -> bool:
-        """Whether no force acts."""
-        return self.held == 0.0 and not self.tones

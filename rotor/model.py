@@ -156,7 +156,8 @@ class _Assembly:
         base = self._pedestal(bearing)
         joint = [_difference(a, b) for a, b in zip(shaft, base, strict=True)]
         stiffness = bearing.stiffness * bearing.directions
-        yielding = np.diag([local_flexibility(self.structure, bearing.x, plane) for plane in (1, 2)])
+        flexibility = [local_flexibility(self.structure, bearing.x, plane) for plane in (1, 2)]
+        yielding = np.diag(flexibility) / self.design.modulus_factor
         share = np.linalg.inv(np.eye(2) + stiffness @ yielding)  # of the deflection, the bearing's own
         stiffness = share @ stiffness
         self._connect(self.K, joint, stiffness)

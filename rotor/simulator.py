@@ -55,16 +55,6 @@ class RotorSimulator:
         """Time the rotor stands at [s]."""
         return self._ticks / TICKS_PER_SECOND
 
-    @property
-    def condition(self) -> Condition:
-        """The test condition that is set now."""
-        return self._condition
-
-    @property
-    def effects(self) -> tuple[Change, ...]:
-        """The effects that act now."""
-        return self._effects
-
     def configure(self, condition: Condition, effects: Sequence[Change] = ()) -> None:
         """Change condition and effects; deflections and velocities stay continuous.
 

@@ -17,7 +17,6 @@ ComplexArray = NDArray[np.complexfloating[Any, Any]]
 IntArray = NDArray[np.int64]
 
 DOF_PER_NODE = 4  # y, z, theta_y, theta_z
-PLANES = ("y", "z")
 
 # Coordinates of one element in each plane, as places among its two nodes' eight degrees of
 # freedom, with the sign that turns (w, slope) into (deflection, rotation): slope dy/dx is

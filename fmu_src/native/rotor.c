@@ -385,7 +385,8 @@ static void scaled(const double in[4], double factor, double out[4])
 /* Share of a bearing's deflection that is its own, where the element below it yields; see rotor/model.py. */
 static void own_share(const Assembly *a, double x, double stiffness[4], double shared_damping[4], double damping)
 {
-    const double f[2] = {local_flexibility(a->s, x, 1), local_flexibility(a->s, x, 2)};
+    const double soft = 1 / a->d->modulus_factor;
+    const double f[2] = {soft * local_flexibility(a->s, x, 1), soft * local_flexibility(a->s, x, 2)};
     double yield[4], share[4], product[4];
     for (int k = 0; k < 4; k++)
         yield[k] = (k % 3 == 0) + stiffness[k] * f[k % 2];

@@ -57,27 +57,25 @@ class Kind:
     place: str  # kind of location in the label
     ranges: Mapping[str, Range]
     nodes: tuple[int, ...] = ()  # where it may sit, if at a node
-    either: bool = False  # acts in the rigid run as well as in the bearing run
 
 
 INNER = (2, 3, 4, 5, 6)
 ANYWHERE = (0.04, 0.96)  # of the shaft's length: where a crack may be
 
 KINDS: dict[str, Kind] = {
-    "attached_mass": Kind("structure", "node", {"mass": Range(0.02, 0.5, least=0.02)}, INNER, True),
+    "attached_mass": Kind("structure", "node", {"mass": Range(0.02, 0.5, least=0.02)}, INNER),
     "exciter_suspension": Kind(
         "structure",
         "exciter",
         {"stiffness": Range(3e3, 5e5, least=3e3), "damping": Range(0, 20, even=True)},
-        either=True,
     ),
-    "disk_mass": Kind("structure", "disks", {"change": Range(0.003, 0.08, signed=True)}, either=True),
-    "disk_inertia": Kind("structure", "disks", {"factor": Range(0.02, 2)}, either=True),
-    "hub_stiffening": Kind("structure", "disks", {"factor": Range(0.01, 1.5, off=1)}, either=True),
-    "shaft_modulus": Kind("structure", "shaft", {"factor": Range(0.003, 0.1, off=1, signed=True)}, either=True),
-    "axial_load": Kind("structure", "shaft", {"force": Range(200, 2e4, signed=True)}, either=True),
-    "open_crack": Kind("structure", "position", {"reduction": Range(0.05, 0.6, least=0.05)}, either=True),
-    "shaft_damping": Kind("structure", "shaft", {"damping_ratio": Range(1e-3, 0.02)}, either=True),
+    "disk_mass": Kind("structure", "disks", {"change": Range(0.003, 0.08, signed=True)}),
+    "disk_inertia": Kind("structure", "disks", {"factor": Range(0.02, 2)}),
+    "hub_stiffening": Kind("structure", "disks", {"factor": Range(0.01, 1.5, off=1)}),
+    "shaft_modulus": Kind("structure", "shaft", {"factor": Range(0.003, 0.1, off=1, signed=True)}),
+    "axial_load": Kind("structure", "shaft", {"force": Range(200, 2e4, signed=True)}),
+    "open_crack": Kind("structure", "position", {"reduction": Range(0.05, 0.6, least=0.05)}),
+    "shaft_damping": Kind("structure", "shaft", {"damping_ratio": Range(1e-3, 0.02)}),
     "bearing_damping": Kind("support", "bearings", {"damping": Range(10, 500)}),
     "bearing_tilt_stiffness": Kind("support", "bearings", {"stiffness": Range(2e2, 2e4, least=2e2)}),
     "pedestal_flexibility": Kind(
@@ -112,10 +110,10 @@ KINDS: dict[str, Kind] = {
     ),
     "bilinear_support": Kind("nonlinear", "bearings", {"ratio": Range(0.1, 2, off=1)}),
     "rub": Kind("nonlinear", "node", {"stiffness": Range(1e5, 1e8), "gap": Range(1e-5, 2e-4, fading="fixed")}, INNER),
-    "sensor_gain": Kind("chain", "sensor", {"gain": Range(0.02, 0.2, off=1, signed=True)}, INNER, True),
-    "sensor_delay": Kind("chain", "sensor", {"delay": Range(2e-6, 2e-3)}, (0, *INNER), True),
-    "sensor_mass": Kind("chain", "sensor", {"mass": Range(5e-3, 0.06, least=5e-3)}, (0, *INNER), True),
-    "sensor_position": Kind("chain", "sensor", {"offset": Range(2e-3, 0.01, signed=True)}, INNER, True),
+    "sensor_gain": Kind("chain", "sensor", {"gain": Range(0.02, 0.2, off=1, signed=True)}, INNER),
+    "sensor_delay": Kind("chain", "sensor", {"delay": Range(2e-6, 2e-3)}, (0, *INNER)),
+    "sensor_mass": Kind("chain", "sensor", {"mass": Range(5e-3, 0.06, least=5e-3)}, (0, *INNER)),
+    "sensor_position": Kind("chain", "sensor", {"offset": Range(2e-3, 0.01, signed=True)}, INNER),
     "force_dropout": Kind(
         "chain",
         "exciter",
@@ -124,10 +122,9 @@ KINDS: dict[str, Kind] = {
             "stiffness": Range(1e3, 1e5, least=1e3),
             "damping": Range(0, 50, even=True),
         },
-        either=True,
     ),
-    "coarse_grid": Kind("chain", "raster", {"step": Range(0.2, 10)}, either=True),
-    "fast_sweep": Kind("chain", "raster", {"dwell": Range(0.05, 5, fading="inverse")}, either=True),
+    "coarse_grid": Kind("chain", "raster", {"step": Range(0.2, 10)}),
+    "fast_sweep": Kind("chain", "raster", {"dwell": Range(0.05, 5, fading="inverse")}),
 }
 
 STRANGERS: dict[str, Kind] = {
@@ -140,7 +137,6 @@ STRANGERS: dict[str, Kind] = {
             "damping_ratio": Range(0.005, 0.05, fading="fixed"),
         },
         (4,),
-        True,
     ),
     "common_base": Kind(
         "stranger",
@@ -155,7 +151,6 @@ STRANGERS: dict[str, Kind] = {
         "stranger",
         "exciter",
         {"pull": Range(3e3, 1e5), "braking": Range(1, 50), "time_constant": Range(3e-4, 5e-3, fading="fixed")},
-        either=True,
     ),
     "end_coupling": Kind(
         "stranger",
@@ -167,9 +162,8 @@ STRANGERS: dict[str, Kind] = {
             "arm": Range(0.02, 0.06, fading="fixed"),
         },
         (7,),
-        True,
     ),
-    "crosstalk": Kind("stranger", "sensor", {"share": Range(0.01, 0.2, signed=True)}, (3, 4, 5, 6), True),
+    "crosstalk": Kind("stranger", "sensor", {"share": Range(0.01, 0.2, signed=True)}, (3, 4, 5, 6)),
 }
 KINDS |= STRANGERS
 

@@ -51,7 +51,7 @@ class Joints:
     gaps: FloatArray  # (nj,) way [m] that the preload takes the joint before it carries
 
 
-def joints_of(machine: Machine, rig: Rig, setting: Setting, effects: Sequence[Effect]) -> Joints:
+def joints_of(machine: Machine, setting: Setting, effects: Sequence[Effect]) -> Joints:
     """Where forces act: at every bearing, or at the node of a rub."""
     rows, laws, preloads, gaps = [], [], [], []
     for effect in effects:
@@ -279,7 +279,7 @@ def swept_up(
     machine = build_machine(rig, setting, effects, workshop)
     drift = np.zeros(N_DRIFTING) if drift is None else drift
     omega = 2 * np.pi * frequency_hz
-    joints = joints_of(machine, rig, setting, effects)
+    joints = joints_of(machine, setting, effects)
     balance = Balance(machine, joints, level, drift)
     if len(joints.laws):
         motions = balance.sweep(omega)

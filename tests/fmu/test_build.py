@@ -15,6 +15,7 @@ import pytest
 
 import build_fmu
 from fmu_src import staging
+from fmu_src.documentation import rotor_pages
 from fmu_src.staging import Bundle
 from rotor.rig import load_rig
 from tests.fmu.child import in_child
@@ -138,3 +139,10 @@ def test_the_matrices_in_the_fmu_are_those_of_the_rig(rotor_fmu, structure, tmp_
     with np.load(tmp_path / "resources/structure.npz") as arrays:
         for name in ("M", "K", "G", "x", "support_stiffness"):
             np.testing.assert_array_equal(arrays[name], getattr(structure, name))
+
+
+def test_a_shaft_on_one_bearing_has_its_pages():
+    """It swings about the bearing at no frequency; the page names the first one above."""
+    rig = load_rig("nit-rourkela")
+    one = rig.model_copy(update={"support": rig.support[:1]})
+    assert b"Hz" in rotor_pages(one, build_fmu._facts(one))["documentation/index.html"]

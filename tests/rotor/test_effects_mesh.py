@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from rotor.assembly import assemble
 from rotor.condition import Condition
-from rotor.effects import AxialLoad, BearingOffset, Effect, HubStiffening, OpenCrack, Rub, SensorPosition
+from rotor.effects import AxialLoad, BearingOffset, Effect, HubStiffening, OpenCrack, Rub, SensorPosition, ShaftModulus
 from rotor.frequency_response import dynamic_stiffness, receptance
 from rotor.modal import natural_frequencies_hz
-from rotor.model import build_model
+from rotor.model import build_model, build_system
+from rotor.rig import load_rig
 from rotor.structure import FloatArray
 from tests.rotor.effect_cases import RIGID, node_receptance, paper, paper_with, sensed
 from tests.tolerances import CONVERGENCE_ORDER, FINE_MESH, ROUND_OFF
@@ -40,6 +42,17 @@ def errors_over_the_mesh(quantity: Callable[[int], np.ndarray]) -> FloatArray:
     """(n_mesh, ...) relative errors of what follows from so many elements, against 16 between two nodes."""
     values = np.array([quantity(elements) for elements in (*ELEMENTS, REFERENCE)])
     return np.abs(values[:-1] / values[-1] - 1)
+
+
+def test_a_bearing_beside_its_node_yields_with_the_shafts_own_modulus():
+    """Softer by the effect or by the rig file: the same rotor."""
+    rig, beside = load_rig("nit-rourkela"), BearingOffset(offset=-0.009)
+    softer = [s.model_copy(update={"youngs_modulus_Pa": 0.9 * s.youngs_modulus_Pa}) for s in rig.segment]
+    drawn = assemble(rig.model_copy(update={"segment": softer}))
+    condition = Condition(k_b=1e8)
+    by_rig = natural_frequencies_hz(build_system(drawn, condition, (beside,)))
+    by_effect = natural_frequencies_hz(build_system(assemble(rig), condition, (ShaftModulus(factor=0.9), beside)))
+    assert_allclose(by_effect, by_rig, rtol=1e-8)
 
 
 @pytest.mark.parametrize("condition", [RIGID, BEARINGS], ids=["rigid", "bearing"])

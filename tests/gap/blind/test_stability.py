@@ -35,7 +35,7 @@ def rubbing():
 
 def balance_of(case, setting, level) -> Balance:
     machine = build_machine(RIG, setting, case.effects, case.workshop)
-    return Balance(machine, joints_of(machine, RIG, setting, case.effects), level, np.zeros(N_DRIFTING))
+    return Balance(machine, joints_of(machine, setting, case.effects), level, np.zeros(N_DRIFTING))
 
 
 def test_without_a_law_a_disturbance_decays_as_the_slowest_eigenvector():

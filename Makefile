@@ -9,7 +9,7 @@
 # make laws   print the force laws anew, for Python and for C, after a change of rotor/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
-# Draw of the report set that docs/blind.md shows.
+# Draw of the report set; docs/blind.md says which one it shows.
 BLIND_SEED := 2
 PYTHON := $(VENV)/bin/python
 # The matrices are small: one BLAS thread per process is several times faster than many.

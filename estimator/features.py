@@ -74,7 +74,7 @@ def _check_supports(rigid: Run | PeakList, bearing: Run | PeakList, what: str) -
 
 def _resonance_acceleration(run: Run, mode: Mode) -> tuple[float, float]:
     """Resonance acceleration of a mode at the driving point, with its standard error, whatever the run measures."""
-    factor = (2 * np.pi * mode.frequency_hz) ** (2 - DERIVATIVE_ORDER[run.quantity])
+    factor = (2 * np.pi * mode.frequency_hz) ** (DERIVATIVE_ORDER["accelerance"] - DERIVATIVE_ORDER[run.quantity])
     value, std = driving_point(run, mode, run.excitation_node, run.excitation_plane)
     return factor * value, factor * std
 

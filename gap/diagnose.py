@@ -20,7 +20,7 @@ from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Regime,
 from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
 from gap.helpers import helped_by
-from gap.hypotheses import NO_GAP_PRIOR, NOMINAL, SURE, Hypothesis, candidates
+from gap.hypotheses import NO_GAP_PRIOR, SURE, Hypothesis, candidates
 from gap.likelihood import Fit, Problem, observe
 from gap.next_test import best_next_test
 from gap.nonlinear_search import robust_fit, search_nonlinear
@@ -209,12 +209,11 @@ def _explained(
     found = None if dependent and library.laws else singles()
     if found and not (library.laws and _differ_by_level(problem, (*found.fits, found.nominal)[0])):
         return problem, nominal, _finished(problem, found, library.linear, progress, clock)
-    coarser, bent = search_nonlinear(problem, library.laws, progress)
+    coarser, linear, bent = search_nonlinear(problem, library.laws, progress)
     clock.lap("nonlinear effects")
     adequate = bool(bent.fits) and _adequate(coarser, bent.fits[0], judge(coarser, bent.fits[0]))
-    plain = robust_fit(coarser, NOMINAL, bent.nominal.u, bent.nominal.nu) or bent.nominal  # as the laws are fitted
     if adequate and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:
-        return coarser, plain, list(bent.fits)
+        return coarser, linear, list(bent.fits)
     with_pairs = not (dependent or adequate)
     straight = _finished(problem, found or singles(), library.linear, progress, clock, with_pairs=with_pairs)
     rivals = [fit for fit in (robust_fit(coarser, fit.hypothesis, fit.u) for fit in straight[:POLISHED]) if fit]
@@ -222,7 +221,7 @@ def _explained(
     clock.lap("linear rivals")
     if not bent.fits or best > bent.fits[0].log_weight:
         return problem, nominal, straight
-    return coarser, plain, best_first([*bent.fits, *rivals])
+    return coarser, linear, best_first([*bent.fits, *rivals])
 
 
 def _differ_by_level(problem: Problem, fit: Fit) -> bool:

@@ -96,15 +96,6 @@ class _Rotor:
 
 
 @dataclass(frozen=True)
-class _Balanced:
-    """A rotor under nonlinear effects."""
-
-    balance: Balance
-    forces: bool  # whether one of them acts
-    sensitivity: FloatArray  # (MODES, n_tolerances)
-
-
-@dataclass(frozen=True)
 class Modal:
     """Noise-free response of one run in modal form."""
 
@@ -283,7 +274,8 @@ class Forward:
         self._known: dict[tuple, Known] = {}
         self._variants: list[Structure] = []
         self._rotors: dict[tuple, _Rotor] = {}
-        self._balances: dict[tuple, _Balanced] = {}
+        self._balances: dict[tuple, Balance | None] = {}
+        self._sensitivities: dict[tuple, FloatArray] = {}
         self._bends: dict[tuple, list[_Bend]] = {}
 
     def allow_for_tolerances(self, rig: Rig, runs: Sequence[Run], k_b: float) -> None:
@@ -347,29 +339,33 @@ class Forward:
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
         condition, effects, finely = self.condition(run, k_b), tuple(effects), self.resolution
         plain = self._balance(condition, effects, np.zeros(len(TOLERANCES)))
-        if not plain.forces:
+        if plain is None:
             return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
         top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
 
         def balance(tolerance: FloatArray) -> tuple[Balance, IntArray]:
-            made = self._balance(condition, effects, tolerance).balance
+            made = self._balance(condition, effects, tolerance)
+            assert made is not None  # no tolerance takes a law away
             return made, _numbers(made.values, top)
 
         numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
-        mode, sensitivity = _numbers(plain.balance.values, top), plain.sensitivity
+        mode, key = _numbers(plain.values, top), (condition, effects)
+        sensitivity = _remembered(self._sensitivities, key, lambda: self._sensitivity(plain.system))
         return NonlinearModal(
-            run, balance, plain.balance, mode, sensitivity, effects, numbers, self._known, finely, self.with_data
+            run, balance, plain, mode, sensitivity, effects, numbers, self._known, finely, self.with_data
         )
 
-    def _balance(self, condition: Condition, effects: tuple[Effect, ...], tolerance: FloatArray) -> _Balanced:
-        """A rotor under nonlinear effects; runs at several levels share it."""
+    def _balance(self, condition: Condition, effects: tuple[Effect, ...], tolerance: FloatArray) -> Balance | None:
+        """A rotor under nonlinear effects, None where no law acts; runs at several levels share it."""
 
-        def make() -> _Balanced:
+        def make() -> Balance | None:
             model = build_model(self._with(tolerance), condition, effects)
+            if not model.forces:
+                return None
             made = Balance(model, condition, harmonics=finely.harmonics, samples=finely.samples, corner=CORNER)
             if made.values.ndim > 1:
                 raise ValueError("a rotor without a full set of eigenvectors has no modal form")
-            return _Balanced(made, bool(model.forces), self._sensitivity(made.system))
+            return made
 
         finely = self.resolution
         return _remembered(self._balances, (condition, effects, tolerance.tobytes(), finely), make)

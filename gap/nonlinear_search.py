@@ -103,13 +103,13 @@ class _Start:
 
 def search_nonlinear(
     problem: Problem, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
-) -> tuple[Problem, Search]:
+) -> tuple[Problem, Fit, Search]:
     """Fit the nonlinear candidates.
 
     Returns
     -------
-    the problem with the model error of a truncated motion, and the search on it: candidates that explain more than the
-    nominal model does where that, too, counts a line far from the data by the logarithm of its misfit
+    the problem with the model error of a truncated motion; the nominal model fitted to it as the candidates are, where
+    a line far from the data counts by the logarithm of its misfit; and the search: candidates that explain more
     """
     forward = problem.forward
     calm, nu = _calm(problem)
@@ -133,7 +133,7 @@ def search_nonlinear(
     again = [robust_fit(every, fit.hypothesis, fit.u, fit.nu) for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [fit for fit in again if fit is not None] + fits[len(again) :]
     fits = [fit for fit in fits if fit.log_evidence() > linear.log_evidence()]
-    return every, Search(nominal, tuple(best_first(fits)))
+    return every, linear, Search(nominal, tuple(best_first(fits)))
 
 
 @dataclass(frozen=True)

@@ -98,28 +98,27 @@ def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None) -> li
 def _tests(
     paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any], card: dict[str, Any]
 ) -> list[tuple[str, Features]]:
-    if paths:
-        _refuse_beside_files(paths, numbers, settings)
     if len(paths) == 2:
+        _refuse(numbers)
         return list(_pairs(_read_pair(paths, settings), card))
     if len(paths) == 1 and paths[0].is_file():
         raise UserError(f"{paths[0]}: one file alone; give two, first the run on rigid supports, then that on bearings")
     if len(paths) == 1:
         campaign = load_campaign(paths[0])
         _check_rig(campaign.rig, card)
+        if settings:
+            raise UserError(f"{option(min(settings))}: the campaign says that of its runs; change its campaign.toml")
         return _campaign_tests(campaign, numbers, card)
     if paths:
         raise UserError(f"{len(paths)} files given; give a rigid and a bearing run, or one campaign folder")
     return [("numbers given", _features(numbers))]
 
 
-def _refuse_beside_files(paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any]) -> None:
-    """What the files say is not said again on the command line, but for the ratio beside resonance lists."""
-    given = {name for name, value in asdict(numbers).items() if value is not None}
-    if shifts := sorted(name for name in given if not name.startswith("amplitude_ratio") or len(paths) == 2):
-        raise UserError(f"{option(shifts[0])}: numbers go without files; give either")
-    if settings and len(paths) == 1:
-        raise UserError(f"{option(min(settings))}: the campaign says that of its runs; change its campaign.toml")
+def _refuse(numbers: Numbers, allowed: Sequence[str] = ()) -> None:
+    """What files say is not said again on the command line, but for what they cannot say."""
+    given = [option(name) for name, value in asdict(numbers).items() if value is not None and name not in allowed]
+    if given:
+        raise UserError(f"{', '.join(given)}: numbers go without files that tell them; give either")
 
 
 def _read_pair(paths: Sequence[Path], settings: dict[str, Any]) -> list[Run]:
@@ -165,9 +164,9 @@ def _rig_name(rig: str) -> str:
 
 def _campaign_tests(campaign: Campaign, numbers: Numbers, card: dict[str, Any]) -> list[tuple[str, Features]]:
     if campaign.runs:
-        if numbers.amplitude_ratio is not None:
-            raise UserError("--amplitude-ratio: the campaign has runs, which give the ratio; it goes with lists only")
+        _refuse(numbers)
         return list(_pairs(campaign.runs, card))
+    _refuse(numbers, allowed=("amplitude_ratio", "amplitude_ratio_std"))
     return [("resonance lists", features_of_campaign_peaks(campaign, _ratio(numbers)))]
 
 

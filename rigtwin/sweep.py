@@ -22,7 +22,7 @@ from sim.formats import SUFFIXES, write_run
 from sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
 from sim.runs import sweep_all
 from sim.session import FmuSession
-from sim.stepped_sine import Rig, SetupError, Sweep, SweepPlan, sweep
+from sim.stepped_sine import Rig, Sweep, SweepPlan, sweep
 
 # Settings with an option of their own: the run's record must say the same as the FMU does.
 _OPTIONS = {
@@ -84,19 +84,16 @@ def run_sweep(request: SweepRequest) -> None:
 
 def _measure(fmu: Path, rig: Rig, plans: Sequence[SweepPlan]) -> Iterator[tuple[int, Sweep]]:
     """A run for each plan, with its place, as it is done; several at once, one for each core."""
-    try:
-        if len(plans) == 1:
-            words = f"{rig.support} support, {plans[0].force_amplitude:g} N"
-            with FmuSession(fmu) as session, progress(words, rig.carry_out(plans[0]).n_lines) as count:
-                yield 0, sweep(session, rig, plans[0], count)
-            return
-        with executor() as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
-            runs = sweep_all(fmu, [(rig, plan) for plan in plans], pool)
-            for number, done in enumerate(runs, start=1):
-                count(number)
-                yield done
-    except SetupError as error:
-        raise UserError(str(error)) from error
+    if len(plans) == 1:
+        words = f"{rig.support} support, {plans[0].force_amplitude:g} N"
+        with FmuSession(fmu) as session, progress(words, rig.carry_out(plans[0]).n_lines) as count:
+            yield 0, sweep(session, rig, plans[0], count)
+        return
+    with executor() as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
+        runs = sweep_all(fmu, [(rig, plan) for plan in plans], pool)
+        for number, done in enumerate(runs, start=1):
+            count(number)
+            yield done
 
 
 def _file_of(request: SweepRequest, plan: SweepPlan) -> Path | None:

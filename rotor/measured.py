@@ -130,18 +130,16 @@ def measured_response(
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     unit = force_amplitude if quantity == "acceleration" else 1.0
     nominal = quantity == "acceleration" or referred_to == "nominal_force"
-    response = np.empty((len(omega), len(read)), dtype=complex)
-    for group in channel_groups(effects, read):
+    once = tuple(dict.fromkeys(read))
+    response = np.empty((len(omega), len(once)), dtype=complex)
+    for group in channel_groups(effects, once):
         H, drive = _receptance(structure, condition, group, omega, plane or condition.excitation_plane)
         scale = unit * (1j * omega) ** DERIVATIVE_ORDER[quantity]
         if nominal:
             scale = scale * force_factor(group.effects, omega, drive)
         sensors = [scale * channel_factor(group.effects, omega, node) for node in group.nodes]
-        by_node = dict(zip(group.nodes, (H * np.array(sensors).T).T, strict=True))
-        for column, node in enumerate(read):
-            if node in by_node:
-                response[:, column] = by_node[node]
-    return response
+        response[:, [once.index(node) for node in group.nodes]] = H * np.array(sensors).T
+    return response[:, [once.index(node) for node in read]]
 
 
 def _receptance(

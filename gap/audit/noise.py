@@ -153,9 +153,9 @@ def believed_errors(run: Run) -> FloatArray:
     """(n_freq, n_channels) standard errors to fit with: the given ones, as far as the lines' scatter bears them out.
 
     Where none are given, the scatter, or what a careful laboratory reaches where the lines are too few to show any.
-    Errors that are wrong by a factor are scaled as a whole. Values with far too
-    small an error get their scatter. It is taken throughout where other values have far too large a one, as when one
-    error stands for all lines of a channel; and where the errors scatter themselves, as those from few repeats do.
+    Errors that are wrong by a factor are scaled as a whole. Values with far too small an error get their scatter. It is
+    taken throughout where other values have far too large a one, as when one error stands for all lines of a channel;
+    and where the errors scatter themselves, as those from few repeats do.
     """
     own = of_complex(estimate_noise(run).std, run)
     if run.std is None:

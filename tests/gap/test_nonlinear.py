@@ -181,7 +181,9 @@ def test_sensors_that_tell_nothing_of_the_motion_are_passed_over(hardening):
 def test_where_levels_do_not_differ_no_law_is_kept():
     """At the end of its range where it does nothing, a law explains as much as none, and must not be named."""
     runs = runs_of(BearingCubic(stiffness=1.0))
-    _, found = search_nonlinear(problem_of(runs), candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True))
+    *_, found = search_nonlinear(
+        problem_of(runs), candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
+    )
     assert found.fits == ()
 
 
@@ -195,7 +197,7 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     assert opening.preload < rest.force < 1.5 * opening.preload
     assert preloads.max() < rest.force
     assert np.abs(preloads / opening.preload - 1).min() < 0.2
-    _, found = search_nonlinear(problem, laws)
+    *_, found = search_nonlinear(problem, laws)
     assert found.nominal.chi2 > NEAR * found.nominal.n_data
     best = found.fits[0]
     assert best.chi2 < 1.2 * best.n_data
@@ -230,7 +232,7 @@ def test_a_weak_law_is_named():
     weak = BearingCubic(stiffness=1e13)
     runs = tuple(swept(weak, level, seed) for seed, level in enumerate(LEVELS[1:]))
     laws = candidates(runs, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
-    _, found = search_nonlinear(problem_of(runs), laws)
+    *_, found = search_nonlinear(problem_of(runs), laws)
     best, second = found.fits[0], found.nominal
     assert second.chi2 < NEAR * second.n_data
     assert best.hypothesis.ids == ("bearing_cubic",)
@@ -267,7 +269,7 @@ def test_the_interval_of_a_nonlinear_cause_holds_what_the_correction_explains(ha
 
 def test_the_law_is_named_and_its_number_found(hardening):
     laws = candidates(hardening, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
-    _, found = search_nonlinear(problem_of(hardening), laws)
+    *_, found = search_nonlinear(problem_of(hardening), laws)
     best = found.fits[0]
     assert best.hypothesis.ids == ("bearing_cubic",)
     assert best.chi2 < 1.2 * best.n_data

@@ -8,6 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
+
+from rigtwin.fmus import manifest
 from tests.rigtwin.conftest import run, run_json
 
 
@@ -155,3 +158,10 @@ def test_a_rotor_of_another_rig_needs_its_own_estimator(refused, estimator_fmu, 
     assert "no estimator trained for it lies beside it" in refused("check", fmu, "--expect-k-b", 1e6)
     message = refused("check", fmu, "--expect-k-b", 1e6, "--estimator", estimator_fmu)
     assert "was trained for the rig nit-rourkela" in message
+
+
+@pytest.mark.parametrize("text", ["another tool's notes", '["another tool\'s"]'])
+def test_a_manifest_of_another_tool_tells_nothing(estimator_fmu, tmp_path, text):
+    foreign = altered(estimator_fmu, tmp_path / "foreign.fmu", r"resources/manifest\.json", lambda _: text)
+    assert manifest(foreign) == {}
+    assert manifest(estimator_fmu) != {}

@@ -256,6 +256,29 @@ def test_a_run_driven_elsewhere_than_in_training_is_refused(refused, swept):
     assert "the force at node 2" in message
 
 
+@pytest.mark.parametrize("number", [("--delta-f1", 4.0), ("--amplitude-ratio-std", 0.01)], ids=lambda pair: pair[0])
+def test_numbers_beside_files_that_tell_them_are_refused(refused, swept, number):
+    assert f"{number[0]}: numbers go without files" in refused("estimate", swept.rigid, swept.bearing, *number)
+
+
+def test_shifts_beside_lists_of_resonances_are_refused(refused):
+    message = refused("estimate", PAPER, "--amplitude-ratio", 0.78, "--delta-f2-std", 1)
+    assert "--delta-f2-std: numbers go without files" in message
+
+
+def test_settings_beside_a_campaign_are_refused(refused):
+    message = refused("estimate", PAPER, "--amplitude-ratio", 0.78, "--quantity", "mobility")
+    assert "--quantity: the campaign says that of its runs" in message
+
+
+def test_two_lists_of_one_support_are_refused(refused, tmp_path):
+    text = (PAPER / "campaign.toml").read_text(encoding="utf-8")
+    again = text[text.index("[[peaks]]") :].split("[[peaks]]")[1]
+    (tmp_path / "campaign.toml").write_text(f"{text}\n[[peaks]]{again}", encoding="utf-8")
+    message = refused("estimate", tmp_path, "--amplitude-ratio", 1, "--amplitude-ratio-std", 0.1)
+    assert "one [[peaks]] of each support" in message
+
+
 def test_a_campaign_of_another_rig_is_refused(refused, tmp_path):
     text = (PAPER / "campaign.toml").read_text(encoding="utf-8").replace('"nit-rourkela"', f'"{OWN_ROTOR.as_posix()}"')
     (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")

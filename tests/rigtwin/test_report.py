@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import shlex
 import shutil
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
+from rigtwin.figures import Curve, frf_figure
 from sim.campaign import Campaign
 from sim.campaign_folder import load_campaign, save_campaign
 from sim.formats import read_run, write_run
@@ -186,6 +188,20 @@ def test_a_title_cannot_break_out_of_its_place(swept, tmp_path):
 def test_a_csv_on_its_own_is_asked_for_its_support(refused, swept, tmp_path):
     message = refused("report", swept.rigid, "--out", tmp_path / "page.html")
     assert "give it with --rigid or --bearing" in message
+
+
+def test_the_name_of_a_file_does_not_change_what_is_said_of_it(refused, swept, tmp_path):
+    wrong = tmp_path / "wrong support.csv"
+    wrong.write_text(swept.rigid.read_text(encoding="utf-8").replace("frequency_Hz", "speed"), encoding="utf-8")
+    assert "--rigid or --bearing" not in refused("report", wrong, "--out", tmp_path / "page.html")
+
+
+def test_a_dead_channel_is_drawn_as_nothing(swept):
+    run = read_run(swept.bearing)
+    assert run.std is not None
+    dead = dataclasses.replace(run, H=0 * run.H)
+    figure = frf_figure([Curve(dead, "dead", run.channels[0])])
+    assert [len(trace.x) for trace in figure.data] == [0]
 
 
 # --- in a browser ----------------------------------------------------------------------------------

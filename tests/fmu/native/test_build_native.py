@@ -88,6 +88,12 @@ def test_without_a_compiler_it_says_what_to_install(monkeypatch):
         compiler(this_machine())
 
 
+def test_a_compiler_with_arguments_is_taken_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiling, "find_spec", lambda name: None)
+    monkeypatch.setenv("CC", f"{sys.executable} -m nosuch 'one argument'")
+    assert compiler(this_machine()) == [sys.executable, "-m", "nosuch", "one argument"]
+
+
 def test_what_the_compiler_says_reaches_the_user(tmp_path):
     (tmp_path / "broken.c").write_text("int f(void) { return nothing; }\n")
     with pytest.raises(CompileError, match="nothing"):

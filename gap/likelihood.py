@@ -381,7 +381,7 @@ class Problem:
             A[range(n_u, len(A)), range(n_u, len(A))] += prior
             g = gradient.copy()
             g[n_u:] -= prior * nu
-            active = self._active(u, g[:n_u], ends)
+            active = self.held(u, g[:n_u], ends)
             # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
             for mu in _DAMPING:
                 step = _damped_step(A, g, mu, active)
@@ -402,7 +402,7 @@ class Problem:
                 break
         return u, nu, chi2, float(nu**2 @ prior), hessian
 
-    def _active(self, u: FloatArray, gradient: FloatArray, ends: FloatArray) -> BoolArray:
+    def held(self, u: FloatArray, gradient: FloatArray, ends: FloatArray) -> BoolArray:
         """Coordinates held at an end of their range, or without a say."""
         margin = 1e-9 * (ends[:, 1] - ends[:, 0])
         held = ((u <= ends[:, 0] + margin) & (gradient < 0)) | ((u >= ends[:, 1] - margin) & (gradient > 0))
@@ -506,7 +506,10 @@ class Problem:
 
 
 class Score:
-    """Rao's score test beside a fit: how much of the misfit a small effect explains, nuisances refitted.
+    """Rao's score test beside a fit: how much of the misfit a small effect explains, the fit's numbers refitted.
+
+    A fit stops short of its minimum, and along a direction that an effect shares with the nuisances what is left there
+    would pass for the effect's: slopes are those at the minimum, to first order (the efficient score).
 
     Parameters
     ----------
@@ -522,6 +525,7 @@ class Score:
             for observed, H in zip(problem.observed, self._model, strict=True)
         ]
         self._covariance = fit.covariance()
+        self._unsettled = self._gradient()
 
     @property
     def condition(self) -> Condition:
@@ -552,7 +556,19 @@ class Score:
         told = size - float(shared @ answer)
         if told <= _UNTOLD * size:
             return 0.0, 0.0, np.zeros_like(answer)
+        slope -= float(self._unsettled @ answer)
         return slope * abs(slope) / told, slope / told, -slope / told * answer
+
+    def _gradient(self) -> FloatArray:
+        """-gradient/2 of misfit and penalty by (u, nu): what a fit leaves that stopped short of its minimum."""
+        fit, left = self._fit, np.zeros(len(self._covariance))
+        for residual, J, where in self._parts:
+            left[where] += J @ residual
+        n_u = len(fit.u)
+        left[n_u:] -= fit.nu / fit.prior_std**2
+        ends = np.array(fit.hypothesis.ends, dtype=float).reshape(-1, 2)
+        left[:n_u][self._problem.held(fit.u, left[:n_u], ends)] = 0.0
+        return left
 
     def apart(self, runs: Sequence[int]) -> tuple[float, int]:
         """To first order, the misfit that goes where each resonance of these runs has its own shift and damping.
@@ -576,7 +592,7 @@ class Score:
             shared[-1][where] = J @ X.T
         together = np.concatenate(shared, axis=1)
         told = np.asarray(block_diag(*blocks)) - together.T @ self._covariance @ together
-        slope = np.concatenate(slopes)
+        slope = np.concatenate(slopes) - together.T @ self._covariance @ self._unsettled
         return float(slope @ np.linalg.pinv(told, rcond=_UNTOLD, hermitian=True) @ slope), len(slope)
 
 

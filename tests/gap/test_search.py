@@ -79,6 +79,20 @@ def test_the_first_order_gain_is_what_a_fit_gains():
     assert abs(nominal.u[0] + moved[0] - fit.u[0]) < 0.7 * abs(nominal.u[0] - fit.u[0])
 
 
+def test_a_fit_that_stopped_short_of_its_minimum_leaves_nothing_to_effects_like_its_tolerances():
+    """A modulus is all but a tolerance: what a tolerance has left to gain is not the modulus'."""
+    problem = problem_with()
+    nominal = recalibrate(problem)
+    short = nominal.nu.copy()
+    short[problem.nuisances.tolerance.start] += 0.1 * nominal.prior_std[problem.nuisances.tolerance.start]
+    left = replace(nominal, nu=short)
+    assert problem.cost(left.hypothesis, left.u, short) > nominal.cost + 10
+    weak = [ShaftModulus(factor=0.9999)]
+    assert_allclose(problem.score(left).gain(weak)[0], problem.score(nominal).gain(weak)[0], atol=1.0)
+    runs = range(len(problem.runs))
+    assert_allclose(problem.score(left).apart(runs)[0], problem.score(nominal).apart(runs)[0], atol=3.0)
+
+
 def test_an_effect_on_the_wrong_side_gains_nothing():
     problem = problem_with(AttachedMass(mass=0.01, node=3))
     gain, scale, _ = problem.score(recalibrate(problem)).gain([ShaftModulus(factor=1.001)])

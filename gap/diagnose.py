@@ -232,7 +232,7 @@ def _differ_by_level(problem: Problem, fit: Fit) -> bool:
     runs = [r for r, run in enumerate(problem.runs) if len(levels[run.support]) > 1]
     if not runs:
         return False
-    gain, numbers = problem.score(fit).apart(runs)
+    gain, numbers = problem.score(fit, settled=True).apart(runs)
     return gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or not _adequate(problem, fit, judge(problem, fit))
 
 

@@ -482,12 +482,12 @@ class Problem:
             for r, (a, b) in enumerate(zip(before, after, strict=True))
         ]
 
-    def score(self, fit: Fit) -> Score:
-        """What one more number could gain beside a fit, to first order."""
+    def score(self, fit: Fit, *, settled: bool = False) -> Score:
+        """What one more number could gain beside a fit, or, ``settled``, beside the minimum next to it; first order."""
         modals = self.modals(fit.k_b, fit.effects)
         moved = [self._moved(fit.hypothesis, fit.u, j) for j in range(len(fit.u))]
         parts = [self._slopes(r, modals[r], moved, fit.nu, self.model_error) for r in range(len(self.runs))]
-        return Score(self, fit, parts)
+        return Score(self, fit, parts, settled)
 
     def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal | NonlinearModal]]:
         """A small step of one coordinate, into the range, and the models there."""
@@ -509,15 +509,17 @@ class Score:
     """Rao's score test beside a fit: how much of the misfit a small effect explains, the fit's numbers refitted.
 
     A fit stops short of its minimum, and along a direction that an effect shares with the nuisances what is left there
-    would pass for the effect's: slopes are those at the minimum, to first order (the efficient score).
+    passes for the effect's. Settled, slopes are those at the minimum, to first order (the efficient score): right where
+    the fit is good, and misleading where it is so bad that its minimum lies elsewhere.
 
     Parameters
     ----------
     problem, fit : where the effect is added
     parts : of every run its residuals, their derivatives, and which of (u, nu) each belongs to
+    settled : whether slopes are those at the minimum next to the fit
     """
 
-    def __init__(self, problem: Problem, fit: Fit, parts: Sequence[tuple]):
+    def __init__(self, problem: Problem, fit: Fit, parts: Sequence[tuple], settled: bool):
         self._problem, self._fit, self._parts = problem, fit, parts
         self._model = problem.predict(fit)
         self._weights = [
@@ -525,7 +527,7 @@ class Score:
             for observed, H in zip(problem.observed, self._model, strict=True)
         ]
         self._covariance = fit.covariance()
-        self._unsettled = self._gradient()
+        self._unsettled = self._gradient() if settled else np.zeros(len(self._covariance))
 
     @property
     def condition(self) -> Condition:

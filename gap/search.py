@@ -455,7 +455,7 @@ def _along_the_shaft(term: Term) -> list[FloatArray]:
 
 def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> float:
     """Misfit that one more effect could take away beside a fit, to first order: the most of all candidates."""
-    score = problem.score(fit)
+    score = problem.score(fit, settled=True)
     others = [h for h in hypotheses if h.ids[0] not in fit.hypothesis.ids]
     return max((_promises(score, fit, h)[0].gain for h in others), default=0.0)
 

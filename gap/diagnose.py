@@ -28,11 +28,11 @@ from gap.search import (
     POLISHED,
     Progress,
     Search,
+    all_polished,
     best_first,
     each_alone,
     most_left,
     pairs,
-    polished,
     recalibrate,
     search,
     strained,
@@ -52,11 +52,13 @@ ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in 
 FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
 FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
 LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance
+PLAIN_GAP = 3.0  # mean square residual of rigid runs over the noise's that no law of the bearings leaves
 PAIR_GAIN = 12.0  # logarithm of the evidence that a pair must add
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
 AT_MOST = 3  # effects in that set
 LEAST_DATA = 20  # real numbers; of fewer nothing is concluded
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
+MOST_SCALE = 1.5  # scatter about a nonlinear effect's fit over the believed errors that is still noise, not misfit
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
 # A crack or a hub inside an element needs more of them.
@@ -206,13 +208,16 @@ def _explained(
         clock.lap("single effects")
         return made
 
-    found = None if dependent and library.laws else singles()
-    if found and not (library.laws and _differ_by_level(problem, (*found.fits, found.nominal)[0])):
+    laws = _not_ruled_out(problem, library.laws)
+    found = None if dependent and laws else singles()
+    if found and not (laws and _differ_by_level(problem, (*found.fits, found.nominal)[0])):
         return problem, nominal, _finished(problem, found, library.linear, progress, clock)
-    coarser, linear, bent = search_nonlinear(problem, library.laws, progress)
+    coarser, linear, bent = search_nonlinear(problem, laws, progress)
     clock.lap("nonlinear effects")
     adequate = bool(bent.fits) and _adequate(coarser, bent.fits[0], judge(coarser, bent.fits[0]))
-    if adequate and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:
+    best_single = found.fits[0] if found and found.fits else None
+    rivalled = best_single is not None and _adequate(problem, best_single, judge(problem, best_single))
+    if adequate and not rivalled and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:
         return coarser, linear, list(bent.fits)
     with_pairs = not (dependent or adequate)
     straight = _finished(problem, found or singles(), library.linear, progress, clock, with_pairs=with_pairs)
@@ -222,6 +227,14 @@ def _explained(
     if not bent.fits or best > bent.fits[0].log_weight:
         return problem, nominal, straight
     return coarser, linear, best_first([*bent.fits, *rivals])
+
+
+def _not_ruled_out(problem: Problem, laws: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
+    """Without the laws of the bearings where runs on rigid supports, in which they do not act, show a plain gap."""
+    rigid = problem.only("rigid")
+    if rigid is None or judge(rigid, recalibrate(rigid)).misfit < PLAIN_GAP:
+        return laws
+    return [law for law in laws if law.terms[0].effect.location != "bearings"]
 
 
 def _differ_by_level(problem: Problem, fit: Fit) -> bool:
@@ -258,7 +271,7 @@ def _finished(
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
     problem.refine()
-    return best_first([*(polished(problem, fit) for fit in fits[:POLISHED]), *fits[POLISHED:]])
+    return best_first([*all_polished(problem, fits[:POLISHED]), *fits[POLISHED:]])
 
 
 def _amplitude_dependent(findings: Sequence[Finding]) -> bool:
@@ -314,7 +327,7 @@ def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
 def _excess(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     """How far a fit is from leaving nothing but noise: 1 at the threshold of adequacy."""
     if nonlinear(fit.effects):
-        return fit.chi2 / fit.n_data / _scale(quality) ** 2 / ADEQUATE_NONLINEAR
+        return fit.chi2 / fit.n_data / min(_scale(quality), MOST_SCALE) ** 2 / ADEQUATE_NONLINEAR
     return max(
         (quality.misfit - 1) / (ADEQUATE_MISFIT - 1),
         quality.correlation / ADEQUATE_CORRELATION,

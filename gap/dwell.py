@@ -9,12 +9,14 @@ in some microseconds of dwell; they are let in at the end.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from gap.forward import MODES, Modal
+from gap.helpers import each
 from gap.hypotheses import NOMINAL, Free, Hypothesis
-from gap.likelihood import Fit, Problem
+from gap.likelihood import Fit, Problem, Score
 from gap.transients import as_read, transients
 from rotor.structure import ComplexArray, FloatArray
 
@@ -109,12 +111,16 @@ def _weak_grid(hypothesis: Hypothesis) -> FloatArray:
     return np.concatenate([np.geomspace(low, _EVENLY, n, endpoint=False), np.arange(_EVENLY, high, _STEP_WEAK)])
 
 
+def _gain(score: Score, hypothesis: Hypothesis, u: float) -> tuple[float, float, FloatArray]:
+    """What transients of a dwell take away; see ``Score.gain``."""
+    return score.gain(hypothesis.effects(np.array([u])))
+
+
 def _promising(
     problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray
 ) -> list[tuple[float, FloatArray, FloatArray]]:
     """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
-    score = problem.score(nominal)
-    gains = [score.gain(hypothesis.effects(np.array([u]))) for u in np.log(dwells)]
+    gains = list(each(partial(_gain, problem.score(nominal), hypothesis), np.log(dwells).tolist()))
     left = [-gain if scale > 0 else 0.0 for gain, scale, _ in gains]
     chosen = _minima(dwells, left, 1.5 * _STEP_WEAK, _KEPT)
     moved = [np.split(np.concatenate([nominal.u, nominal.nu]) + gains[k][2], [1]) for k in chosen]

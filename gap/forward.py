@@ -299,6 +299,10 @@ class Forward:
             _bend(plain, each, [other.groups[g] for other in others]) for g, each in enumerate(plain.groups)
         ]
 
+    def forget(self) -> None:
+        """Drop the motions that nonlinear candidates start from."""
+        self._known.clear()
+
     def condition(self, run: Run, k_b: float) -> Condition:
         """The test condition of a run."""
         return Condition(

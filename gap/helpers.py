@@ -6,11 +6,13 @@ What a search maps over comes in the order of its items whoever did it, so that 
 from __future__ import annotations
 
 import pickle
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 Item = TypeVar("Item")
@@ -32,28 +34,31 @@ def helped_by(executor: Executor | None) -> Iterator[None]:
 def each(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
     """The function of every item, in order; helpers begin at the end and take what nobody has begun.
 
-    Function and items have to be picklable. What a helper's function raises is raised here.
+    Function and items have to be picklable; helpers are of this machine, the function reaches them by a file. What a
+    helper's function raises is raised here.
     """
     helpers = _helpers.get()
     if helpers is None:
         yield from map(function, items)
         return
-    packed = pickle.dumps(function)  # here and now: what it refers to may change while helpers are at work
-    futures = [helpers.submit(_unpacked, packed, item) for item in reversed(items)][::-1]
-    try:
-        for item, future in zip(items, futures, strict=True):
-            yield function(item) if future.cancel() else future.result()
-    finally:
-        for future in futures:
-            future.cancel()
+    with tempfile.TemporaryDirectory(prefix="rigtwin_", ignore_cleanup_errors=True) as folder:
+        packed = Path(folder) / "function"
+        packed.write_bytes(pickle.dumps(function))  # here and now: what it refers to may change while helpers work
+        futures = [helpers.submit(_unpacked, packed, item) for item in reversed(items)][::-1]
+        try:
+            for item, future in zip(items, futures, strict=True):
+                yield function(item) if future.cancel() else future.result()
+        finally:
+            for future in futures:
+                future.cancel()
 
 
-def _unpacked(packed: bytes, item: Any) -> Any:
+def _unpacked(packed: Path, item: Any) -> Any:
     """What a helper does."""
     return _function(packed)(item)
 
 
 @lru_cache(maxsize=1)
-def _function(packed: bytes) -> Callable[[Any], Any]:
+def _function(packed: Path) -> Callable[[Any], Any]:
     """The helper's own copy, which remembers what it made for the items before."""
-    return pickle.loads(packed)
+    return pickle.loads(packed.read_bytes())

@@ -231,6 +231,11 @@ class Problem:
             self.forward.bend(run, fit.k_b, acting(fit.effects, run.support))
         self._memory.clear()
 
+    def forget(self) -> None:
+        """Drop what was solved: a nonlinear motion is looked for from the one before."""
+        self.forward.forget()
+        self._memory.clear()
+
     def refine(self) -> None:
         """Use the finer mesh from now on, for effects that need one."""
         self.forward.refined = True

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from gap.forward import over_receptance
+from gap.helpers import Item, Result, each
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem, Score, residual
 from gap.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
@@ -128,10 +129,10 @@ def search_nonlinear(
     left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
     forward.resolution = FINAL
-    first = [_fitted(every, start, rounds=1, steps=3) for start in left]
-    fits = sorted((fit for fit in first if fit is not None), key=lambda fit: fit.cost)[:_FINALISTS]
-    again = [robust_fit(every, fit.hypothesis, fit.u, fit.nu) for fit in fits if fit.cost < fits[0].cost + _CLEAR]
-    fits = [fit for fit in again if fit is not None] + fits[len(again) :]
+    first = _fitted(every, left, rounds=1, steps=3)
+    fits = sorted(first, key=lambda fit: fit.cost)[:_FINALISTS]
+    near = [fit for fit in fits if fit.cost < fits[0].cost + _CLEAR]
+    fits = [*_fitted(every, near), *fits[len(near) :]]
     fits = [fit for fit in fits if fit.log_evidence() > linear.log_evidence()]
     return every, linear, Search(nominal, tuple(best_first(fits)))
 
@@ -174,9 +175,9 @@ def _far(
     problem.forward.resolution, calm = ROUGH, rest.calm
     few = _thinned(problem, _GRID_LINES, calm.k_b, _ROUGH_ERROR)
     grid: dict[str, list[_Start]] = {}
-    for hypothesis in hypotheses:
+    for hypothesis, points in _anew(few, partial(_by_distance, rest=rest, nu=nu), hypotheses):
         tell(str(hypothesis))
-        grid.setdefault(hypothesis.ids[0], []).extend(_by_distance(few, hypothesis, rest, nu))
+        grid.setdefault(hypothesis.ids[0], []).extend(points)
     tell("descents")
     rough = _descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
     problem.forward.resolution = MIDDLE
@@ -217,13 +218,12 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
     problem.forward.resolution = ROUGH
     some = _thinned(problem, _DESCENT_LINES, rest.calm.k_b, MODEL_ERROR)
     nominal = some.fit(NOMINAL, nominal.u, nominal.nu)
-    score = some.score(nominal)
     grid: dict[str, list[_Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
     beside: list[_Start] = []
-    for hypothesis in hypotheses:
+    by_score = partial(_by_score, score=some.score(nominal), nominal=nominal, rest=rest)
+    for hypothesis, points in _anew(some, by_score, hypotheses):
         tell(str(hypothesis))
-        points = [_by_score(score, nominal, hypothesis, u) for u in _grid(hypothesis, rest)]
         grid.setdefault(hypothesis.ids[0], []).extend(points)
         if hypothesis.ids[0] in _SHARES_STIFFNESS:
             beside += sorted(_by_distance(some, hypothesis, rest, nu), key=_cost)[:1]
@@ -302,16 +302,19 @@ def _by_distance(problem: Problem, hypothesis: Hypothesis, rest: _Rest, nu: Floa
     return found
 
 
-def _by_score(score: Score, nominal: Fit, hypothesis: Hypothesis, u: FloatArray) -> _Start:
-    """A point of the grid with what it leaves of the misfit, and where k_b and the nuisances follow it to."""
-    gain, scale, moved = score.gain(hypothesis.effects(u[1:]))
-    if scale <= 0:
-        return _Start(np.inf, hypothesis, u, nominal.nu)
-    moved = moved / scale  # of the effect as it stands
-    at = hypothesis.clipped(np.concatenate([nominal.u + moved[:1], u[1:]]))
-    left = nominal.cost - gain / scale * (2 - 1 / scale)
-    limit = 2 * nominal.prior_std
-    return _Start(left, hypothesis, at, np.clip(nominal.nu + moved[1:], -limit, limit))
+def _by_score(problem: Problem, hypothesis: Hypothesis, score: Score, nominal: Fit, rest: _Rest) -> list[_Start]:
+    """Points of the grid with what each leaves of the misfit, and where k_b and the nuisances follow it to."""
+    found, limit = [], 2 * nominal.prior_std
+    for u in _grid(hypothesis, rest):
+        gain, scale, moved = score.gain(hypothesis.effects(u[1:]))
+        if scale <= 0:
+            found.append(_Start(np.inf, hypothesis, u, nominal.nu))
+            continue
+        moved = moved / scale  # of the effect as it stands
+        at = hypothesis.clipped(np.concatenate([nominal.u + moved[:1], u[1:]]))
+        left = nominal.cost - gain / scale * (2 - 1 / scale)
+        found.append(_Start(left, hypothesis, at, np.clip(nominal.nu + moved[1:], -limit, limit)))
+    return found
 
 
 def _thinned(problem: Problem, every: int, k_b: float, error: float) -> Problem:
@@ -322,7 +325,25 @@ def _thinned(problem: Problem, every: int, k_b: float, error: float) -> Problem:
     return few
 
 
-def _fitted(problem: Problem, start: _Start, **settings: int) -> Fit | None:
+def _anew(
+    problem: Problem, function: Callable[[Problem, Item], Result], items: Sequence[Item]
+) -> Iterator[tuple[Item, Result]]:
+    """Every item with what the function makes of it, each from nothing: no answer depends on who made the others."""
+    yield from zip(items, each(partial(_alone, problem, function), items), strict=True)
+    problem.forget()
+
+
+def _alone(problem: Problem, function: Callable[[Problem, Item], Result], item: Item) -> Result:
+    problem.forget()
+    return function(problem, item)
+
+
+def _fitted(problem: Problem, starts: Sequence[_Start | Fit], **settings: int) -> list[Fit]:
+    """Robust fits from every start that has a model."""
+    return [fit for _, fit in _anew(problem, partial(_robustly, **settings), starts) if fit is not None]
+
+
+def _robustly(problem: Problem, start: _Start | Fit, **settings: int) -> Fit | None:
     return robust_fit(problem, start.hypothesis, start.u, start.nu, **settings)
 
 
@@ -424,20 +445,21 @@ def _unfitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: Float
 
 def _descend(problem: Problem, starts: Sequence[_Start], anneal: Sequence[float]) -> list[_Start]:
     """Down from every start with ever smaller errors added; the best of every candidate, best first."""
-    found = []
-    for start in starts:
-        fit = problem.try_fit(start.hypothesis, start.u, start.nu, anneal=anneal, steps=4)
-        if fit is None:
-            continue
-        loss, _ = _loss(problem, fit)
-        found.append(_Start(loss + fit.penalty, start.hypothesis, fit.u, fit.nu))
-    return _best_of_each(found)
+    found = (down for _, down in _anew(problem, partial(_down, anneal=anneal), starts))
+    return _best_of_each([down for down in found if down is not None])
+
+
+def _down(problem: Problem, start: _Start, anneal: Sequence[float]) -> _Start | None:
+    fit = problem.try_fit(start.hypothesis, start.u, start.nu, anneal=anneal, steps=4)
+    if fit is None:
+        return None
+    loss, _ = _loss(problem, fit)
+    return _Start(loss + fit.penalty, start.hypothesis, fit.u, fit.nu)
 
 
 def _settle(problem: Problem, starts: Sequence[_Start]) -> list[_Start]:
     """Robust fits from every start, which lines on another branch of the response pull nowhere; as in `_descend`."""
-    settings = {"rounds": _ROUNDS_THEN, "steps": _STEPS_THEN}
-    fits = [fit for start in starts if (fit := _fitted(problem, start, **settings)) is not None]
+    fits = _fitted(problem, starts, rounds=_ROUNDS_THEN, steps=_STEPS_THEN)
     return _best_of_each([_Start(fit.cost, fit.hypothesis, fit.u, fit.nu) for fit in fits])
 
 

@@ -192,7 +192,7 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
         fits = _of_each(fits, _RIVALS)[: stage.keep]
         starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
     fits = _of_each(fits, 1)
-    return best_first([*(polished(problem, fit) for fit in fits[:POLISHED]), *fits[POLISHED:]])
+    return best_first([*all_polished(problem, fits[:POLISHED]), *fits[POLISHED:]])
 
 
 def _run(problem: Problem, stage: Stage, start: Start) -> Fit | None:
@@ -216,6 +216,14 @@ def polished(problem: Problem, fit: Fit) -> Fit:
     """The same candidate, fitted on from where it is, with the tolerances as they act there."""
     problem.bend(fit)
     return problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=_PATIENCE)
+
+
+def all_polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """Several candidates, each fitted on."""
+    made = list(each(partial(polished, problem), fits))
+    for fit in fits:  # those that helpers have polished as well
+        problem.bend(fit)
+    return made
 
 
 def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
@@ -488,20 +496,30 @@ def pair_starts(
     leaders = _leaders(problem, found, hypotheses)
     few = problem.thinned(_FIFTH)
     for number, leader in enumerate(leaders):
-        score, by_score = problem.score(leader), []
-        for second in hypotheses:
-            if second.ids == leader.hypothesis.ids:
-                continue
+        by_score: list[_Promise] = []
+        seconds = [second for second in hypotheses if second.ids != leader.hypothesis.ids]
+        promised = each(partial(_beside, problem.score(leader), leader), seconds)
+        for second, promises in zip(seconds, promised, strict=True):
             if progress:
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
-            pair = Hypothesis((*leader.hypothesis.terms, *second.terms), leader.hypothesis.prior * second.prior)
-            by_score += _promises(score, leader, second, pair)
+            pair = _paired(leader.hypothesis, second)
+            by_score += promises
             beside += [_begin(pair, pair.clipped(point), leader) for point in _points(leader.u, second)]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
         starts += [promise.start for promise in by_score[: max(_BY_SCORE // len(leaders), _OF_EACH)]]
     costs = np.array(list(each(partial(_roughly, few), beside)))
     chosen = [beside[k] for k in costs.argsort(kind="stable")[: 2 * _BY_ROUGH]]
     return starts + list(each(partial(_nearer, few), chosen))
+
+
+def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
+    """Both effects at once."""
+    return Hypothesis((*first.terms, *second.terms), first.prior * second.prior)
+
+
+def _beside(score: Score, leader: Fit, second: Hypothesis) -> list[_Promise]:
+    """What a second effect promises beside a leader."""
+    return _promises(score, leader, second, _paired(leader.hypothesis, second))
 
 
 def _roughly(few: Problem, start: Start) -> float:

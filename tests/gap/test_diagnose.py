@@ -11,13 +11,14 @@ import pytest
 from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from gap.adequacy import judge
+from gap.adequacy import Adequacy, judge
 from gap.curves import nrmse
-from gap.diagnose import _equivalent, _Ranked, _verdict, diagnose, prepared
+from gap.diagnose import _equivalent, _excess, _not_ruled_out, _Ranked, _verdict, diagnose, prepared
 from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Location
 from gap.held_out import lines_to_measure
+from gap.hypotheses import candidates
 from gap.predict import predict
-from rotor.effects import BearingCubic
+from rotor.effects import BearingCubic, CompliantRigidSupport
 from rotor.effects.library import EFFECTS
 from sim.campaign import Channel, MeasurementError
 from tests.gap.conftest import (
@@ -25,12 +26,14 @@ from tests.gap.conftest import (
     MASS,
     NOISE,
     RIVALS,
+    STRUCTURE,
     all_but,
     blank,
     both_supports,
     campaign_of,
     lines,
     measure,
+    problem_of,
     truth,
 )
 
@@ -194,6 +197,23 @@ def test_a_node_that_the_rig_lacks_is_wrong_input():
 def test_with_every_effect_excluded_a_gap_is_unknown():
     diagnosis = diagnose(campaign_of(*both_supports(MASS, seed=3)), exclude=tuple(EFFECTS)).diagnosis
     assert (diagnosis.verdict, diagnosis.causes) == ("unknown", ())
+
+
+def test_a_gap_on_rigid_supports_is_no_law_of_the_bearings():
+    bearing = [blank("bearing", lines("bearing"), force_amplitude_N=force) for force in (0.1, 1.0)]
+    for effects, left in (((), ("bearing_cubic", "rub")), ((CompliantRigidSupport(stiffness=2e7),), ("rub",))):
+        runs = [measure("rigid", effects), *(measure("bearing", frequency_hz=run.frequency_hz) for run in bearing)]
+        laws = candidates(bearing, STRUCTURE, all_but("bearing_cubic", "rub"), nonlinear=True)
+        assert len(laws) > 1
+        assert {law.ids[0] for law in _not_ruled_out(problem_of(*runs), laws)} == set(left)
+
+
+def test_a_misfit_that_scatters_is_still_a_misfit():
+    """What a far nonlinear fit leaves at sharp resonances is no noise that its errors would have to be scaled by."""
+    far = SimpleNamespace(effects=(BearingCubic(stiffness=1e15),), chi2=5000.0, n_data=1000)
+    quality = Adequacy(scale=30.0, misfit=5.0, correlation=0.0)
+    assert _excess(None, far, quality) > 1  # type: ignore[arg-type]
+    assert _excess(None, SimpleNamespace(**{**vars(far), "chi2": 1900.0}), quality) < 1  # type: ignore[arg-type]
 
 
 def test_a_cause_is_named_only_where_it_is_sure():

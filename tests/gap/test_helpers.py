@@ -5,13 +5,18 @@ from __future__ import annotations
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
 from gap.helpers import each, helped_by
-from gap.search import recalibrate, search
+from gap.hypotheses import candidates
+from gap.nonlinear_search import _anew, search_nonlinear
+from gap.search import all_polished, recalibrate, search, weak_starts
 from rigtwin.scale_out import executor
-from rotor.effects import AttachedMass
-from tests.gap.conftest import both_supports, of, problem_of
+from rotor.effects import AttachedMass, BearingCubic
+from rotor.rig import load_rig
+from tests.gap.conftest import K_B, RIG, STRUCTURE, all_but, both_supports, of, problem_of
+from tests.gap.test_nonlinear import runs_of
 
 MET = threading.Barrier(2, timeout=10)
 
@@ -76,3 +81,42 @@ def test_another_process_makes_the_same_search():
     assert [(str(fit.hypothesis), fit.cost) for fit in shared.fits] == [
         (str(fit.hypothesis), fit.cost) for fit in alone.fits
     ]
+
+
+def test_another_process_makes_the_same_nonlinear_search():
+    """Each candidate from nothing: a motion solved for one leads no other."""
+    runs = runs_of(BearingCubic(stiffness=1e15))
+    laws = candidates(runs, STRUCTURE, all_but("bearing_cubic", "bearing_hertz", "bilinear_support"), nonlinear=True)
+    *_, alone = search_nonlinear(problem_of(*runs), laws)
+    with executor(workers=1) as pool, helped_by(pool):
+        pool.submit(square, 1).result()  # it is there
+        *_, shared = search_nonlinear(problem_of(*runs), laws)
+    assert [(str(fit.hypothesis), fit.cost) for fit in shared.fits] == [
+        (str(fit.hypothesis), fit.cost) for fit in alone.fits
+    ]
+
+
+def test_what_helpers_polish_is_predicted_here_as_there():
+    """A candidate's tolerances act as they do at its own numbers, in this process too."""
+    problem = problem_of(*both_supports(AttachedMass(mass=0.1, node=4), seed=3))
+    problem.allow_for_tolerances(load_rig(RIG), K_B)
+    starts = weak_starts(problem, of(problem.runs, "attached_mass"), recalibrate(problem))[:4]
+    fits = [problem.fit(start.hypothesis, start.u + np.array([0.0, 0.5]), steps=2) for start in starts]
+    with executor(workers=1) as pool, helped_by(pool):
+        pool.submit(square, 1).result()
+        made = all_polished(problem, fits)
+    for fit in made:
+        assert problem.cost(fit.hypothesis, fit.u, fit.nu) == pytest.approx(fit.cost, rel=1e-9)
+
+
+def left_behind(problem, item):
+    """How many motions are known, one more afterwards."""
+    known = problem.forward._known
+    known[item,] = None  # type: ignore[assignment]
+    return len(known)
+
+
+def test_nothing_is_known_from_the_item_before():
+    problem = problem_of(*both_supports())
+    assert list(_anew(problem, left_behind, [1, 2, 3])) == [(1, 1), (2, 1), (3, 1)]
+    assert not problem.forward._known

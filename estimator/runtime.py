@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,10 @@ class Estimate:
     k_b_low: float
     k_b_high: float
     valid: bool
+
+
+# The estimator's outputs, in this order in the network, the model card and the FMU.
+OUTPUT_NAMES = tuple(field.name for field in fields(Estimate))
 
 
 class StiffnessEstimator:

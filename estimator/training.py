@@ -19,10 +19,9 @@ from estimator.dataset import Dataset
 from estimator.features import FEATURE_NAMES
 from estimator.network import K_REF, Curve, Limits, StiffnessNetwork
 from estimator.prior import PRIOR, Prior
-from estimator.runtime import CARD_KEY
+from estimator.runtime import CARD_KEY, OUTPUT_NAMES
 from sim.formats.atomic import replacing
 
-OUTPUT_NAMES = ("k_b", "k_b_std", "k_b_low", "k_b_high", "valid")
 UNITS = {"delta_f": "Hz", "amplitude_ratio": "1", "k_b": "N/m"}
 
 # Each calibration rig is looked at so many times, with errors drawn afresh.

@@ -18,7 +18,7 @@ from build_fmu import (
     build_rotor_fmu,
 )
 from estimator.features import FEATURE_NAMES, Features
-from estimator.runtime import Estimate, StiffnessEstimator
+from estimator.runtime import OUTPUT_NAMES, Estimate, StiffnessEstimator
 from fmu_src.compiling import CompileError, can_compile, this_machine
 from rigtwin.console import note
 from rigtwin.exits import UserError
@@ -28,8 +28,6 @@ from sim.session import FmuError, FmuSession
 SHIPPED_RIG = "nit-rourkela"
 
 Estimator = Callable[[Features], Estimate]
-
-_ANSWERS = ("k_b", "k_b_std", "k_b_low", "k_b_high", "valid")
 
 
 def build_rotor(rig: Rig, folder: Path, **options: Any) -> Path:
@@ -117,7 +115,7 @@ def open_estimator(path: Path | None = None) -> Iterator[tuple[Estimator, dict[s
 def ask(session: FmuSession, features: Features) -> Estimate:
     """What an open StiffnessEstimator FMU says."""
     session.start(dict(zip(FEATURE_NAMES, features.as_array().tolist(), strict=True)))
-    k_b, std, low, high, valid = session.get(_ANSWERS)
+    k_b, std, low, high, valid = session.get(OUTPUT_NAMES)
     return Estimate(k_b, std, low, high, bool(valid))
 
 

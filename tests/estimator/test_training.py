@@ -23,8 +23,8 @@ from estimator.features import FEATURE_NAMES
 from estimator.network import StiffnessNetwork
 from estimator.prior import PRIOR
 from estimator.root_finding import StiffnessFinder
-from estimator.runtime import StiffnessEstimator, shipped_model
-from estimator.training import OUTPUT_NAMES, data_digest, draw_errors, export, train
+from estimator.runtime import OUTPUT_NAMES, StiffnessEstimator, shipped_model
+from estimator.training import data_digest, draw_errors, export, train
 from rotor.condition import Condition
 from tests.rotor.rigs import paper_structure
 

@@ -210,13 +210,12 @@ def _explained(
 
     laws = _not_ruled_out(problem, library.laws)
     found = None if dependent and laws else singles()
-    if found and not (laws and _differ_by_level(problem, (*found.fits, found.nominal)[0])):
+    if found and not (laws and _differ_by_level(problem, found.best)):
         return problem, nominal, _finished(problem, found, library.linear, progress, clock)
     coarser, linear, bent = search_nonlinear(problem, laws, progress)
     clock.lap("nonlinear effects")
-    adequate = bool(bent.fits) and _adequate(coarser, bent.fits[0], judge(coarser, bent.fits[0]))
-    best_single = found.fits[0] if found and found.fits else None
-    rivalled = best_single is not None and _adequate(problem, best_single, judge(problem, best_single))
+    adequate = bool(bent.fits) and _adequate(coarser, bent.best)
+    rivalled = found is not None and bool(found.fits) and _adequate(problem, found.best)
     if adequate and not rivalled and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:
         return coarser, linear, list(bent.fits)
     with_pairs = not (dependent or adequate)
@@ -232,7 +231,7 @@ def _explained(
 def _not_ruled_out(problem: Problem, laws: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
     """Without the laws of the bearings where runs on rigid supports, in which they do not act, show a plain gap."""
     rigid = problem.only("rigid")
-    if rigid is None or judge(rigid, recalibrate(rigid)).misfit < PLAIN_GAP:
+    if not laws or rigid is None or judge(rigid, recalibrate(rigid)).misfit < PLAIN_GAP:
         return laws
     return [law for law in laws if law.terms[0].effect.location != "bearings"]
 
@@ -246,7 +245,7 @@ def _differ_by_level(problem: Problem, fit: Fit) -> bool:
     if not runs:
         return False
     gain, numbers = problem.score(fit, settled=True).apart(runs)
-    return gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or not _adequate(problem, fit, judge(problem, fit))
+    return gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or not _adequate(problem, fit)
 
 
 def _finished(
@@ -263,10 +262,7 @@ def _finished(
     if (
         with_pairs
         and found.fits
-        and not (
-            _adequate(problem, fits[0], judge(problem, fits[0]))
-            and most_left(problem, fits[0], hypotheses) < 2 * PAIR_GAIN
-        )
+        and not (_adequate(problem, found.best) and most_left(problem, found.best, hypotheses) < 2 * PAIR_GAIN)
     ):
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
@@ -320,8 +316,8 @@ def nuisance_size(problem: Problem, fit: Fit) -> float:
     return float(np.sum(told * fit.nu**2 / prior)) / freedom
 
 
-def _adequate(problem: Problem, fit: Fit, quality: Adequacy) -> bool:
-    return _excess(problem, fit, quality) < 1
+def _adequate(problem: Problem, fit: Fit) -> bool:
+    return _excess(problem, fit, judge(problem, fit)) < 1
 
 
 def _excess(problem: Problem, fit: Fit, quality: Adequacy) -> float:
@@ -382,7 +378,7 @@ def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, standing: _Standin
     if nominal.n_data < LEAST_DATA:
         return "not_enough_data"
     if ranked.no_gap > 0.5:
-        return "no_gap" if _adequate(problem, nominal, judge(problem, nominal)) else "unknown"
+        return "no_gap" if _adequate(problem, nominal) else "unknown"
     if standing.excess >= 1:
         return "unknown"
     return "cause" if max(_by_name(ranked).values()) >= SURE else "ambiguous"

@@ -38,7 +38,7 @@ def each(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[
     helper's function raises is raised here.
     """
     helpers = _helpers.get()
-    if helpers is None:
+    if helpers is None or len(items) < 2:
         yield from map(function, items)
         return
     with tempfile.TemporaryDirectory(prefix="rigtwin_", ignore_cleanup_errors=True) as folder:

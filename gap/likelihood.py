@@ -525,7 +525,7 @@ class Score:
     """
 
     def __init__(self, problem: Problem, fit: Fit, parts: Sequence[tuple], settled: bool):
-        self._problem, self._fit, self._parts = problem, fit, parts
+        self._problem, self.fit, self._parts = problem, fit, parts
         self._model = problem.predict(fit)
         self._weights = [
             _weighted(observed, H, problem.model_error)[0]
@@ -537,7 +537,7 @@ class Score:
     @property
     def condition(self) -> Condition:
         """What the nominal model believes."""
-        return self._problem.forward.condition(self._problem.runs[0], self._fit.k_b)
+        return self._problem.forward.condition(self._problem.runs[0], self.fit.k_b)
 
     def gain(self, effects: Sequence[Effect]) -> tuple[float, float, FloatArray]:
         """To first order, the misfit that these small effects take away once they are scaled.
@@ -546,7 +546,7 @@ class Score:
         -------
         gain and scale, both negative where the effects would have to be, and by how much the fit's (u, nu) move
         """
-        problem, fit = self._problem, self._fit
+        problem, fit = self._problem, self.fit
         try:
             changes = problem.change(fit, effects)
         except (ValueError, np.linalg.LinAlgError):
@@ -568,13 +568,12 @@ class Score:
 
     def _gradient(self) -> FloatArray:
         """-gradient/2 of misfit and penalty by (u, nu): what a fit leaves that stopped short of its minimum."""
-        fit, left = self._fit, np.zeros(len(self._covariance))
+        fit, left = self.fit, np.zeros(len(self._covariance))
         for residual, J, where in self._parts:
             left[where] += J @ residual
         n_u = len(fit.u)
         left[n_u:] -= fit.nu / fit.prior_std**2
-        ends = np.array(fit.hypothesis.ends, dtype=float).reshape(-1, 2)
-        left[:n_u][self._problem.held(fit.u, left[:n_u], ends)] = 0.0
+        left[:n_u][self._problem.held(fit.u, left[:n_u], fit.hypothesis.ends)] = 0.0
         return left
 
     def apart(self, runs: Sequence[int]) -> tuple[float, int]:
@@ -584,7 +583,7 @@ class Score:
         -------
         gain, and how many numbers it takes: without a cause the gain is chi-squared with so many degrees of freedom
         """
-        problem, fit = self._problem, self._fit
+        problem, fit = self._problem, self.fit
         modals = problem.modals(fit.k_b, fit.effects)
         slopes, blocks, shared = [], [], []
         for r in runs:

@@ -221,8 +221,8 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
     grid: dict[str, list[_Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
     beside: list[_Start] = []
-    by_score = partial(_by_score, score=some.score(nominal), nominal=nominal, rest=rest)
-    for hypothesis, points in _anew(some, by_score, hypotheses):
+    gains = each(partial(_by_score, some.score(nominal), rest), hypotheses)
+    for hypothesis, points in zip(hypotheses, gains, strict=True):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
         if hypothesis.ids[0] in _SHARES_STIFFNESS:
@@ -302,8 +302,9 @@ def _by_distance(problem: Problem, hypothesis: Hypothesis, rest: _Rest, nu: Floa
     return found
 
 
-def _by_score(problem: Problem, hypothesis: Hypothesis, score: Score, nominal: Fit, rest: _Rest) -> list[_Start]:
+def _by_score(score: Score, rest: _Rest, hypothesis: Hypothesis) -> list[_Start]:
     """Points of the grid with what each leaves of the misfit, and where k_b and the nuisances follow it to."""
+    nominal = score.fit
     found, limit = [], 2 * nominal.prior_std
     for u in _grid(hypothesis, rest):
         gain, scale, moved = score.gain(hypothesis.effects(u[1:]))

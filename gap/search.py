@@ -104,6 +104,11 @@ class Search:
     fits: tuple[Fit, ...]  # best first by evidence, the nominal model not among them
     rough: tuple[Start, ...] = ()  # best first by logarithms, one of every effect; none close to the nominal model
 
+    @property
+    def best(self) -> Fit:
+        """The best candidate, or the nominal model where there is none."""
+        return self.fits[0] if self.fits else self.nominal
+
 
 @dataclass(frozen=True)
 class _Promise:
@@ -255,7 +260,7 @@ def _rough_starts(
     by_grid = {h: _scanned(problem, h, nominal) for h in hypotheses}
     most = max(_ALL * nominal.cost, nominal.cost - _NOTHING * nominal.n_data)
     found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
-    weak = {h: (by_grid[h] or _promises(score, nominal, h))[0] for h in hypotheses}
+    weak = {h: (by_grid[h] or _promises(score, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
     rough = [_Rough(h, found.get(h, []), weak[h]) for h in hypotheses]
     rough.sort(key=lambda entry: (entry.cost, -entry.weak.gain))
@@ -348,7 +353,7 @@ def weak_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        tried = _scanned(problem, hypothesis, nominal) or _promises(score, nominal, hypothesis)
+        tried = _scanned(problem, hypothesis, nominal) or _promises(score, hypothesis)
         found.append((tried[0].gain, [promise.start for promise in tried[:_RIVALS]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0
@@ -360,9 +365,9 @@ def weak_starts(
     ]
 
 
-def _promises(score: Score, fit: Fit, hypothesis: Hypothesis, pair: Hypothesis | None = None) -> list[_Promise]:
+def _promises(score: Score, hypothesis: Hypothesis, pair: Hypothesis | None = None) -> list[_Promise]:
     """What an effect could gain beside a fit, to first order, and where its own fit should begin; best first."""
-    (term,) = hypothesis.terms
+    (term,), fit = hypothesis.terms, score.fit
     found = []
     for point in _from_nominal(fit, hypothesis, score.condition):
         gain, scale, moved = score.gain(hypothesis.effects(point[1:]))
@@ -465,7 +470,7 @@ def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> f
     """Misfit that one more effect could take away beside a fit, to first order: the most of all candidates."""
     score = problem.score(fit, settled=True)
     others = [h for h in hypotheses if h.ids[0] not in fit.hypothesis.ids]
-    return max((_promises(score, fit, h)[0].gain for h in others), default=0.0)
+    return max((_promises(score, h)[0].gain for h in others), default=0.0)
 
 
 def pairs(
@@ -498,7 +503,7 @@ def pair_starts(
     for number, leader in enumerate(leaders):
         by_score: list[_Promise] = []
         seconds = [second for second in hypotheses if second.ids != leader.hypothesis.ids]
-        promised = each(partial(_beside, problem.score(leader), leader), seconds)
+        promised = each(partial(_beside, problem.score(leader)), seconds)
         for second, promises in zip(seconds, promised, strict=True):
             if progress:
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
@@ -517,9 +522,9 @@ def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
     return Hypothesis((*first.terms, *second.terms), first.prior * second.prior)
 
 
-def _beside(score: Score, leader: Fit, second: Hypothesis) -> list[_Promise]:
-    """What a second effect promises beside a leader."""
-    return _promises(score, leader, second, _paired(leader.hypothesis, second))
+def _beside(score: Score, second: Hypothesis) -> list[_Promise]:
+    """What a second effect promises beside a leader, whose score it is."""
+    return _promises(score, second, _paired(score.fit.hypothesis, second))
 
 
 def _roughly(few: Problem, start: Start) -> float:

@@ -3,7 +3,8 @@
 Numbers are drawn from the posterior; each draw is a rig that the data allow. Driven at a node that was not driven,
 free of noise, gains and drift, it is compared with the nominal and with the corrected model. The interval of what
 the correction explains is thus one for transfer data, not for the lines next to those that were fitted. It holds the
-90 % interval of every such node, as one does not know which will be driven.
+90 % interval of every such node, as one does not know which will be driven. What is left of the gap is stretched a
+little both ways: the posterior knows of no other elements or solver than those of the model.
 
 A nonlinear cause is tried at the middle of the levels. Its corrected model is followed as a sweep; a drawn rig's
 motions are those nearest to it.
@@ -28,6 +29,10 @@ _DRAWS = 60
 # The same of a nonlinear cause, and every so many lines: each is solved anew.
 _DRAWS_NONLINEAR, _LINES_NONLINEAR = 40, 2
 
+# What is left of the gap may be so many times more, or less. Without, the interval covered 43 of 52 linear causes of
+# tuning campaigns, whose rigs are another implementation's; with it 49.
+_STRETCH = 1.2
+
 
 def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -> tuple[float, float]:
     """90 % interval of 1 - after / before, free of noise, where another node is driven; nan where none can be.
@@ -50,7 +55,9 @@ def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -
     known = [np.array(each)[np.isfinite(each)] for each in shrinks if np.isfinite(each).any()]
     if not known:
         return (np.nan, np.nan)
-    return min(float(np.quantile(each, 0.05)) for each in known), max(float(np.quantile(each, 0.95)) for each in known)
+    low = min(float(np.quantile(each, 0.05)) for each in known)
+    high = max(float(np.quantile(each, 0.95)) for each in known)
+    return 1 - (1 - low) * _STRETCH, 1 - (1 - high) / _STRETCH
 
 
 def _other_nodes(problem: Problem) -> list[int]:

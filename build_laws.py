@@ -113,7 +113,7 @@ enum {{ {numbers}, N_LAWS }};
 
 typedef struct {{
     const char *name;
-    int memory, radial, in_place;
+    int memory, radial;
 }} Law;
 
 extern const Law LAWS[N_LAWS];
@@ -127,7 +127,7 @@ double law_force(int law, const double *variables, const double *coefficients, d
 
 def print_c_source() -> str:
     """Source of ``laws.c``."""
-    rows = [f'    {{"{law.name}", {law.memory:d}, {law.radial:d}, {law.in_place:d}}},' for law in LAWS]
+    rows = [f'    {{"{law.name}", {law.memory:d}, {law.radial:d}}},' for law in LAWS]
     return "\n".join(
         [
             _C_REMARK,

@@ -4,12 +4,12 @@
 #include <math.h>
 
 const Law LAWS[N_LAWS] = {
-    {"cubic", 0, 1, 0},
-    {"clearance", 0, 1, 1},
-    {"hertz", 0, 0, 1},
-    {"bilinear", 0, 0, 0},
-    {"contact", 0, 1, 0},
-    {"jenkins", 1, 0, 0},
+    {"cubic", 0, 1},
+    {"clearance", 0, 1},
+    {"hertz", 0, 0},
+    {"bilinear", 0, 0},
+    {"contact", 0, 1},
+    {"jenkins", 1, 0},
 };
 
 static double cubic(double x, double k3, double *derivatives)

@@ -6,7 +6,7 @@ enum { LAW_CUBIC, LAW_CLEARANCE, LAW_HERTZ, LAW_BILINEAR, LAW_CONTACT, LAW_JENKI
 
 typedef struct {
     const char *name;
-    int memory, radial, in_place;
+    int memory, radial;
 } Law;
 
 extern const Law LAWS[N_LAWS];

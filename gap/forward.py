@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -26,7 +27,7 @@ from rotor.harmonic_balance import Balance
 from rotor.measured import DERIVATIVE_ORDER, channel_factor, channel_groups, force_factor
 from rotor.model import build_model
 from rotor.rig import Disk, Rig
-from rotor.state_space import StateSpace
+from rotor.state_space import StateSpace, UpperResidual
 from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 from rotor.system import LinearSystem
 from sim.campaign import Channel, NominalBelief, Run
@@ -40,8 +41,8 @@ _KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
 # proportion to that share.
 _UNREACHED = 0.05
 
-# Rotors that are remembered while the runs of a candidate are made.
-_REMEMBERED = 8
+# What is remembered while the runs of a candidate are made; of rotors, each some 10 kB, those of many candidates.
+_REMEMBERED, _ROTORS = 8, 4096
 
 # Relative step of a tolerance.
 _STEP = 1e-3
@@ -67,7 +68,7 @@ class _Group:
     poles: ComplexArray  # (n_states,)
     residues: ComplexArray  # (n_channels + 1, n_states); the last row is the exciter's own
     mode: IntArray  # (n_states,) number of the drifting resonance a pole belongs to, -1: none
-    rest: ComplexArray  # (n_freq, n_channels + 1) what modes far above leave
+    rest: FloatArray  # (n_freq, n_channels + 1) what modes far above leave
     chain: ComplexArray  # (n_freq, n_channels)
     bent: ComplexArray  # (n_tolerances, n_channels + 1, n_states) change of the residues by the tolerances
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1) change of what the other modes leave
@@ -87,11 +88,9 @@ class _Bend:
 class _Rotor:
     """Modes of a rotor as a group of channels sees them."""
 
-    space: StateSpace
-    exciter: FloatArray  # (n, 1)
-    outputs: FloatArray  # (n_channels + 1, n)
     poles: ComplexArray  # (n_states,)
     residues: ComplexArray  # (n_channels + 1, n_states)
+    upper: UpperResidual
     sensitivity: FloatArray  # (MODES, n_tolerances)
 
 
@@ -287,6 +286,7 @@ class Forward:
         stretches = len(assemble(rig, elements_between_nodes=1).x) - 1  # changes of section cut the mesh as well
         elements = (len(self.structure.x) - 1) // stretches
         self._variants = [assemble(each, elements_between_nodes=elements) for each in _variants(rig)]
+        self._rotors.clear()  # structures are told apart by their identity
         for run in runs:
             self.bend(run, k_b, ())
 
@@ -397,7 +397,7 @@ class Forward:
     ) -> tuple[_Group, ComplexArray]:
         rotor = self._rotor(structure, run, condition, tuple(effects), tuple(run.channels[c] for c in columns))
         mode = _numbers(rotor.poles, 2 * np.pi * _DRIFTING * run.frequency_hz[-1])
-        rest = rotor.space.beyond(omega, rotor.exciter, rotor.outputs)[:, :, 0]
+        rest = rotor.upper.receptance(omega)[:, :, 0]
         known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
         bent, aside = _bent(known, omega, columns, rotor.poles, rotor.residues, mode)
         made = _Group(columns, rotor.poles, rotor.residues, mode, rest, _chain(effects, run, columns), bent, aside)
@@ -414,10 +414,17 @@ class Forward:
         effects: tuple[Effect, ...],
         channels: tuple[Channel, ...],
     ) -> _Rotor:
-        """A rotor's modes as seen by some channels; runs at several levels share them."""
+        """A rotor's modes as seen by some channels; shared by runs at several levels and by all that do not change it.
+
+        On rigid supports k_b does not, and nowhere does what changes only how the rotor is driven and read.
+        """
         limit = max(_KEPT_HZ, _KEPT_RATIO * run.frequency_hz[-1])
+        if condition.rigid_support:
+            condition = replace(condition, k_b=Condition.k_b)
+        effects = on_the_rotor(effects)
         key = (id(structure), condition, effects, channels, limit)
-        return _remembered(self._rotors, key, lambda: self._solve(structure, condition, effects, channels, limit))
+        make = partial(self._solve, structure, condition, effects, channels, limit)
+        return _remembered(self._rotors, key, make, _ROTORS)
 
     def _solve(
         self,
@@ -441,7 +448,8 @@ class Forward:
         # Dashpots in series with springs couple even modes far above.
         space = StateSpace(system, condition.spin_speed, np.inf if len(system.massless) else limit_hz)
         poles, residues = space.poles(exciter[:, None], outputs)
-        return _Rotor(space, exciter[:, None], outputs, poles, residues[:, 0], self._sensitivity(system))
+        upper = space.upper_residual(exciter[:, None], outputs)
+        return _Rotor(poles, residues[:, 0], upper, self._sensitivity(system))
 
     def _sensitivity(self, system: LinearSystem) -> FloatArray:
         """(MODES, n_tolerances) relative change of each undamped resonance by modulus, span and each disk's mass."""
@@ -462,10 +470,10 @@ class Forward:
         return at
 
 
-def _remembered(store: dict[tuple, T], key: tuple, make: Callable[[], T]) -> T:
+def _remembered(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _REMEMBERED) -> T:
     """The value of a key, made where it is new; of those kept the oldest goes."""
     if key not in store:
-        if len(store) >= _REMEMBERED:
+        if len(store) >= most:
             store.pop(next(iter(store)))
         store[key] = make()
     return store[key]

@@ -195,7 +195,7 @@ class _Assembly:
         for (a, b), value in np.ndenumerate(values):
             if value:
                 (rows, left), (columns, right) = joint[a], joint[b]
-                matrix[np.ix_(rows, columns)] += value * np.outer(left, right)
+                matrix[rows[:, None], columns] += value * left[:, None] * right
 
     def _local_force(self, joint: list[Pattern], law: JointLaw, stiffness: float) -> None:
         patterns = np.zeros((2, self.size))
@@ -221,7 +221,7 @@ class _Assembly:
 
     def _on_free(self) -> RotorModel:
         free = np.flatnonzero(~self.held)
-        keep = np.ix_(free, free)
+        keep = free[:, None], free
         plane = np.concatenate(
             [np.tile([1, 2, 2, 1], len(self.structure.x)), np.tile([1, 2], (self.size - self.structure.n) // 2)]
         )

@@ -7,6 +7,7 @@ series with a spring has one) deviate from their static position.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +17,18 @@ from rotor.system import LinearSystem, Modes
 
 # Condition of the eigenvectors (Frobenius) beyond which the spectral form loses more than half the digits.
 _DEFECTIVE = 1e7
+
+
+@dataclass(frozen=True)
+class UpperResidual:
+    """Receptance of the modes above those that have states: undamped and coupled to nothing."""
+
+    squares: FloatArray  # (n_modes,) of the natural frequencies [rad^2/s^2]
+    residues: FloatArray  # (n_out, n_in, n_modes)
+
+    def receptance(self, omega: FloatArray) -> FloatArray:
+        """(n_freq, n_out, n_in) at omega (n_freq,) [rad/s]."""
+        return np.tensordot(1 / (self.squares - np.asarray(omega)[:, None] ** 2), self.residues, axes=(1, 2))
 
 
 class StateSpace:
@@ -38,7 +51,7 @@ class StateSpace:
         heavy, light = system.heavy, system.massless
         self._n, self._heavy, self._light = system.n, heavy, light
         self._Phi = modes.Phi[heavy]  # (n_heavy, m)
-        self._to_modal = self._Phi.T @ system.M[np.ix_(heavy, heavy)]
+        self._to_modal = self._Phi.T @ system.M[heavy[:, None], heavy]
         self._scale = np.where(modes.elastic, modes.omega, 1.0)
         self._slide = system.slide
         m, k = len(modes.omega), len(light)
@@ -46,7 +59,7 @@ class StateSpace:
         A = np.zeros((2 * m + k, 2 * m + k))
         A[:m, m : 2 * m] = np.diag(self._scale)
         A[m : 2 * m, :m] = -np.diag(modes.omega**2 / self._scale)
-        A[m : 2 * m, m : 2 * m] = -self._Phi.T @ C[np.ix_(heavy, heavy)] @ self._Phi
+        A[m : 2 * m, m : 2 * m] = -self._Phi.T @ C[heavy[:, None], heavy] @ self._Phi
         if k:
             self._add_massless(A, system, C)
         self.A = A
@@ -54,8 +67,8 @@ class StateSpace:
     def _add_massless(self, A: FloatArray, system: LinearSystem, C: FloatArray) -> None:
         """Rows and columns of w: C_ww w' = -(C_wq + C_ww T) q' - K_ww w, and its force on q."""
         heavy, light, m = self._heavy, self._light, len(self._scale)
-        C_hl, C_lh, C_ll = C[np.ix_(heavy, light)], C[np.ix_(light, heavy)], C[np.ix_(light, light)]
-        K_ll, K_hl = system.K[np.ix_(light, light)], system.K[np.ix_(heavy, light)]
+        C_hl, C_lh, C_ll = C[heavy[:, None], light], C[light[:, None], heavy], C[light[:, None], light]
+        K_ll, K_hl = system.K[light[:, None], light], system.K[heavy[:, None], light]
         relax = np.linalg.solve(C_ll, K_ll)
         drag = np.linalg.solve(C_ll, C_lh)
         A[2 * m :, 2 * m :] = -relax
@@ -132,13 +145,12 @@ class StateSpace:
         w = np.asarray(omega, dtype=float)
         if self.spectrum is None:
             B, C, one = self.input(inputs), self.displacement(outputs), np.eye(self.n_states)
-            return C @ np.linalg.solve(1j * w[:, None, None] * one - self.A, B[None].astype(complex)) + self.beyond(
-                w, inputs, outputs
-            )
+            H = C @ np.linalg.solve(1j * w[:, None, None] * one - self.A, B[None].astype(complex))
+            return H + self.upper_residual(inputs, outputs).receptance(w)
         poles, residues = self.poles(inputs, outputs)
         shares = 1 / (1j * w[:, None] - poles)  # (n_freq, n_states)
         H = (shares @ residues.reshape(-1, len(poles)).T).reshape(len(w), len(outputs), inputs.shape[1])
-        return H + self.beyond(w, inputs, outputs) if len(self._beyond.omega) else H
+        return H + self.upper_residual(inputs, outputs).receptance(w) if len(self._beyond.omega) else H
 
     def poles(self, inputs: FloatArray, outputs: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """(n_states,) poles [rad/s] and (n_out, n_in, n_states) residues of the receptance; arguments as there.
@@ -151,8 +163,7 @@ class StateSpace:
         left, right = self.displacement(outputs) @ V, inverse @ self.input(inputs)
         return values, left[:, None, :] * right.T[None]
 
-    def beyond(self, omega: FloatArray, inputs: FloatArray, outputs: FloatArray) -> ComplexArray:
-        """(n_freq, n_out, n_in) receptance of the modes without states; arguments as in ``receptance``."""
-        Phi, squares = self._beyond.Phi, self._beyond.omega**2
-        residues = (outputs @ Phi)[:, None, :] * (Phi.T @ inputs).T[None]
-        return np.tensordot(1 / (squares - np.asarray(omega)[:, None] ** 2), residues, axes=(1, 2)).astype(complex)
+    def upper_residual(self, inputs: FloatArray, outputs: FloatArray) -> UpperResidual:
+        """The modes without states as these inputs and outputs see them; arguments as in ``receptance``."""
+        Phi = self._beyond.Phi
+        return UpperResidual(self._beyond.omega**2, (outputs @ Phi)[:, None, :] * (Phi.T @ inputs).T[None])

@@ -56,13 +56,17 @@ class LinearSystem:
     def slide(self) -> FloatArray:
         """(n_massless, n_heavy) static position of the massless degrees of freedom, -K_ll^-1 K_lh."""
         light = self.massless
-        return -np.linalg.solve(self.K[np.ix_(light, light)], self.K[np.ix_(light, self.heavy)])
+        if not len(light):
+            return np.zeros((0, self.n))
+        return -np.linalg.solve(self.K[light[:, None], light], self.K[light[:, None], self.heavy])
 
     @property
     def condensed_stiffness(self) -> FloatArray:
         """(n_heavy, n_heavy) stiffness of the degrees of freedom with mass, the massless ones following statically."""
-        heavy = self.heavy
-        return self.K[np.ix_(heavy, heavy)] + self.K[np.ix_(heavy, self.massless)] @ self.slide
+        if not len(self.massless):
+            return self.K
+        heavy = self.heavy[:, None]
+        return self.K[heavy, self.heavy] + self.K[heavy, self.massless] @ self.slide
 
     @cached_property
     def modes(self) -> Modes:
@@ -87,9 +91,10 @@ class LinearSystem:
 
     def couples_planes(self, spin_speed: float = 0.0) -> bool:
         """Whether motion in y and in z belong together."""
-        across = self.plane[:, None] != self.plane[None, :]
+        y, z = (np.flatnonzero(self.plane == plane) for plane in (1, 2))
+        across = (y[:, None], z), (z[:, None], y)
         matrices = (self.M, self.K, self.C_support, spin_speed * self.G)
-        return any(bool(matrix[across].any()) for matrix in matrices)
+        return any(matrix[block].any() for matrix in matrices for block in across)
 
     def plane_of_motion(self, pattern: ComplexArray | FloatArray, spin_speed: float = 0.0) -> int | None:
         """Plane in which a force with pattern (n,) moves the rotor, 1 for no force; None where it moves both planes."""
@@ -101,7 +106,7 @@ class LinearSystem:
     def in_plane(self, plane: int) -> LinearSystem:
         """The rotor's motion in one plane, for planes that do not couple."""
         keep = np.flatnonzero(self.plane == plane)
-        block = np.ix_(keep, keep)
+        block = keep[:, None], keep
         matrices = {name: getattr(self, name)[block] for name in ("M", "K", "G", "K_shaft", "C_support")}
         return replace(self, **matrices, free=self.free[keep], plane=self.plane[keep], sensors=self.sensors[:, :, keep])
 
@@ -128,16 +133,17 @@ def undamped_modes(system: LinearSystem) -> Modes:
     Raises ValueError when the stiffness is not positive: the rotor buckles.
     """
     heavy = system.heavy
-    M, K = system.M[np.ix_(heavy, heavy)], system.condensed_stiffness
+    M, K = system.M[heavy[:, None], heavy], system.condensed_stiffness
     group = system.plane[heavy] if not system.couples_planes() else np.zeros(len(heavy), dtype=np.int64)
     omega, Phi = np.zeros(len(heavy)), np.zeros((len(heavy), len(heavy)))
     column = 0
     for g in np.unique(group):
         places = np.flatnonzero(group == g)
-        block = np.ix_(places, places)
-        squares, shapes = _natural(K[block], M[block])
+        block = places[:, None], places
+        K_block = K[block]
+        squares, shapes = _natural(K_block, M[block])
         first = shapes[:, 0]
-        if first @ K[block] @ first < -_BUCKLED * (np.abs(first) @ np.abs(K[block]) @ np.abs(first)):
+        if first @ K_block @ first < -_BUCKLED * (np.abs(first) @ np.abs(K_block) @ np.abs(first)):
             raise ValueError("the rotor buckles: its stiffness is negative; reduce the axial compression")
         columns = slice(column, column + len(places))
         omega[columns] = np.sqrt(np.clip(squares, 0.0, None))
@@ -158,7 +164,7 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
     the lowest up, and frequencies by Rayleigh's quotient. A rotor that floats has no inverse.
     """
     try:
-        inverse, shapes = eigh(M, K)
+        inverse, shapes = eigh(M, K, check_finite=False)
     except np.linalg.LinAlgError:
         return eigh(K, M)
     if inverse[0] <= _RIGID_BODY**2 * inverse[-1]:

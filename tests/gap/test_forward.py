@@ -25,7 +25,7 @@ from rotor.effects import (
 )
 from rotor.measured import measured_response
 from rotor.modal import damped_modes
-from rotor.model import build_system
+from rotor.model import build_model, build_system
 from rotor.rig import load_rig
 from sim.campaign import Channel
 from tests.gap.conftest import BELIEF, K_B, LINEAR, RIG, STRUCTURE, blank, condition, lines, rebuilt, truth
@@ -333,3 +333,34 @@ def test_tolerances_of_a_stepped_shaft_are_meshed_as_the_rig():
     forward = Forward(assemble(stepped, elements_between_nodes=2), BELIEF)
     forward.allow_for_tolerances(stepped, [blank("rigid", np.linspace(80.0, 120.0, 5))], K_B)
     assert {variant.n for variant in forward._variants} == {forward.structure.n}
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """The rotors that have been solved since."""
+    made = []
+
+    def build(structure, condition, effects):
+        made.append(effects)
+        return build_model(structure, condition, effects)
+
+    monkeypatch.setattr("gap.forward.build_model", build)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("support", "k_b", "effects", "rotors"),
+    [
+        pytest.param("rigid", 1.01 * K_B, (), 1, id="bearings that are not there"),
+        pytest.param("rigid", K_B, (SensorGain(node=3),), 1, id="another gain"),
+        pytest.param("bearing", K_B, (FastSweep(),), 1, id="a faster sweep"),
+        pytest.param("bearing", 1.01 * K_B, (), 2, id="other bearings"),
+        pytest.param("rigid", K_B, (AttachedMass(node=3),), 2, id="another mass"),
+    ],
+)
+def test_a_rotor_is_solved_anew_where_it_changes(solved, support, k_b, effects, rotors):
+    run, fresh = blank(support, lines(support)), Forward(STRUCTURE, BELIEF)
+    fresh.modal(run, K_B)
+    H = fresh.modal(run, k_b, effects).response()
+    assert len(solved) == rotors
+    assert_allclose(H, Forward(STRUCTURE, BELIEF).modal(run, k_b, effects).response(), rtol=1e-12)

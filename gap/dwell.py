@@ -47,8 +47,8 @@ _LOOSE, _STEPS = 30.0, 6
 _RELATIVE_WEAK, _EVENLY, _STEP_WEAK, _KEPT = 0.01, 1.0, 0.012, 4
 _FINER, _TO_EITHER_SIDE = 1e-3, 12
 
-# Dwells processed at once; relative errors added to all lines, roughly and finely.
-_BLOCK, _ADDED, _FINELY = 200, 0.3, 0.02
+# Dwells processed at once, by one resonance and by all lines; relative errors added to all lines, roughly and finely.
+_BLOCK, _FEW, _ADDED, _FINELY = 200, 25, 0.3, 0.02
 
 # Images: dwells tried to either side [s], in such steps [s], both wider from a second on; minima so far apart [s], and
 # how many of them are fitted.
@@ -111,23 +111,33 @@ def _weak_grid(hypothesis: Hypothesis) -> FloatArray:
     return np.concatenate([np.geomspace(low, _EVENLY, n, endpoint=False), np.arange(_EVENLY, high, _STEP_WEAK)])
 
 
-def _gain(score: Score, hypothesis: Hypothesis, u: float) -> tuple[float, float, FloatArray]:
-    """What transients of a dwell take away; see ``Score.gain``."""
-    return score.gain(hypothesis.effects(np.array([u])))
+def _gains(problem: Problem, score: Score, dwells: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(k,) misfit that transients of k dwells take away, and (k, n) how the fit's (u, nu) move; see ``Score.gains``.
+
+    Between two dwells that are tried, beats run out of step and seem weaker than they are; they never seem stronger.
+    """
+    gain, scale, moved = score.gains(problem.change_by_dwells(score.fit, dwells))
+    beyond = np.maximum(scale, 1.0)
+    return np.where(scale > 0, gain * (2 * beyond - 1) / beyond**2, 0.0), moved / beyond[:, None]
 
 
 def _promising(
     problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray
 ) -> list[tuple[float, FloatArray, FloatArray]]:
     """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
-    gains = list(each(partial(_gain, problem.score(nominal), hypothesis), np.log(dwells).tolist()))
-    left = [-gain if scale > 0 else 0.0 for gain, scale, _ in gains]
-    chosen = _minima(dwells, left, 1.5 * _STEP_WEAK, _KEPT)
-    moved = [np.split(np.concatenate([nominal.u, nominal.nu]) + gains[k][2], [1]) for k in chosen]
+    found = each(partial(_gains, problem, problem.score(nominal)), _in_blocks(dwells, _FEW))
+    gain, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    chosen = _minima(dwells, (-gain).tolist(), 1.5 * _STEP_WEAK, _KEPT)
+    places = [np.split(np.concatenate([nominal.u, nominal.nu]) + moved[k], [1]) for k in chosen]
     return [
         (float(dwells[k]), hypothesis.clipped(np.array([u[0], np.log(dwells[k])])), nu)
-        for k, (u, nu) in zip(chosen, moved, strict=True)
+        for k, (u, nu) in zip(chosen, places, strict=True)
     ]
+
+
+def _in_blocks(dwells: FloatArray, size: int) -> list[FloatArray]:
+    """The dwells in parts of at most this many."""
+    return np.array_split(dwells, -(-len(dwells) // size))
 
 
 # -- strong transients ---------------------------------------------------------------------------------
@@ -206,7 +216,7 @@ def _resonances(modal: Modal, dwells: FloatArray) -> Iterator[tuple[int, int, Fl
         straight, _ = np.linalg.qr(np.vander(omega[near] - abs(pole), 2))
         misfit = [
             _misfit(trace, _near_shares(ringing, pole, some)[near - since], straight, modal.run.magnitude_only)
-            for some in np.array_split(dwells, -(-len(dwells) // _BLOCK))
+            for some in _in_blocks(dwells, _BLOCK)
         ]
         yield m, len(near), np.concatenate(misfit)
 

@@ -237,9 +237,35 @@ class Modal:
             left -= left[:, twin].conj() * np.exp(-2j * self.dwell_s * np.cumsum(w, axis=0))
             seen[self.in_order] = as_read(left, w, poles)
         else:
-            near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
-            seen[np.ix_(self.in_order, near)] = as_read(transients(w, poles[near], self.dwell_s), w, poles[near])
+            near, left = self._near_transients(poles, np.array(self.dwell_s))
+            seen[np.ix_(self.in_order, near)] = left
         return seen
+
+    def _near_transients(self, poles: ComplexArray, dwell: FloatArray) -> tuple[IntArray, ComplexArray]:
+        """(n_near,) poles that ring among the lines, and (n_freq, ..., n_near) what is read of each, in sweep order."""
+        w = self.omega[self.in_order].reshape(-1, *(1,) * dwell.ndim, 1)
+        near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
+        return near, as_read(transients(w, poles[near], dwell[..., None]), w, poles[near])
+
+    def change_by_dwells(self, dwells: FloatArray, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+        """(n_dwells, n_freq, n_channels) what a fast sweep changes by transients without their images.
+
+        Parameters
+        ----------
+        dwells : (n_dwells,) [s]
+        drift, tolerance : as in ``response``
+        """
+        shift = self._shift(drift, tolerance)
+        change = np.empty((len(dwells), len(self.omega), len(self.run.channels)), dtype=complex)
+        for group in self.groups:
+            poles, still = group.poles * (1 + _of_poles(group, shift)), _unshifted(group, drift)
+            Y, residues = self._motion(group, self._shares(poles) * still, tolerance)
+            near, left = self._near_transients(poles, dwells)
+            dY = np.empty((len(dwells), *Y.shape), dtype=complex)
+            dY[:, self.in_order] = np.swapaxes((left * still[near]) @ residues[:, near].T, 0, 1)
+            force = self._force(Y[:, -1])
+            change[:, :, group.columns] = _driven(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
+        return change
 
     def _force_slope(self, drive: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Derivative of the force by the exciter's own receptance, of which it is an analytic function."""
@@ -499,8 +525,8 @@ def _chain(effects: Sequence[Effect], run: Run, columns: IntArray) -> ComplexArr
 
 
 def _driven(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:
-    """(n_freq, n_channels) change of the sensors' motion where the force changes with the exciter's own motion."""
-    return dY[:, :-1] * force[:, None] + Y[:, :-1] * (slope * dY[:, -1])[:, None]
+    """(..., n_freq, n_channels) change of the sensors' motion where the force changes with the exciter's own motion."""
+    return dY[..., :-1] * force[:, None] + Y[:, :-1] * (slope * dY[..., -1])[..., None]
 
 
 def _matched(group: _Group, twin: _Group) -> ComplexArray | None:

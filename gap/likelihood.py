@@ -487,6 +487,18 @@ class Problem:
             for r, (a, b) in enumerate(zip(before, after, strict=True))
         ]
 
+    def change_by_dwells(self, fit: Fit, dwells: FloatArray) -> list[ComplexArray]:
+        """(n_dwells, n_freq, n_channels) of every run, what a fast sweep changes of a linear fit's prediction.
+
+        Transients are seen without their images. dwells : (n_dwells,) [s]
+        """
+        changes = []
+        for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
+            assert isinstance(modal, Modal)
+            change = modal.change_by_dwells(dwells, *self.nuisances.of_run(fit.nu, r))
+            changes.append(change * self.nuisances.gains(fit.nu, r, modal))
+        return changes
+
     def score(self, fit: Fit, *, settled: bool = False) -> Score:
         """What one more number could gain beside a fit, or, ``settled``, beside the minimum next to it; first order."""
         modals = self.modals(fit.k_b, fit.effects)
@@ -546,25 +558,30 @@ class Score:
         -------
         gain and scale, both negative where the effects would have to be, and by how much the fit's (u, nu) move
         """
-        problem, fit = self._problem, self.fit
         try:
-            changes = problem.change(fit, effects)
+            changes = self._problem.change(self.fit, effects)
         except (ValueError, np.linalg.LinAlgError):
             return 0.0, 0.0, np.zeros(len(self._covariance))
-        slope, size, shared = 0.0, 0.0, np.zeros(len(self._covariance))
+        (gain,), (scale,), (moved,) = self.gains([change[None] for change in changes])
+        return float(gain), float(scale), moved
+
+    def gains(self, changes: Sequence[ComplexArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``gain`` of k changes of the prediction, of every run (k, n_freq, n_channels); (k,), (k,), (k, n)."""
+        k, n = len(changes[0]), len(self._covariance)
+        slope, size, shared = np.zeros(k), np.zeros(k), np.zeros((k, n))
         for observed, H, weight, change, (residual, J, where) in zip(
-            problem.observed, self._model, self._weights, changes, self._parts, strict=True
+            self._problem.observed, self._model, self._weights, changes, self._parts, strict=True
         ):
-            d = _columns(observed, H, change[None], weight)[0]
-            slope += float(d @ residual)
-            size += float(d @ d)
-            shared[where] += J @ d
-        answer = self._covariance @ shared
-        told = size - float(shared @ answer)
-        if told <= _UNTOLD * size:
-            return 0.0, 0.0, np.zeros_like(answer)
-        slope -= float(self._unsettled @ answer)
-        return slope * abs(slope) / told, slope / told, -slope / told * answer
+            columns = _columns(observed, H, change, weight)
+            slope += columns @ residual
+            size += np.sum(columns**2, axis=1)
+            shared[:, where] += columns @ J.T
+        answer = shared @ self._covariance
+        told = size - np.sum(shared * answer, axis=1)
+        told[told <= _UNTOLD * size] = np.inf
+        slope -= answer @ self._unsettled
+        scale = slope / told
+        return scale * np.abs(slope), scale, -scale[:, None] * answer
 
     def _gradient(self) -> FloatArray:
         """-gradient/2 of misfit and penalty by (u, nu): what a fit leaves that stopped short of its minimum."""

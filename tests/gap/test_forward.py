@@ -325,6 +325,25 @@ def test_a_fast_sweep_pulls_peaks_along(forward):
     assert down < settled < up
 
 
+@pytest.mark.parametrize(
+    ("effects", "quantity", "sweep"),
+    [
+        ((), "accelerance", "up"),
+        ((SensorGain(node=3, gain=1.2), AttachedMass(node=5)), "acceleration", "down"),
+    ],
+)
+def test_many_dwells_at_once_change_what_each_alone_changes(effects, quantity, sweep):
+    forward, run = Forward(STRUCTURE, BELIEF), blank("rigid", lines("rigid"), quantity=quantity, sweep=sweep)
+    forward.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    forward.images = False
+    drift, tolerance, dwells = np.full(MODES, 1e-4), np.full(len(TOLERANCES), -5e-4), np.array([0.05, 0.4, 3.0])
+    together = forward.modal(run, K_B, effects).change_by_dwells(dwells, drift, tolerance)
+    steady = forward.modal(run, K_B, effects).response(drift, tolerance)
+    for change, dwell in zip(together, dwells, strict=True):
+        alone = forward.modal(run, K_B, (*effects, FastSweep(dwell=dwell))).response(drift, tolerance)
+        assert_allclose(change, alone - steady, atol=1e-12 * np.abs(alone).max())
+
+
 def test_tolerances_of_a_stepped_shaft_are_meshed_as_the_rig():
     """Sections that change between nodes cut the mesh as well."""
     rig = load_rig("nit-rourkela")

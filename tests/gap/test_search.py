@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import gap.search
+from gap.dwell import _gains
 from gap.forward import Forward
 from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem, observe
@@ -77,6 +78,24 @@ def test_the_first_order_gain_is_what_a_fit_gains():
     assert 0.3 < gain / (nominal.cost - fit.cost) < 1.1
     assert 0.3 < 0.001 * scale / fit.effects[0].mass < 1.1
     assert abs(nominal.u[0] + moved[0] - fit.u[0]) < 0.7 * abs(nominal.u[0] - fit.u[0])
+
+
+def test_gains_of_many_changes_are_the_gain_of_each():
+    problem = problem_with(FastSweep(dwell=2.0)).without_images()
+    score = problem.score(recalibrate(problem), settled=True)
+    dwells = np.array([1.0, 2.0, 5.0])
+    together = zip(*score.gains(problem.change_by_dwells(score.fit, dwells)), strict=True)
+    for dwell, (gain, scale, moved) in zip(dwells, together, strict=True):
+        expected = score.gain([FastSweep(dwell=dwell)])
+        assert_allclose([gain, scale], expected[:2], rtol=1e-5)
+        assert_allclose(moved, expected[2], rtol=1e-5, atol=1e-9)
+
+
+def test_transients_that_have_died_away_promise_nothing():
+    problem = problem_with().without_images()
+    gain, moved = _gains(problem, problem.score(recalibrate(problem)), np.array([120.0, 150.0]))
+    assert_allclose(gain, 0.0, atol=1e-6)
+    assert_allclose(moved, 0.0, atol=1e-6)
 
 
 def test_a_fit_that_stopped_short_of_its_minimum_leaves_nothing_to_effects_like_its_tolerances():

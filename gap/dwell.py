@@ -9,6 +9,7 @@ in some microseconds of dwell; they are let in at the end.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -255,11 +256,13 @@ def _with_images(problem: Problem, fit: Fit) -> Fit:
     for _ in range(_ROUNDS):
         dwell = float(np.exp(fit.u[1]))
         dwells = dwell + max(dwell, 1.0) * np.arange(-_ASIDE, _ASIDE, _IMAGE_STEP)
-        places = [np.array([fit.u[0], u]) for u in np.log(dwells[dwells > fit.hypothesis.free[0].low])]
-        costs = [problem.cost(fit.hypothesis, u, fit.nu, _FINELY) for u in places]
+        dwells = dwells[dwells > fit.hypothesis.free[0].low]
+        settled = replace(fit, hypothesis=NOMINAL, u=fit.u[:1])
+        costs = np.concatenate(list(each(partial(_costs, problem, settled), _in_blocks(dwells, _FEW))))
         found = [] if last == np.inf else [fit]
-        for k in _minima(dwells, costs, _IMAGE_APART, _IMAGES):
-            found += _fitted(problem, fit.hypothesis, places[k], fit.nu, (_FINELY, 0.0))
+        for k in _minima(dwells, costs.tolist(), _IMAGE_APART, _IMAGES):
+            u = np.array([fit.u[0], np.log(dwells[k])])
+            found += _fitted(problem, fit.hypothesis, u, fit.nu, (_FINELY, 0.0))
         if not found:
             return fit
         fit = min(found, key=lambda each: each.cost)
@@ -267,3 +270,8 @@ def _with_images(problem: Problem, fit: Fit) -> Fit:
             return fit
         last = fit.cost
     return fit
+
+
+def _costs(problem: Problem, settled: Fit, dwells: FloatArray) -> FloatArray:
+    """(k,) misfit and penalty with transients of k dwells."""
+    return problem.costs(settled, problem.change_by_dwells(settled, dwells), _FINELY)

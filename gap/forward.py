@@ -159,7 +159,7 @@ class Modal:
     def _shares(self, poles: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) 1 / (i omega - lambda), and what transients add."""
         shares = 1 / (1j * self.omega[:, None] - poles)
-        return shares if self.dwell_s is None else shares + self._unsettled(poles)
+        return shares if self.dwell_s is None else shares + self._unsettled(poles, np.array(self.dwell_s))
 
     def _shares_slope(self, own: ComplexArray, poles: ComplexArray, shares: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) derivative of the shares by a shift of the poles relative to their own places."""
@@ -222,33 +222,26 @@ class Modal:
         dwell = [effect.dwell for effect in self.effects if isinstance(effect, FastSweep)]
         return dwell[-1] if dwell else None
 
-    def _unsettled(self, poles: ComplexArray) -> ComplexArray:
-        """(n_freq, n_states) what the transients add to 1 / (i omega - lambda), read over one period after the dwell.
+    def _unsettled(self, poles: ComplexArray, dwell: FloatArray) -> ComplexArray:
+        """(n_freq, ..., n_states) what transients add to 1 / (i omega - lambda), read over a period after dwells (...).
 
         The real signal is the imaginary part of what a force e^{i theta} makes, so the conjugate pole's transient is
         seen as well: an image that turns with twice the phase of all dwells so far, 1e5 radians for a second more.
         """
-        assert self.dwell_s is not None
-        w = self.omega[self.in_order, None]
-        seen = np.zeros((len(w), len(poles)), dtype=complex)
+        w, dwell = self.omega[self.in_order].reshape(-1, *(1,) * dwell.ndim, 1), dwell[..., None]
         if self.images:
-            left = transients(w, poles, self.dwell_s)
+            left = transients(w, poles, dwell)
             twin = np.abs(poles[:, None] - poles.conj()).argmin(axis=1)
-            left -= left[:, twin].conj() * np.exp(-2j * self.dwell_s * np.cumsum(w, axis=0))
-            seen[self.in_order] = as_read(left, w, poles)
+            left -= left[..., twin].conj() * np.exp(-2j * dwell * np.cumsum(w, axis=0))
+            read = as_read(left, w, poles)
         else:
-            near, left = self._near_transients(poles, np.array(self.dwell_s))
-            seen[np.ix_(self.in_order, near)] = left
-        return seen
-
-    def _near_transients(self, poles: ComplexArray, dwell: FloatArray) -> tuple[IntArray, ComplexArray]:
-        """(n_near,) poles that ring among the lines, and (n_freq, ..., n_near) what is read of each, in sweep order."""
-        w = self.omega[self.in_order].reshape(-1, *(1,) * dwell.ndim, 1)
-        near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
-        return near, as_read(transients(w, poles[near], dwell[..., None]), w, poles[near])
+            near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
+            read = np.zeros((len(w), *dwell.shape[:-1], len(poles)), dtype=complex)
+            read[..., near] = as_read(transients(w, poles[near], dwell), w, poles[near])
+        return read[self.in_order]
 
     def change_by_dwells(self, dwells: FloatArray, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
-        """(n_dwells, n_freq, n_channels) what a fast sweep changes by transients without their images.
+        """(n_dwells, n_freq, n_channels) what the transients of a fast sweep change of a settled response.
 
         Parameters
         ----------
@@ -260,9 +253,7 @@ class Modal:
         for group in self.groups:
             poles, still = group.poles * (1 + _of_poles(group, shift)), _unshifted(group, drift)
             Y, residues = self._motion(group, self._shares(poles) * still, tolerance)
-            near, left = self._near_transients(poles, dwells)
-            dY = np.empty((len(dwells), *Y.shape), dtype=complex)
-            dY[:, self.in_order] = np.swapaxes((left * still[near]) @ residues[:, near].T, 0, 1)
+            dY = np.swapaxes((self._unsettled(poles, dwells) * still) @ residues.T, 0, 1)
             force = self._force(Y[:, -1])
             change[:, :, group.columns] = _driven(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
         return change

@@ -428,6 +428,14 @@ class Problem:
             total += float(np.sum(np.abs(residual(observed, H, np.hypot(added, self.model_error))) ** 2))
         return total if np.isfinite(total) else np.inf
 
+    def costs(self, fit: Fit, changes: Sequence[ComplexArray], added: float) -> FloatArray:
+        """(k,) ``cost`` of a fit whose prediction changes, of every run (k, n_freq, n_channels)."""
+        total = np.full(len(changes[0]), float(np.sum((fit.nu / self.nuisances.std) ** 2)))
+        for observed, H, change in zip(self.observed, self.predict(fit), changes, strict=True):
+            left = residual(observed, H + change, float(np.hypot(added, self.model_error)))
+            total += np.sum(np.abs(left) ** 2, axis=(1, 2))
+        return total
+
     def _linearise(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float):
         """chi2, -gradient/2 and Hessian/2 of the data's misfit by (u, nu)."""
         try:
@@ -488,9 +496,9 @@ class Problem:
         ]
 
     def change_by_dwells(self, fit: Fit, dwells: FloatArray) -> list[ComplexArray]:
-        """(n_dwells, n_freq, n_channels) of every run, what a fast sweep changes of a linear fit's prediction.
+        """(n_dwells, n_freq, n_channels) of every run, what a fast sweep changes of a settled linear fit's prediction.
 
-        Transients are seen without their images. dwells : (n_dwells,) [s]
+        dwells : (n_dwells,) [s]
         """
         changes = []
         for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):

@@ -91,6 +91,15 @@ def test_gains_of_many_changes_are_the_gain_of_each():
         assert_allclose(moved, expected[2], rtol=1e-5, atol=1e-9)
 
 
+def test_costs_of_many_dwells_are_the_cost_of_each():
+    problem = problem_with(FastSweep(dwell=2.0))
+    nominal, (sweep,) = recalibrate(problem), of(problem.runs, "fast_sweep")
+    dwells = np.array([1.0, 2.0, 5.0])
+    costs = problem.costs(nominal, problem.change_by_dwells(nominal, dwells), 0.02)
+    expected = [problem.cost(sweep, np.array([nominal.u[0], u]), nominal.nu, 0.02) for u in np.log(dwells)]
+    assert_allclose(costs, expected, rtol=1e-9)
+
+
 def test_transients_that_have_died_away_promise_nothing():
     problem = problem_with().without_images()
     gain, moved = _gains(problem, problem.score(recalibrate(problem)), np.array([120.0, 150.0]))

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -293,6 +293,10 @@ class Forward:
         self._balances: dict[tuple, Balance | None] = {}
         self._sensitivities: dict[tuple, FloatArray] = {}
         self._bends: dict[tuple, list[_Bend]] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Another process gets no rotors: they are many, and told apart by identities that it does not share."""
+        return self.__dict__ | {"_rotors": {}}
 
     def allow_for_tolerances(self, rig: Rig, runs: Sequence[Run], k_b: float) -> None:
         """Find how the workshop's tolerances bend the modes of these runs, at a bearing stiffness near the truth.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -384,3 +386,13 @@ def test_a_rotor_is_solved_anew_where_it_changes(solved, support, k_b, effects, 
     H = fresh.modal(run, k_b, effects).response()
     assert len(solved) == rotors
     assert_allclose(H, Forward(STRUCTURE, BELIEF).modal(run, k_b, effects).response(), rtol=1e-12)
+
+
+def test_another_process_gets_no_rotors(solved):
+    run, forward = blank("bearing", lines("bearing")), Forward(STRUCTURE, BELIEF)
+    H, empty = forward.modal(run, K_B).response(), len(pickle.dumps(Forward(STRUCTURE, BELIEF)))
+    there = pickle.loads(pickle.dumps(forward))
+    assert len(pickle.dumps(forward)) == empty
+    assert_allclose(there.modal(run, K_B).response(), H, rtol=1e-12)
+    forward.modal(run, K_B)
+    assert len(solved) == 2  # one here, one there

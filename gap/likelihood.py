@@ -425,16 +425,19 @@ class Problem:
         total = float(np.sum((nu / self.nuisances.std) ** 2))
         for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
             H = modal.response(*self.nuisances.of_run(nu, r)) * self.nuisances.gains(nu, r, modal)
-            total += float(np.sum(np.abs(residual(observed, H, np.hypot(added, self.model_error))) ** 2))
+            total += float(misfit(observed, H, self._total_error(added)))
         return total if np.isfinite(total) else np.inf
 
     def costs(self, fit: Fit, changes: Sequence[ComplexArray], added: float) -> FloatArray:
         """(k,) ``cost`` of a fit whose prediction changes, of every run (k, n_freq, n_channels)."""
         total = np.full(len(changes[0]), float(np.sum((fit.nu / self.nuisances.std) ** 2)))
         for observed, H, change in zip(self.observed, self.predict(fit), changes, strict=True):
-            left = residual(observed, H + change, float(np.hypot(added, self.model_error)))
-            total += np.sum(np.abs(left) ** 2, axis=(1, 2))
+            total += misfit(observed, H + change, self._total_error(added))
         return total
+
+    def _total_error(self, added: float) -> float:
+        """A relative error of the data besides their own, with the model's."""
+        return float(np.hypot(added, self.model_error))
 
     def _linearise(self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float):
         """chi2, -gradient/2 and Hessian/2 of the data's misfit by (u, nu)."""
@@ -446,7 +449,7 @@ class Problem:
         n = len(u) + self.nuisances.n
         chi2, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
         for r in range(len(self.runs)):
-            residual, J, where = self._slopes(r, modals[r], moved, nu, np.hypot(added, self.model_error))
+            residual, J, where = self._slopes(r, modals[r], moved, nu, self._total_error(added))
             chi2 += float(residual @ residual)
             gradient[where] += J @ residual
             hessian[np.ix_(where, where)] += J @ J.T
@@ -648,6 +651,11 @@ def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
     """(data - model) over the standard error of a real component; what is not there is zero."""
     variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(observed.run.H)) ** 2
     return np.where(observed.valid, observed.less(H) / np.sqrt(variance / 2), 0.0)
+
+
+def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
+    """Sum of squared residuals (...) of responses (..., n_freq, n_channels)."""
+    return np.sum(np.abs(residual(observed, H, added)) ** 2, axis=(-2, -1))
 
 
 def expected_magnitude(observed: Observed, H: ComplexArray) -> tuple[FloatArray, FloatArray]:

@@ -143,14 +143,17 @@ class StateSpace:
         (n_freq, n_out, n_in) receptance [m/N]
         """
         w = np.asarray(omega, dtype=float)
+        H = self._of_states(w, inputs, outputs)
+        return H + self.upper_residual(inputs, outputs).receptance(w) if len(self._beyond.omega) else H
+
+    def _of_states(self, w: FloatArray, inputs: FloatArray, outputs: FloatArray) -> ComplexArray:
+        """The receptance of the modes that have states."""
         if self.spectrum is None:
             B, C, one = self.input(inputs), self.displacement(outputs), np.eye(self.n_states)
-            H = C @ np.linalg.solve(1j * w[:, None, None] * one - self.A, B[None].astype(complex))
-            return H + self.upper_residual(inputs, outputs).receptance(w)
+            return C @ np.linalg.solve(1j * w[:, None, None] * one - self.A, B[None].astype(complex))
         poles, residues = self.poles(inputs, outputs)
         shares = 1 / (1j * w[:, None] - poles)  # (n_freq, n_states)
-        H = (shares @ residues.reshape(-1, len(poles)).T).reshape(len(w), len(outputs), inputs.shape[1])
-        return H + self.upper_residual(inputs, outputs).receptance(w) if len(self._beyond.omega) else H
+        return (shares @ residues.reshape(-1, len(poles)).T).reshape(len(w), len(outputs), inputs.shape[1])
 
     def poles(self, inputs: FloatArray, outputs: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """(n_states,) poles [rad/s] and (n_out, n_in, n_states) residues of the receptance; arguments as there.

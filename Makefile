@@ -1,6 +1,7 @@
 # make demo   everything from nothing: .venv, both FMUs in dist/, the virtual rig, the result page
 # make test   the whole test suite
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects, benchmark-native, benchmark-scale, benchmark-diagnosis   the figures in docs/, measured again
+# make lint   ruff and pyright
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
 # make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu, beside this platform's
@@ -9,7 +10,7 @@
 # make laws   print the force laws anew, for Python and for C, after a change of rotor/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
-# Draw of the report set; docs/blind.md says which one it shows.
+# Draw of the next report set; docs/blind.md says which one it shows.
 BLIND_SEED := 2
 PYTHON := $(VENV)/bin/python
 # The matrices are small: one BLAS thread per process is several times faster than many.

@@ -28,7 +28,7 @@ READINGS = {
     "none is overlooked": Reading(seen=0.99),
     "foreign peaks are common": Reading(foreign=1.0),
     "foreign peaks are rare": Reading(foreign=0.01),
-    "both of the last but one": Reading(seen=0.5, foreign=0.01),
+    "overlooked easily, and foreign peaks rare": Reading(seen=0.5, foreign=0.01),
 }
 
 # Lines on which the motion across the force is computed [Hz].

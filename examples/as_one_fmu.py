@@ -24,7 +24,7 @@ from rotor.rig import load_rig
 
 STOP, STEP = 2.0, 1e-3  # [s]
 MEASURED = {"delta_f1": 25.0, "delta_f2": 130.0, "amplitude_ratio": 0.78}
-ERRORS = {"delta_f1_std": 2.1, "delta_f2_std": 4.2, "amplitude_ratio_std": 0.055}
+ERRORS = {"delta_f1_std": 2.1, "delta_f2_std": 4.2, "amplitude_ratio_std": 0.08}
 SINE = {"force_amplitude": 1.0, "force_frequency": 60.0}
 
 

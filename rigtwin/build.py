@@ -26,7 +26,7 @@ def build_fmus(source: str, out: Path, *, train: bool, native: bool) -> None:
         say(str(build_rotor(rig, out)))
         note(
             f"{ESTIMATOR_FMU} is not built: the shipped network knows the rig {SHIPPED_RIG} only; "
-            f"--train trains one for {rig.name} (half an hour or so)"
+            f"--train trains one for {rig.name} (a quarter of an hour or so)"
         )
     if native:
         _build_native(rig, out)

@@ -210,16 +210,16 @@ def refuses(fmu: Path) -> str:
         ]
         if not minima:
             raise NotRun("no Real variable states a minimum")
-        name, minimum = minima[0]
-        bad = float(minimum) - 1.0
+        name, minimum = minima[0][0], float(minima[0][1])
+        bad = minimum - 1.0
         try:
             session.set({name: bad})
         except FmuError as error:
             if name not in str(error):
-                raise GateError(f"{name} = {bad:g} is refused, but no message names it: {error}") from error
+                raise GateError(f"{name} = {bad:.12g} is refused, but no message names it: {error}") from error
             _record(session)
-            return f"{name} = {bad:g} is refused"
-    raise GateError(f"{name} = {bad:g} is accepted, its minimum is {bad + 1:g}")
+            return f"{name} = {bad:.12g} is refused, its minimum is {minimum:g}"
+    raise GateError(f"{name} = {bad:.12g} is accepted, its minimum is {minimum:g}")
 
 
 def gives_back(fmu: Path, expectation: Expectation) -> str:

@@ -93,7 +93,9 @@ def demo(
 def build(
     rig: Annotated[str, typer.Argument(help="A rig TOML, or the name of a shipped rig.")] = RIG,
     out: Annotated[Path, typer.Option(help="Folder for the FMUs.")] = Path("dist"),
-    train: Annotated[bool, typer.Option(help="Train an estimator for a rig of your own (half an hour or so).")] = False,
+    train: Annotated[
+        bool, typer.Option(help="Train an estimator for a rig of your own (a quarter of an hour or so).")
+    ] = False,
     native: Annotated[
         bool, typer.Option(help="Build them once more without Python inside: OUT/fmi2, OUT/fmi3.")
     ] = False,

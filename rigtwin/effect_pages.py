@@ -86,7 +86,7 @@ def page(effect: type[Effect], references: Mapping[str, str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-_HEADER = ("name", "unit", "meaning", "start", "prior range", "even in", "off at", "possible")
+_HEADER = ("name", "unit", "meaning", "start", "prior range", "uniform in", "no effect at", "allowed range")
 
 
 def _parameter_rows(effect: type[Effect]) -> Iterator[tuple[str, ...]]:

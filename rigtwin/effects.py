@@ -103,7 +103,7 @@ def unit(text: str) -> str:
 
 
 def prior(role: Parameter) -> str:
-    """'0.02 to 0.5, log': the prior range, and where its logarithm is what is spread evenly."""
+    """'0.02 to 0.5, log': the prior range, and where its logarithm is what is uniform."""
     return f"{number(role.low)} to {number(role.high)}" + (", log" if role.log else "")
 
 
@@ -122,11 +122,11 @@ def print_effects(*, as_json: bool) -> None:
     for family in dict.fromkeys(effect.family for effect in EFFECTS.values()):
         rows = [row for effect in EFFECTS.values() if effect.family == family for row in _rows(effect)]
         table(("effect", "title", "where", *_PARAMETER_HEADER), rows, title=family)
-    say("log: even in the logarithm; zero: the value that switches the effect off")
+    say("log: uniform in the logarithm; no effect at: empty where another parameter switches the effect off")
     say("rigtwin effects ID: what it adds, how it shows, where it comes from")
 
 
-_PARAMETER_HEADER = ("parameter", "start", "unit", "prior range", "zero")
+_PARAMETER_HEADER = ("parameter", "start", "unit", "prior range", "no effect at")
 
 
 def _rows(effect: type[Effect]) -> list[tuple[str, ...]]:
@@ -162,7 +162,7 @@ def print_effect(effect_id: str, *, as_json: bool) -> None:
         (name, number(start), "m" if role.kind == "position" else "", "", "", "", role.meaning)
         for name, start, role in places_of(effect)
     ]
-    table((*_PARAMETER_HEADER, "possible", "meaning"), rows)
+    table((*_PARAMETER_HEADER, "allowed range", "meaning"), rows)
 
 
 def limits(role: Parameter) -> str:

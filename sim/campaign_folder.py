@@ -15,7 +15,7 @@ from typing import Annotated, Any, Required
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator, with_config
 
-from rotor.rig import load_rig, shipped_rigs
+from rotor.rig import Rig, load_rig, shipped_rigs
 from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
 from sim.formats.atomic import replacing
 from sim.formats.run_file import SUFFIXES, read_run, write_beside
@@ -33,7 +33,7 @@ class _Table(BaseModel):
 
 class _NominalTable(_Table):
     shaft_damping_ratio: Annotated[float, Field(ge=0, le=0.2)] | None = None
-    bearing_damping_Ns_per_m: NonNegative = NominalBelief.bearing_damping_Ns_per_m
+    bearing_damping_Ns_per_m: NonNegative | None = None
     gain_tolerance: NonNegative = NominalBelief.gain_tolerance
     frequency_drift: NonNegative = NominalBelief.frequency_drift
 
@@ -96,21 +96,22 @@ def load_campaign(folder: str | Path) -> Campaign:
     folder = Path(folder)
     table = _read_table(folder)
     rig = _rig_to_load(folder, table.rig)
+    model = load_rig(rig)
     names = _distinct(entry["file"].removesuffix(Path(entry["file"]).suffix) for entry in table.run)
-    runs = (_load_run(folder, place, entry) for place, entry in enumerate(table.run, start=1))
+    runs = (_load_run(folder, place, entry, model.excitation_node) for place, entry in enumerate(table.run, start=1))
     return Campaign(
         title=table.title,
         rig=rig,
         runs=tuple(dataclasses.replace(run, name=name) for run, name in zip(runs, names, strict=True)),
         peaks=tuple(PeakList(p.support, np.array(p.frequencies_Hz), np.array(p.std_Hz)) for p in table.peaks),
-        nominal=_belief(table.nominal, rig),
+        nominal=_belief(table.nominal, model),
     )
 
 
-def _belief(table: _NominalTable, rig: str) -> NominalBelief:
+def _belief(table: _NominalTable, rig: Rig) -> NominalBelief:
     """What the campaign says, and the rig's own damping where it says none."""
-    told = table.model_dump(exclude_none=True)
-    return NominalBelief(**({"shaft_damping_ratio": load_rig(rig).shaft_damping_ratio} | told))
+    own = {key: getattr(rig, key) for key in ("shaft_damping_ratio", "bearing_damping_Ns_per_m")}
+    return NominalBelief(**(own | table.model_dump(exclude_none=True)))
 
 
 def _read_table(folder: Path) -> _CampaignTable:
@@ -144,12 +145,12 @@ def _rig_to_load(folder: Path, rig: str) -> str:
     return str(path)
 
 
-def _load_run(folder: Path, place: int, entry: _RunTable) -> Run:
+def _load_run(folder: Path, place: int, entry: _RunTable, usual_node: int) -> Run:
     path = folder / entry["file"]
     if not path.is_file():
         raise MeasurementError(f"{folder / FILE_NAME}: run {place} file: no such data file {path}; correct the name")
     settings: dict[str, Any] = {key: value for key, value in entry.items() if key != "file"}
-    return read_run(path, **settings)
+    return read_run(path, usual_node, **settings)
 
 
 def _distinct(names: Iterator[str]) -> list[str]:

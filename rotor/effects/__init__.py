@@ -12,7 +12,7 @@ module            what it holds
 ``library``       all of them by id
 ================  ==========================================================
 
-A new effect is one class in one of these modules, and its name here.
+A new effect is one class in one of these modules, and its name here; docs/new-effect.md says what else it takes.
 """
 
 from __future__ import annotations

@@ -24,9 +24,9 @@ class Recording:
     settings: RunSettings = field(default_factory=RunSettings)  # what the file itself says
 
 
-def as_run(path: Path, recording: Recording, given: RunSettings) -> Run:
+def as_run(path: Path, recording: Recording, given: RunSettings, usual_node: int) -> Run:
     """Check a recording and add the settings. Raises MeasurementError that names the file."""
-    settings = settle(path, given, recording.settings)
+    settings = settle(path, given, recording.settings, usual_node)
     _check_frequencies(path, recording.frequency_hz)
     run = Run(
         frequency_hz=recording.frequency_hz,

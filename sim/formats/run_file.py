@@ -29,12 +29,13 @@ _FORMATS = {
 SUFFIXES = tuple(_FORMATS)
 
 
-def read_run(path: str | Path, **settings: Unpack[RunSettings]) -> Run:
+def read_run(path: str | Path, usual_node: int = Run.excitation_node, **settings: Unpack[RunSettings]) -> Run:
     """Read one run.
 
     Parameters
     ----------
     path : a .csv, .uff, .unv, .h5 or .mat file
+    usual_node : the exciter's, where neither the file nor the settings say it
     settings : support, excitation_node, excitation_plane, force_amplitude_N [N], spin_rpm [rev/min],
         quantity, sweep; see RunSettings. What is given here wins over what the file says; what neither
         says takes its default. CSV files say nothing: there ``support`` must be given.
@@ -56,7 +57,7 @@ def read_run(path: str | Path, **settings: Unpack[RunSettings]) -> Run:
         recording = reader(path, given)
     except OSError as error:
         raise MeasurementError(f"{path}: cannot be read ({error.strerror or error})") from error
-    return as_run(path, recording, given)
+    return as_run(path, recording, given, usual_node)
 
 
 def write_run(run: Run, path: str | Path) -> None:

@@ -37,7 +37,7 @@ class RunSettings(TypedDict, total=False):
     """How a run was measured. An absent key was not said; it is then looked for in the data file."""
 
     support: SupportKind
-    excitation_node: Annotated[int, Field(ge=1)]  # counted from 1; default 2
+    excitation_node: Annotated[int, Field(ge=1)]  # counted from 1; default the rig's
     excitation_plane: Plane  # default "y"
     force_amplitude_N: Force  # [N] peak; None: not recorded; default 1, or None where quantity is "acceleration"
     spin_rpm: Finite  # [rev/min], the sign is the direction about +x; default 0
@@ -47,7 +47,7 @@ class RunSettings(TypedDict, total=False):
 
 SETTING_NAMES = tuple(RunSettings.__annotations__)
 
-_DEFAULTS = {"excitation_node": 2, "excitation_plane": "y", "spin_rpm": 0.0, "quantity": "accelerance", "sweep": None}
+_DEFAULTS = {"excitation_plane": "y", "spin_rpm": 0.0, "quantity": "accelerance", "sweep": None}
 
 _CHECK = TypeAdapter(RunSettings)
 
@@ -83,7 +83,7 @@ def stored_settings(run: Run) -> dict[str, str | int | float]:
     return settings
 
 
-def settle(path: Path, given: RunSettings, found: RunSettings) -> dict[str, Any]:
+def settle(path: Path, given: RunSettings, found: RunSettings, usual_node: int) -> dict[str, Any]:
     """All settings of a run: the campaign's word first, then the data file's, then the defaults."""
     for key in given.keys() & found.keys():
         if given[key] != found[key]:
@@ -92,7 +92,7 @@ def settle(path: Path, given: RunSettings, found: RunSettings) -> dict[str, Any]
     if "support" not in said:
         raise UnknownSupportError(f'{path}: support is not known; say support = "rigid" or "bearing"')
     force = None if said.get("quantity") == "acceleration" else 1.0
-    return {**_DEFAULTS, "force_amplitude_N": force, **said}
+    return {**_DEFAULTS, "excitation_node": usual_node, "force_amplitude_N": force, **said}
 
 
 def explain(error: ValidationError) -> str:

@@ -103,6 +103,19 @@ def test_damping_that_the_campaign_leaves_out_is_the_rigs(tmp_path):
         assert load_campaign(folder_with(tmp_path, text, a=CSV)).nominal.shaft_damping_ratio == expected
 
 
+def test_the_bearings_damper_and_the_exciters_node_are_the_rigs_too(tmp_path):
+    folder = folder_with(tmp_path, HEAD.replace("nit-rourkela", "rig.toml") + RUN, a=CSV)
+    own = (EXAMPLES / "own_rotor.toml").read_text(encoding="utf-8")
+    (folder / "rig.toml").write_text("bearing_damping_Ns_per_m = 12.5\n" + own, encoding="utf-8")
+    campaign = load_campaign(folder)
+    assert campaign.nominal.bearing_damping_Ns_per_m == 12.5
+    assert campaign.runs[0].excitation_node == load_rig(folder / "rig.toml").excitation_node == 4
+    text = HEAD.replace("nit-rourkela", "rig.toml") + "[nominal]\nbearing_damping_Ns_per_m = 0\n" + RUN
+    campaign = load_campaign(folder_with(tmp_path, text + "excitation_node = 3\n", a=CSV))
+    assert campaign.nominal.bearing_damping_Ns_per_m == 0
+    assert campaign.runs[0].excitation_node == 3
+
+
 def test_resonance_lists_alone_make_a_campaign(tmp_path):
     campaign = load_campaign(folder_with(tmp_path, HEAD + PEAKS))
     assert campaign.runs == ()

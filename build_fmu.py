@@ -9,6 +9,7 @@ platform in reach, and pack it for FMI 2.0 (``dist/fmi2``) and FMI 3.0 (``dist/f
 from __future__ import annotations
 
 import argparse
+import hashlib
 import io
 import json
 import os
@@ -22,7 +23,7 @@ from dataclasses import asdict, replace
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from xml.etree.ElementTree import Element, ElementTree, indent
+from xml.etree.ElementTree import Element, ElementTree, indent, tostring
 
 import fmpy
 import numpy as np
@@ -40,6 +41,7 @@ from rotor.rig import Rig, RigError, load_rig
 from rotor.structure import to_arrays
 
 ROTOR_FMU = "RotorRig.fmu"
+SHIPPED_RIG = "nit-rourkela"
 
 # What both need: a slave that is driven by a variable table.
 _SLAVE_MODULES = ("fmu_src.slave", "fmu_src.variables", "fmu_src.model_description")
@@ -178,7 +180,8 @@ def _build_native(
 ) -> Path:
     """Print, compile, pack."""
     without_guid = sources(blank)
-    model = replace(blank, guid=guid(digest(without_guid)), sources=c_files(without_guid))
+    model = replace(blank, sources=c_files(without_guid))
+    model = replace(model, guid=guid(digest(without_guid | _described(model, fmi, facts, data))))
     manifest = {"guid": model.guid, "version": model.version, **facts}
     with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
         unpacked = Path(scratch)
@@ -193,12 +196,21 @@ def _build_native(
             compile_library(written, model.sources, platform, library)
         if fmi == "3.0":
             _write_xml(build_description(model), written / "buildDescription.xml")
-        _write_xml(fmi2(model, needs_execution_tool=False) if fmi == "2.0" else fmi3(model),
-                   unpacked / "modelDescription.xml")  # fmt: skip
+        _write_xml(_description(model, fmi), unpacked / "modelDescription.xml")
         resources = {"manifest.json": json.dumps(manifest, indent=1).encode(), **data}
         _write_all(unpacked, pages | {f"resources/{name}": content for name, content in resources.items()})
         _pack(unpacked, target)
     return target
+
+
+def _description(model: Model, fmi: str) -> Element:
+    return fmi2(model, needs_execution_tool=False) if fmi == "2.0" else fmi3(model)
+
+
+def _described(model: Model, fmi: str, facts: dict[str, str], data: dict[str, bytes]) -> dict[str, str]:
+    """What the GUID stands for beside the sources: the description, the facts, the data."""
+    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in data.items()}
+    return {"modelDescription.xml": tostring(_description(model, fmi), "unicode"), "facts": json.dumps(facts), **hashes}
 
 
 def _write_xml(root: Element, path: Path) -> None:
@@ -290,28 +302,37 @@ def build_native(rig: Rig, folder: Path, *, estimator: bool = True) -> Iterator[
             yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi)
 
 
+def is_shipped(rig: Rig) -> bool:
+    """Whether this is the rig that the shipped estimator knows."""
+    return rig == load_rig(SHIPPED_RIG)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Command line of ``python build_fmu.py``."""
     parser = argparse.ArgumentParser(description="Build RotorRig.fmu and StiffnessEstimator.fmu.")
-    parser.add_argument("rig", nargs="?", default="nit-rourkela", help="a shipped rig or the path of a rig TOML")
+    parser.add_argument("rig", nargs="?", default=SHIPPED_RIG, help="a shipped rig or the path of a rig TOML")
     parser.add_argument("--out", type=Path, default=Path("dist"), help="folder for the FMUs (default: dist)")
     parser.add_argument("--native", action="store_true", help="build them once more, without Python inside")
     options = parser.parse_args(arguments)
     try:
-        rig = load_rig(options.rig)
-    except RigError as error:
+        for path in _all_of(load_rig(options.rig), options.out, native=options.native):
+            print(path)
+    except (RigError, BuildError, CompileError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
-    for path in (build_rotor_fmu(rig, options.out), build_estimator_fmu(options.out)):
-        print(path)
-    if options.native:
-        try:
-            for path in build_native(rig, options.out):
-                print(path)
-        except CompileError as error:
-            print(error, file=sys.stderr)
-            return 2
     return 0
+
+
+def _all_of(rig: Rig, folder: Path, *, native: bool) -> Iterator[Path]:
+    """All FMUs that there are of a rig."""
+    known = is_shipped(rig)
+    yield build_rotor_fmu(rig, folder)
+    if known:
+        yield build_estimator_fmu(folder)
+    else:
+        print(f"{ESTIMATOR_FMU} is not built: its network knows the rig {SHIPPED_RIG} only", file=sys.stderr)
+    if native:
+        yield from build_native(rig, folder, estimator=known)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import hashlib
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import astuple, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from fmpy import read_model_description
 from estimator.features import FEATURE_NAMES, features_of_runs
 from estimator.prior import Prior, Rigs
 from rotor.condition import Condition
-from rotor.modal import natural_frequencies_hz
+from rotor.modal import elastic_frequencies_hz
 from rotor.model import build_system
 from rotor.structure import Structure
 from sim.formats.atomic import replacing
@@ -100,7 +101,7 @@ class _Task(NamedTuple):
         if bench.store is None:
             return None
         rigs = [values.tolist() for values in astuple(self.rigs)]
-        said = repr((bench.guid, bench.plan, bench.excitation_node, self.start, rigs))
+        said = repr((version("rigtwin"), bench.guid, bench.plan, bench.excitation_node, self.start, rigs))
         return bench.store / f"{hashlib.sha256(said.encode()).hexdigest()[:20]}.npy"
 
 
@@ -136,7 +137,7 @@ def feature_plan(structure: Structure, prior: Prior) -> SweepPlan:
     """FEATURE_PLAN with the band that holds modes 1 and 2 of any rotor, whatever k_b the prior draws."""
     soft = build_system(structure, Condition(k_b=prior.k_b_trained[0]))
     rigid = build_system(structure, Condition(rigid_support=True))
-    lowest, highest = natural_frequencies_hz(soft, plane=1)[0], natural_frequencies_hz(rigid, plane=1)[1]
+    lowest, highest = elastic_frequencies_hz(soft, plane=1)[0], elastic_frequencies_hz(rigid, plane=1)[1]
     return replace(FEATURE_PLAN, f_min_hz=0.3 * float(lowest), f_max_hz=1.25 * float(highest))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from rotor.condition import Condition
-from rotor.modal import natural_frequencies_hz
+from rotor.modal import elastic_frequencies_hz
 from rotor.model import build_system
 from rotor.structure import Structure
 
@@ -74,7 +74,7 @@ def prior_for(structure: Structure, k_b: float) -> Prior:
 
     k_b spans the same factors, and the bearings' loss factor c omega_2 / k_b the same range.
     """
-    f2 = natural_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)[1]
+    f2 = elastic_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)[1]
     stiffer = k_b / _PRIOR_K_B
     more_damped = stiffer * _PRIOR_F2 / float(f2)
     return replace(

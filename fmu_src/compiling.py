@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -114,11 +115,19 @@ def compile_library(folder: Path, files: Sequence[str], target: Target, library:
 
 def _kept(folder: Path, command: Sequence[str], target: Target) -> Path:
     """Where a library of these sources and this command is kept from one build to the next."""
-    digest = hashlib.sha256(" ".join(command).encode())
+    digest = hashlib.sha256(" ".join([*command, *_versions()]).encode())
     for path in sorted(folder.glob("*.[ch]")):
         digest.update(path.name.encode() + path.read_bytes())
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return cache / "rigtwin" / f"{digest.hexdigest()}{target.suffix}"
+
+
+def _versions() -> tuple[str, ...]:
+    """What the same command may stand for on another machine with the same home folder."""
+    if find_spec("ziglang"):
+        return (version("ziglang"),)
+    said = subprocess.run([*compiler(this_machine()), "--version"], capture_output=True, text=True, check=False).stdout
+    return said, *platform.libc_ver()
 
 
 def _keep(made: Path, kept: Path) -> Path:

@@ -21,7 +21,7 @@ from fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
 from fmu_src.variables import Variable
 from rotor.assembly import assemble
 from rotor.condition import Condition
-from rotor.modal import natural_frequencies_hz
+from rotor.modal import elastic_frequencies_hz
 from rotor.model import build_system
 from rotor.rig import Rig
 
@@ -34,8 +34,7 @@ _STEEL, _DISK, _BEARING = "#9db4c8", "#5b7083", "#c9683c"
 def rotor_pages(rig: Rig, facts: RotorFacts, *, needs_python: bool = True) -> dict[str, bytes]:
     """``model.png`` and ``documentation/index.html`` of the rotor FMU, by path in the archive."""
     system = build_system(assemble(rig), Condition(k_b=facts.k_b_start))
-    frequencies = natural_frequencies_hz(system, plane=1)
-    f1 = float(frequencies[frequencies > 0][0])  # a shaft on one bearing swings about it at no frequency
+    f1 = float(elastic_frequencies_hz(system, plane=1)[0])
     page = _PAGES.get_template("rotor.html").render(
         rig=rig,
         facts=facts,

@@ -29,11 +29,10 @@ class StiffnessEstimator(TableSlave):
         )
         self._inputs = [v.name for v in self._table if v.causality == "input"]
 
-    def do_step(self, current_time: float, step_size: float) -> bool:
+    def advance(self, time: float, h: float) -> None:
         """Nothing to integrate: the outputs follow the inputs at once."""
-        if not step_size > 0:
-            self.refuse(f"the communication step must be positive, got {step_size:.9g} s")
-        return True
+        if not h > 0:
+            self.refuse(f"the communication step must be positive, got {h:.9g} s")
 
     def compute_outputs(self) -> list[float | bool]:
         """k_b, its standard deviation, its interval, and whether to believe them."""

@@ -58,7 +58,7 @@ EFFECT_WORDS = {
     "bearing_offset": {"offset": "offset"},
     "compliant_rigid_support": {"stiffness": "rigid_stiffness"},
     "plane_anisotropy": {"anisotropy": "anisotropy", "angle": "anisotropy_angle"},
-    "viscoelastic_support": {"strength": "branch_strength", "relaxation_time": "branch_time"},
+    "viscoelastic_support": {SWITCH: "has_branch", "strength": "branch_strength", "relaxation_time": "branch_time"},
     "gyroscopic": {"factor": "gyroscopic_factor"},
     "sensor_position": {"offset": "sensor_offset", "node": "sensor_node"},
     "bearing_cubic": {"stiffness": "cubic_stiffness"},
@@ -72,7 +72,7 @@ EFFECT_WORDS = {
 
 # Numbers that decide what the core computes, where they are written in Python; C knows them without an underscore.
 _CONSTANTS: tuple[tuple[ModuleType, tuple[str, ...]], ...] = (
-    (design, ("CRACK_LENGTH",)),
+    (design, ("CRACK_LENGTH", "WEAKEST_BRANCH")),
     (nonlinear, ("SHARP", "SHARP_LENGTH")),
     (system, ("_RIGID_BODY", "_BUCKLED")),
     (stepper, ("_NO_STEADY_STATE",)),

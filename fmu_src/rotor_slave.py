@@ -44,15 +44,13 @@ class RotorRig(TableSlave):
             self._simulator.configure(self._condition(), self._effects())
         self._simulator.drive(**{name: self.value(name) for name in _FORCE})
 
-    def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
+    def start_at(self, time: float) -> None:
         """Set the clock."""
-        self._simulator.start_at(start_time)
+        self._simulator.start_at(time)
 
-    def do_step(self, current_time: float, step_size: float) -> bool:
-        """Integrate over one communication step of any length."""
-        self._simulator.advance(current_time, step_size)
-        self._stale = True
-        return True
+    def advance(self, time: float, h: float) -> None:
+        """Integrate over one communication step."""
+        self._simulator.advance(time, h)
 
     def compute_outputs(self) -> list[float]:
         """Accelerations in y, in z, and the force."""

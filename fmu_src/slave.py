@@ -24,6 +24,9 @@ from pythonfmu.fmi2slave import Fmi2Slave
 from fmu_src.model_description import Model, fmi2, variability
 from fmu_src.variables import Variable
 
+# Phases of an instance, in the words of a refusal.
+_SET_UP, _RUNNING, _ENDED = "before the simulation", "during the simulation", "after the end of the simulation"
+
 _KINDS = ("Real", "Integer", "Boolean", "String")
 
 # What pythonfmu's glue calls on an instance.
@@ -81,7 +84,7 @@ class TableSlave(Fmi2Slave):
             kind: frozenset(number for number, v in enumerate(self._table) if v.kind == kind) for kind in _KINDS
         }
         self._values: list[Any] = [_start_value(v) for v in self._table]
-        self._initialised = False
+        self._phase = _SET_UP
         self._stale = True
         _end_glue_early(Path(kwargs["resources"]).parent / "binaries" / "linux64" / f"{self.modelName}.so")
 
@@ -95,6 +98,13 @@ class TableSlave(Fmi2Slave):
     @abstractmethod
     def compute_outputs(self) -> Sequence[float | bool]:
         """Values of all outputs, in the order of the table."""
+
+    @abstractmethod
+    def advance(self, time: float, h: float) -> None:
+        """One communication step of h from this time on [s]; raise ValueError to refuse."""
+
+    def start_at(self, time: float) -> None:
+        """Called with the start time [s]; raise ValueError to refuse."""
 
     def accept_settings(self, changed: Sequence[Variable]) -> None:
         """Called after every set call with what was set; raise ValueError to refuse."""
@@ -112,9 +122,30 @@ class TableSlave(Fmi2Slave):
 
     # -- FMI life cycle ------------------------------------------------------------------------
 
+    def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
+        """Set the clock."""
+        self._only(_SET_UP, "setting the start time")
+        self.start_at(start_time)
+
     def exit_initialization_mode(self) -> None:
         """From here on fixed parameters are refused."""
-        self._initialised = True
+        self._only(_SET_UP, "the end of the initialization")
+        self._phase = _RUNNING
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """One communication step of any length."""
+        self._only(_RUNNING, "a step")
+        self.advance(current_time, step_size)
+        self._stale = True
+        return True
+
+    def terminate(self) -> None:
+        """From here on there are no steps."""
+        self._phase = _ENDED
+
+    def _only(self, phase: str, what: str) -> None:
+        if self._phase != phase:
+            self.refuse(f"{what} is not possible {self._phase}")
 
     # -- getting and setting -------------------------------------------------------------------
 
@@ -184,7 +215,7 @@ class TableSlave(Fmi2Slave):
     def _check_settable(self, variable: Variable, value: Any) -> None:
         if variable.causality == "output":
             self.refuse(f"{variable.name} is an output and cannot be set")
-        if self._initialised and variability(variable) == "fixed":
+        if self._phase != _SET_UP and variability(variable) == "fixed":
             self.refuse(f"{variable.name} can only be set before the simulation starts")
         reason = variable.refusal(value)
         if reason:
@@ -200,7 +231,7 @@ class TableSlave(Fmi2Slave):
         return {
             "guid": str(self.guid),
             "values": list(self._values),
-            "initialised": self._initialised,
+            "phase": self._phase,
             "state": self.save_state(),
         }
 
@@ -214,7 +245,7 @@ class TableSlave(Fmi2Slave):
         except BaseException:
             self._values = before
             raise
-        self._initialised = state["initialised"]
+        self._phase = state["phase"]
         self._stale = True
 
     @staticmethod

@@ -252,9 +252,13 @@ def _save(request: BlindRequest, name: str, seal: str) -> None:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    document = json.loads(file.read_text(encoding="utf-8"))
-    if document.get("schema") != SCHEMA:
-        raise UserError(f"{file}: schema is {document.get('schema')!r}, not {SCHEMA!r}; give --page another name")
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise UserError(f"{file}: not JSON ({error}); give --page another name") from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
+        raise UserError(f"{file}: schema is {schema!r}, not {SCHEMA!r}; give --page another name")
     return document
 
 

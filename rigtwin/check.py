@@ -203,11 +203,17 @@ def replays(fmu: Path) -> str:
 
 
 def refuses(fmu: Path) -> str:
-    """A value below a variable's own minimum is refused in words, and the FMU then still steps."""
+    """A value below a variable's own minimum is refused in words, and the FMU then still steps.
+
+    FMI does not ask for it, rigtwin's own FMUs promise it.
+    """
+    if not manifest(fmu):
+        raise NotRun("only FMUs that rigtwin built promise it")
     with _open(fmu) as session:
-        minima = [
-            (v.name, v.min) for v in session.description.modelVariables if session.kind(v.name) == "Real" and v.min
+        settable = [
+            v for v in session.description.modelVariables if v.causality == "input" or v.variability == "tunable"
         ]
+        minima = [(v.name, v.min) for v in settable if session.kind(v.name) == "Real" and v.min]
         if not minima:
             raise NotRun("no Real variable states a minimum")
         name, minimum = minima[0][0], float(minima[0][1])

@@ -130,7 +130,7 @@ def sweep(
     excitation_node: Annotated[int | None, typer.Option(min=1, help="Node of the force; default the rig's.")] = None,
     plane: Annotated[Plane, typer.Option(help="Plane of the force.")] = Plane.y,
     spin_rpm: Annotated[float, typer.Option(help="Spin [rev/min].")] = 0.0,
-    noise: Annotated[float, typer.Option(min=0.0, help="Sensor noise, relative to each line.")] = 0.0,
+    noise: Annotated[float, typer.Option(min=0.0, max=100.0, help="Sensor noise, relative to each line.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .h5 or .mat.")] = None,
     as_json: JSON = False,

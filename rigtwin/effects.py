@@ -20,7 +20,7 @@ LOCATIONS = {
     "shaft": "the whole shaft",
     "disks": "every disk",
     "bearings": "every bearing; nothing on rigid supports",
-    "rigid_support": "every support that should be rigid; nothing on bearings",
+    "rigid_support": "every rigid support in place of a bearing; nothing on bearings",
     "exciter": "the exciter, at the drive node",
     "sensor": "a sensor",
     "raster": "the way the test steps through its frequencies",

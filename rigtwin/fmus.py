@@ -12,10 +12,12 @@ from typing import Any
 
 from build_fmu import (
     ESTIMATOR_FMU,
+    SHIPPED_RIG,
     BuildError,
     build_estimator_fmu,
     build_native_rotor_fmu,
     build_rotor_fmu,
+    is_shipped,
 )
 from estimator.features import FEATURE_NAMES, Features
 from estimator.runtime import OUTPUT_NAMES, Estimate, StiffnessEstimator
@@ -24,8 +26,6 @@ from rigtwin.console import note
 from rigtwin.exits import UserError
 from rotor.rig import Rig, load_rig
 from sim.session import FmuError, FmuSession
-
-SHIPPED_RIG = "nit-rourkela"
 
 Estimator = Callable[[Features], Estimate]
 
@@ -53,11 +53,6 @@ def _built(build: Callable[..., Path], rig: Rig, folder: Path, options: dict[str
         if is_shipped(rig):
             raise
         raise UserError(f"rig {rig.name}: no FMU can be built of it: {error}") from error
-
-
-def is_shipped(rig: Rig) -> bool:
-    """Whether this is the rig that the shipped estimator knows."""
-    return rig == load_rig(SHIPPED_RIG)
 
 
 @contextmanager
@@ -104,7 +99,7 @@ def open_estimator(path: Path | None = None) -> Iterator[tuple[Estimator, dict[s
     path : StiffnessEstimator.fmu or an ONNX file of ``rigtwin train``; default the shipped network
     """
     if path is None or path.suffix.lower() != ".fmu":
-        network = _network(path)
+        network = _network(existing(path), path) if path else StiffnessEstimator()
         yield lambda features: network.estimate(features.as_array()), network.card
         return
     card = fmu_card(path)
@@ -127,19 +122,16 @@ def fmu_card(fmu: Path) -> dict[str, Any]:
             model = archive.extract("resources/estimator.onnx", folder)
         except KeyError:
             raise UserError(f"{fmu}: not a {ESTIMATOR_FMU}, it holds no network") from None
-        return StiffnessEstimator(Path(model)).card
+        return _network(Path(model), fmu).card
 
 
-def _network(path: Path | None) -> StiffnessEstimator:
-    if path is None:
-        return StiffnessEstimator()
+def _network(path: Path, named: Path) -> StiffnessEstimator:
+    """The network in a file. Raises UserError with the file's name as the user knows it."""
     try:
-        network = StiffnessEstimator(existing(path))
+        network = StiffnessEstimator(path)
         network.card  # noqa: B018 - a network without a card is not ours
-    except UserError:
-        raise
     except Exception as error:  # onnxruntime has no common base class
-        raise UserError(f"{path}: not a network of rigtwin train ({str(error).splitlines()[0]})") from error
+        raise UserError(f"{named}: holds no network of rigtwin train ({str(error).splitlines()[0]})") from error
     return network
 
 

@@ -20,6 +20,9 @@ from rotor.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, FloatArray,
 # A round bar's length, in diameters, over which a crack counts as reduced bending stiffness.
 CRACK_LENGTH = 0.8
 
+# A viscoelastic branch is at least so stiff, over its bearing: the joint of its spring and dashpot needs a stiffness.
+WEAKEST_BRANCH = 1e-9
+
 # Entries of a vector over all degrees of freedom that are not zero: where, and how much.
 Pattern = tuple[IntArray, FloatArray]
 
@@ -81,7 +84,7 @@ class Design:
         self.gyroscopic_factor = 0.0  # of the polar inertia that the nominal rotor leaves out
         self.masses: list[tuple[int, float]] = []  # node, mass [kg]
         self.ground_springs: list[tuple[int, int, float, float]] = []  # node, plane, [N/m], [N s/m]
-        self.rigid_stiffness = np.inf  # of the supports that should be rigid [N/m]
+        self.rigid_stiffness = np.inf  # of the rigid supports in place of the bearings [N/m]
         self.bearings = _bearings(structure, condition)
         self.contacts: list[tuple[int, JointLaw]] = []  # between a node and the ground
         self.unbalances: list[tuple[int, float, float]] = []  # node, moment [kg m], phase [rad]

@@ -30,7 +30,7 @@ class DampedModes:
 
 
 def natural_frequencies_hz(system: LinearSystem, plane: int | None = None) -> FloatArray:
-    """Undamped natural frequencies of the non-spinning rotor [Hz], ascending.
+    """Undamped natural frequencies of the non-spinning rotor [Hz], ascending; those of rigid-body motion are zero.
 
     Parameters
     ----------
@@ -38,13 +38,20 @@ def natural_frequencies_hz(system: LinearSystem, plane: int | None = None) -> Fl
     plane : 1 = y or 2 = z to list the bending modes of one plane; default both
     """
     modes = system.modes
+    frequencies = np.where(modes.elastic, modes.omega, 0.0) / (2 * np.pi)
     if plane is None:
-        return modes.omega / (2 * np.pi)
+        return frequencies
     if plane not in (1, 2):
         raise ValueError(f"plane {plane} does not exist: 1 is y, 2 is z")
     inside = system.plane == plane
     kinetic_energy = modes.Phi * (system.M @ modes.Phi)  # (n, n_modes), each column sums to one
-    return modes.omega[kinetic_energy[inside].sum(axis=0) > 0.5] / (2 * np.pi)
+    return frequencies[kinetic_energy[inside].sum(axis=0) > 0.5]
+
+
+def elastic_frequencies_hz(system: LinearSystem, plane: int | None = None) -> FloatArray:
+    """The same without those of rigid-body motion: a shaft on one bearing swings about it at no frequency."""
+    frequencies = natural_frequencies_hz(system, plane)
+    return frequencies[frequencies > 0]
 
 
 def damped_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:

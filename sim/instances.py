@@ -52,7 +52,7 @@ class FMU2Instance(FMU2Slave):
     def stepping(self) -> Callable[[float, float], int]:
         """doStep without fmpy's wrapper: takes time and size, returns the status."""
         call, component = self.dll.fmi2DoStep, self.component
-        return lambda time, h: call(component, time, h, 1)
+        return lambda time, h: call(component, time, h, 0)  # an earlier state may be set again
 
     def reading(self, references: Sequence[int], values: FloatArray) -> Callable[[int], int]:
         """The same of getReal: reads into a row of values (n, n_references), returns the status."""
@@ -82,7 +82,7 @@ class FMU3Instance(FMU3Slave):
         call, component = self.dll.fmi3DoStep, self.component
         flags = [byref(fmi3Boolean()) for _ in range(3)]  # events, an end, an early return: none is offered
         last = byref(fmi3Float64())
-        return lambda time, h: call(component, time, h, True, *flags, last)
+        return lambda time, h: call(component, time, h, False, *flags, last)  # an earlier state may be set again
 
     def reading(self, references: Sequence[int], values: FloatArray) -> Callable[[int], int]:
         """The same of getFloat64: reads into a row of values (n, n_references), returns the status."""

@@ -120,7 +120,7 @@ class FmuSession:
 
     def step(self, h: float) -> None:
         """One communication step of h seconds."""
-        self._call(self._fmu.doStep, self.time, h)
+        self._call(self._fmu.doStep, self.time, h, False)  # an earlier state may be set again
         self.time += h
 
     def save_state(self) -> SavedState:

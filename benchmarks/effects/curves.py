@@ -47,7 +47,7 @@ TIMED = (
 VARIED = TIMED[1]
 
 # The rounding is judged on the sharpest law, the number of harmonics on the most harmonics.
-CORNERS, SHARPEST = (0.1, 0.05, 0.02, 0.01), {"corner": 1e-3, "samples": 4096}
+CORNERS, SHARPEST = (0.05, 0.02, 0.005, 0.002), {"corner": 5e-4, "samples": 4096}
 NUMBERS_OF_SAMPLES = (256, 512, 1024, 2048)
 NUMBERS_OF_HARMONICS, MOST = (3, 5, 7, 9, 11, 15), 21
 

@@ -763,7 +763,7 @@ static void begin(Nonlinear *s, Run *run, const double *state, double fastest)
 {
     const Part *part = run->part;
     const int J = part->J;
-    double last = INFINITY, level = 0;
+    double last = INFINITY;
     for (int j = 0; j < J; j++) {
         const double *row = state + s->n + part->joints[j];
         s->now.u[j] = row[0];
@@ -773,8 +773,9 @@ static void begin(Nonlinear *s, Run *run, const double *state, double fastest)
         last = fmin(last, row[4 * s->J]);
     }
     run->longest = TWO_PI / (fastest > 0 ? PER_PERIOD * fastest : 1e-300);
+    double level = ceil(log2(run->h / run->longest)); /* of tones, which a part without joints hears as well */
     if (J)
-        level = fmax(rint(log2(run->h / (last > 0 ? last : s->first))), ceil(log2(run->h / run->longest)));
+        level = fmax(level, rint(log2(run->h / (last > 0 ? last : s->first))));
     run->level = (int)fmin(fmax(level, 0), MOST_LEVEL);
     run->place = run->substeps = 0, run->elapsed = 0;
     for (int i = 0; i < part->n; i++)

@@ -35,7 +35,7 @@ typedef struct {
 typedef struct {
     int part; /* -1: none */
     double tau;
-    long last_used;
+    long long last_used;
     double *exponential, *W; /* of everything, by rows; by columns */
     double *onset, *P, *Q;   /* (n, 2 J), (J, 2 J), (J, 2 J) what u at the end makes of x, d and v */
     double coupling;         /* displacement by the other joints' pulls over that by the own */
@@ -60,7 +60,7 @@ typedef struct {
     int *part_ints;
     double *part_doubles;
     Substep substeps[SUBSTEPS_KEPT];
-    long clock;
+    long long clock;
     double *scratch, *z, *after, *middle;
     int *rows;
     double *bounds, *notice, *pull_scale, *velocity_scale;

@@ -433,15 +433,16 @@ static const char *add_bearing(Assembly *a, double x, int side, double tilt)
     own_share(a, at, stiffness, damping, d->bearing_damping);
     join(a, a->K, joint, stiffness);
     join(a, a->C, joint, damping);
-    if (d->branch_strength != 0) {
+    if (d->has_branch) {
+        const double strength = fmax(d->branch_strength, WEAKEST_BRANCH);
         new_pair(a, end);
         for (int plane = 0; plane < 2; plane++) {
             spring[plane] = difference(&shaft[plane], &end[plane]);
             dashpot[plane] = difference(&end[plane], &base[plane]);
         }
-        scaled(stiffness, d->branch_strength, relative);
+        scaled(stiffness, strength, relative);
         join(a, a->K, spring, relative);
-        scaled(stiffness, d->branch_strength * d->branch_time, relative);
+        scaled(stiffness, strength * d->branch_time, relative);
         join(a, a->C, dashpot, relative);
     }
     add_bearing_laws(a, joint, (stiffness[0] + stiffness[3]) / 2);
@@ -530,7 +531,7 @@ static void keep_free(System *system, Assembly *a)
 const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints)
 {
     const int bearings = design->rigid_support ? 0 : n_bearings(structure), n = DOF * structure->n_mesh;
-    const int size = n + 2 * bearings * ((design->has_pedestal != 0) + (design->branch_strength != 0));
+    const int size = n + 2 * bearings * ((design->has_pedestal != 0) + (design->has_branch != 0));
     Assembly a = {structure, design, n, size, n, 0, 0, 0, 0, 0, 0, system->forces, 0, 0};
     memset(doubles, 0, 5 * (size_t)size * size * sizeof *doubles);
     a.M = system->M = doubles;

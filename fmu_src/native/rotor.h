@@ -36,6 +36,7 @@ typedef struct {
     int has_pedestal;
     double pedestal_stiffness, pedestal_mass, pedestal_damping;
     double asymmetry, offset, anisotropy, anisotropy_angle;
+    int has_branch;
     double branch_strength, branch_time;
     int unbalance_node;
     double unbalance_moment, unbalance_phase;

@@ -14,7 +14,7 @@ typedef struct {
 /* Keys of what is remembered; the one that was used longest ago makes room. */
 typedef struct {
     double key[REMEMBERED];
-    long last_used[REMEMBERED], clock; /* 0: never */
+    long long last_used[REMEMBERED], clock; /* 0: never */
 } Memory;
 
 /* e^{hA} and int_0^h e^{sA} ds b of every block that has been asked for. */

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotor.design import Design, Pedestal
+from rotor.design import WEAKEST_BRANCH, Design, Pedestal
 from rotor.effects.effect import Effect, parameter
 
 
@@ -153,7 +153,7 @@ class CompliantRigidSupport(Effect):
 
     id = "compliant_rigid_support"
     title = "Compliant rigid support"
-    meaning = "the supports that should be rigid have a stiffness"
+    meaning = "the rigid supports in place of the bearings have a stiffness"
     equation = r"q_{support} = 0 \;\to\; f = k_r\, q_{support}"
     signature = "lowers the modes on rigid supports; nothing on bearings"
     source = "ewins2000"
@@ -228,6 +228,6 @@ class ViscoelasticSupport(Effect):
 
     def add_to(self, design: Design) -> None:
         """A spring in series with a dashpot beside every bearing's stiffness; their joint has no mass."""
-        if self.strength:
-            for bearing in design.bearings:
-                bearing.branches.append((self.strength, self.relaxation_time))
+        strength = max(self.strength, WEAKEST_BRANCH)  # tuned to zero while the rotor runs, the joint is still there
+        for bearing in design.bearings:
+            bearing.branches.append((strength, self.relaxation_time))

@@ -17,6 +17,10 @@ import build_fmu
 from fmu_src import staging
 from fmu_src.documentation import rotor_pages
 from fmu_src.staging import Bundle
+from rotor.assembly import assemble
+from rotor.condition import Condition
+from rotor.modal import elastic_frequencies_hz
+from rotor.model import build_system
 from rotor.rig import load_rig
 from tests.fmu.child import in_child
 
@@ -141,8 +145,26 @@ def test_the_matrices_in_the_fmu_are_those_of_the_rig(rotor_fmu, structure, tmp_
             np.testing.assert_array_equal(arrays[name], getattr(structure, name))
 
 
-def test_a_shaft_on_one_bearing_has_its_pages():
+@pytest.mark.parametrize("node", [1, 2])
+def test_a_shaft_on_one_bearing_has_its_pages(node):
     """It swings about the bearing at no frequency; the page names the first one above."""
     rig = load_rig("nit-rourkela")
-    one = rig.model_copy(update={"support": rig.support[:1]})
-    assert b"Hz" in rotor_pages(one, build_fmu._facts(one))["documentation/index.html"]
+    one = rig.model_copy(update={"support": [rig.support[0].model_copy(update={"node": node})]})
+    page = rotor_pages(one, build_fmu._facts(one))["documentation/index.html"].decode()
+    first = elastic_frequencies_hz(build_system(assemble(one), Condition(k_b=1e7)), plane=1)[0]
+    assert first > 50
+    assert f"{first:.1f} Hz" in page
+
+
+def test_of_another_rig_no_estimator_is_built(tmp_path, capsys):
+    """Its network would answer, and be wrong."""
+    own = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
+    assert build_fmu.main([str(own), "--out", str(tmp_path)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == [build_fmu.ROTOR_FMU]
+    assert "its network knows the rig nit-rourkela only" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_written_is_one_message(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert build_fmu.main(["--out", str(tmp_path / "file")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1

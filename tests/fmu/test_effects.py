@@ -97,6 +97,31 @@ def test_long_and_short_communication_steps_lead_to_the_same_motion(rotor_sessio
     assert np.abs(np.subtract(*readings)).max() < 0.02 * np.abs(readings[0]).max()
 
 
+@pytest.mark.parametrize("spin_speed", [0.0, 300.0])
+def test_a_law_at_a_node_that_is_held_does_nothing_however_long_the_step(rotor_session, spin_speed):
+    held = {**DRIVE, "rigid_support": True, "spin_speed": spin_speed, "unbalance.enabled": True}
+    readings = []
+    for rub in (False, True):
+        rotor_session.start({**held, "rub.enabled": rub, "rub.node": 1})
+        for _ in range(2):
+            rotor_session.step(0.25)
+        readings.append(rotor_session.get(OUTPUTS))
+    np.testing.assert_allclose(*readings, rtol=0, atol=1e-9 * np.abs(readings[0]).max())
+
+
+def test_the_strength_of_a_viscoelastic_support_may_be_tuned_to_zero_and_back(rotor_session):
+    readings = []
+    for strength in (0.0, 1e-6, 1e3):
+        rotor_session.start({**DRIVE, "viscoelastic_support.enabled": True})
+        rotor_session.step(0.01)
+        rotor_session.set({"viscoelastic_support.strength": strength})
+        rotor_session.step(0.01)
+        readings.append(rotor_session.get(OUTPUTS))
+    none, little, much = np.asarray(readings)
+    np.testing.assert_allclose(none, little, rtol=0, atol=1e-5 * np.abs(little).max())
+    assert np.abs(none - much).max() > 1e-2 * np.abs(much).max()
+
+
 @pytest.mark.parametrize("effect", [e for e in IN_FMU if not e.changes_size], ids=lambda e: e.id)
 def test_an_effect_of_the_same_size_may_be_switched_while_the_rotor_runs(rotor_session, effect):
     start = switched_on(effect)

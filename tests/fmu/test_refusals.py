@@ -49,6 +49,7 @@ WHILE_RUNNING: dict[str, tuple[str, list[Any], str]] = {
     "point too early": ("doStep", [0.0, 1e-3], "a step from 0 s was asked for, but the rotor stands at 0.125 s"),
     "point too late": ("doStep", [0.2, 1e-3], "a step from 0.2 s was asked for, but the rotor stands at 0.125 s"),
     "point NaN": ("doStep", [NAN, 1e-3], "the communication step must be finite"),
+    "start time late": ("setupExperiment", [None, 0.25], "setting the start time is not possible during the simul"),
     "get unknown": ("getReal", [[99]], "there is no Real variable with value reference 99"),
     "get any": ("getReal", [[0, ANY_REFERENCE]], f"there is no Real variable with value reference {ANY_REFERENCE}"),
     "get integer as real": ("getReal", [[8]], "there is no Real variable with value reference 8"),
@@ -147,6 +148,35 @@ def test_a_bad_start_value_is_refused_and_a_good_start_follows(bad_starts, rotor
     message, reading = bad_starts[name]
     assert message is not None, "the start did not fail"
     assert BEFORE_INITIALISATION[name][1] in message
+    rotor_session.start({"force_amplitude": 1.0})
+    rotor_session.step(0.01)
+    assert reading == rotor_session.get(["node_2.acceleration_y"])
+
+
+def step_out_of_turn(fmu):
+    """What a step says before the initialisation and after the end, and a reading of the run in between."""
+    from sim.session import FmuError, FmuSession
+
+    def refused(session):
+        try:
+            session._call(session._fmu.doStep, session.time, 0.01)
+        except FmuError as error:
+            return str(error)
+        return None
+
+    with FmuSession(fmu) as session:
+        early = refused(session)
+        session.start({"force_amplitude": 1.0})
+        session.step(0.01)
+        reading = session.get(["node_2.acceleration_y"])
+        session._call(session._fmu.terminate)
+        return early, refused(session), reading
+
+
+def test_a_step_is_refused_before_the_initialisation_and_after_the_end(rotor_fmu, rotor_session):
+    early, late, reading = in_child(step_out_of_turn, rotor_fmu)
+    assert "a step is not possible before the" in early
+    assert "a step is not possible after the end of the simulation" in late
     rotor_session.start({"force_amplitude": 1.0})
     rotor_session.step(0.01)
     assert reading == rotor_session.get(["node_2.acceleration_y"])

@@ -26,9 +26,8 @@ class Balance(TableSlave):
         """The sum."""
         return [self.value("left") + self.value("right")]
 
-    def do_step(self, current_time, step_size):
+    def advance(self, time, h):
         """Nothing to do."""
-        return True
 
 
 LEFT, RIGHT, SUM = range(3)

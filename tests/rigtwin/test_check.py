@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from rigtwin.check import NotRun, refuses
 from rigtwin.fmus import manifest
 from tests.rigtwin.conftest import run, run_json
 
@@ -114,7 +115,7 @@ def test_an_fmu_that_crashes_fails_its_gates_and_the_report_is_written(rotor_fmu
         rotor_fmu,
         tmp_path / "crashing.fmu",
         r"resources/rotor_slave_\w+\.py",
-        lambda text: text.replace("        self._stale = True\n        return True", "        import os; os._exit(1)"),
+        lambda text: text.replace("self._simulator.advance(time, h)", "import os; os._exit(1)"),
     )
     junit = tmp_path / "junit.xml"
     failed, _ = check_failing(crashing, "--junit", junit)
@@ -145,6 +146,13 @@ def test_a_bad_value_that_is_accepted_fails(estimator_fmu, tmp_path):
     )
     failed, _ = check_failing(careless)
     assert failed == {"a bad value is refused with a message": "delta_f1_std = -1 is accepted, its minimum is 0"}
+
+
+def test_values_below_a_minimum_are_no_gate_for_other_tools_fmus(estimator_fmu, monkeypatch):
+    """FMI lets them be accepted."""
+    monkeypatch.setattr("rigtwin.check.manifest", lambda fmu: {})
+    with pytest.raises(NotRun, match="only FMUs that rigtwin built"):
+        refuses(estimator_fmu)
 
 
 def test_an_estimator_has_no_stiffness_to_give_back(refused, estimator_fmu):

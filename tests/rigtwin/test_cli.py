@@ -186,7 +186,7 @@ def test_build_of_another_rig_says_that_no_network_knows_it(tmp_path):
         (("estimate", PAPER), "give --amplitude-ratio"),
         (("estimate", *NUMBERS), "--delta-f1-std, --delta-f2-std, --amplitude-ratio-std missing"),
         (("estimate", "--delta-f1", "nan", *NUMBERS[2:], *ERRORS), "--delta-f1 nan: give a finite number"),
-        (("estimate", *NUMBERS, *ERRORS, "--estimator", __file__), "not a network of rigtwin train"),
+        (("estimate", *NUMBERS, *ERRORS, "--estimator", __file__), "holds no network of rigtwin train"),
         (("check", "nosuch.fmu"), "nosuch.fmu: no such file"),
         (("check", __file__), "not an FMU"),
         (("check", "nosuch.fmu", "--expect-k-b", -1), "--expect-k-b -1.0: give a positive number"),

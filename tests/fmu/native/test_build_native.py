@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,6 +16,7 @@ from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
 from fmu_src import compiling
 from fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
 from rigtwin import fmus
+from rigtwin.fmus import manifest
 from rotor.rig import load_rig
 
 SEEN = '__attribute__((visibility("default"))) '
@@ -49,6 +51,14 @@ def test_one_file_has_a_binary_for_every_platform(everywhere):
 
 def test_the_folders_of_fmi_2_have_the_names_its_importers_look_for():
     assert {t.folder("2.0") for t in TARGETS if t.fmi3.startswith("x86_64")} == {"linux64", "win64", "darwin64"}
+
+
+def test_another_model_description_has_another_guid(tmp_path, monkeypatch):
+    """A binary must not be taken for that of another description."""
+    build = partial(build_native_rotor_fmu, load_rig("nit-rourkela"), targets=[this_machine()])
+    before = manifest(build(tmp_path / "before"))["guid"]
+    monkeypatch.setattr("build_fmu.ROTOR_MEANING", "another rotor")
+    assert manifest(build(tmp_path / "after"))["guid"] != before
 
 
 def test_the_same_sources_give_the_same_guid_and_other_numbers_another(tmp_path, larger_disks):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from gap.audit.noise import CREDIBLE
 from gap.likelihood import Fit, Observed, Problem
 from rotor.structure import ComplexArray, FloatArray
 
@@ -25,6 +26,7 @@ class Adequacy:
     scale: float  # true over believed standard error, from differences of neighbouring lines
     misfit: float  # mean square of the residuals over that of their noise; 1: nothing is left
     correlation: float  # of neighbouring lines' residuals, in its standard errors
+    spread: float  # of the misfit where noise alone is left: its standard deviation
 
 
 def whitened(observed: Observed, model: ComplexArray) -> ComplexArray:
@@ -36,7 +38,7 @@ def whitened(observed: Observed, model: ComplexArray) -> ComplexArray:
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:
     """Compare a fit's residuals with the noise under them."""
-    scatter, bends, squares, products, variance, n = 0.0, 0, 0.0, 0.0, 0.0, 0
+    scatter, bends, squares, products, variance, n, reals = 0.0, 0, 0.0, 0.0, 0.0, 0, 0
     for observed, model in zip(problem.observed, problem.predict(fit), strict=True):
         z = whitened(observed, model)
         real = observed.run.magnitude_only
@@ -48,15 +50,17 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         size = float(np.nansum(np.abs(z) ** 2)) / parts
         squares += size
         n += int(np.isfinite(z).sum())
+        reals += parts * int(np.isfinite(z).sum())
         variance += float(np.isfinite(z).sum()) / parts  # of the products' sum, where residuals are independent
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
-    scale2 = scatter / bends if bends else 1.0
+    scale2 = float(np.clip(scatter / bends, *np.square(CREDIBLE))) if bends else 1.0
     surely = 1.0 if abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2
-    dof = max(n - len(fit.u) - 6, 1)
+    dof = max(n * (1 - (len(fit.u) + 6) / max(reals, 1)), 1.0)
     return Adequacy(
         scale=float(np.sqrt(scale2)),
         misfit=squares / dof / max(surely, 1e-30),
         correlation=products / max(squares, 1e-30) * n / np.sqrt(max(variance, 1.0)),
+        spread=float(np.sqrt(2 / max(reals, 1))),
     )
 
 

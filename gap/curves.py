@@ -19,7 +19,7 @@ class Curve:
     run: Run
     nominal: ComplexArray  # (n_freq, n_channels) recalibrated nominal model
     corrected: ComplexArray | None  # with the named effect
-    std: FloatArray  # (n_freq, n_channels) standard error used
+    std: FloatArray  # (n_freq, n_channels) standard error of what was measured, as believed
 
 
 def nrmse(measured: ComplexArray, model: ComplexArray) -> float:

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from gap import wording
 from gap.adequacy import Adequacy, judge
-from gap.audit import audit, believed_errors, without_wild_lines
+from gap.audit import audit, believed_errors, usable
 from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
 from gap.forward import TOLERANCES, Forward, nonlinear
@@ -46,6 +46,7 @@ from sim.campaign import Campaign, MeasurementError, Run
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
+ADEQUATE_SPREAD = 3.0  # the same of few values: beyond 1, in standard deviations of what noise alone leaves
 ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
 ADEQUATE_NONLINEAR = 1.5  # the same of a nonlinear candidate: see docs/diagnosis.md
 ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
@@ -155,7 +156,7 @@ def diagnose(
         from gap.peaks import diagnose_peaks
 
         return Outcome(diagnose_peaks(campaign, exclude, findings), ())
-    campaign = without_wild_lines(campaign)
+    campaign = usable(campaign)
     problem, nominal = prepared(campaign)
     clock.lap("recalibration")
     library = _Library(
@@ -245,6 +246,7 @@ def _differ_by_level(problem: Problem, fit: Fit) -> bool:
     if not runs:
         return False
     gain, numbers = problem.score(fit, settled=True).apart(runs)
+    gain /= _scale(judge(problem, fit)) ** 2
     return gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or not _adequate(problem, fit)
 
 
@@ -259,15 +261,19 @@ def _finished(
 ) -> list[Fit]:
     """Linear effects, best first, and pairs where no single one is adequate."""
     fits = list(found.fits) or [found.nominal]
-    if (
-        with_pairs
-        and found.fits
-        and not (_adequate(problem, found.best) and most_left(problem, found.best, hypotheses) < 2 * PAIR_GAIN)
-    ):
+    if with_pairs and found.fits and not _suffices(problem, found.best, hypotheses):
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
     problem.refine()
     return best_first([*all_polished(problem, fits[:POLISHED]), *fits[POLISHED:]])
+
+
+def _suffices(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> bool:
+    """Whether a single effect leaves noise, of which no second one takes away much."""
+    quality = judge(problem, fit)
+    if _excess(problem, fit, quality) >= 1:
+        return False
+    return most_left(problem, fit, hypotheses) < 2 * PAIR_GAIN * _scale(quality) ** 2
 
 
 def _amplitude_dependent(findings: Sequence[Finding]) -> bool:
@@ -293,8 +299,10 @@ def _with_pairs(
     twos = pairs(problem, found, hypotheses, progress)
     alone = [fit for pair in twos[:_TAKEN_APART] for fit in each_alone(problem, pair, hypotheses)]
     singles = {fit.hypothesis: fit for fit in sorted((*found.fits, *alone), key=lambda fit: fit.log_weight)}
-    best = max(fit.log_evidence() for fit in singles.values())
-    return best_first([*singles.values(), *(pair for pair in twos if pair.log_evidence() > best + PAIR_GAIN)])
+    scale = _scale(judge(problem, max([*singles.values(), *twos], key=lambda fit: fit.log_weight)))
+    best = max(fit.log_evidence(scale) for fit in singles.values())
+    earned = (pair for pair in twos if pair.log_evidence(scale) > best + PAIR_GAIN)
+    return best_first([*singles.values(), *earned])
 
 
 def _scale(quality: Adequacy) -> float:
@@ -325,7 +333,7 @@ def _excess(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     if nonlinear(fit.effects):
         return fit.chi2 / fit.n_data / min(_scale(quality), MOST_SCALE) ** 2 / ADEQUATE_NONLINEAR
     return max(
-        (quality.misfit - 1) / (ADEQUATE_MISFIT - 1),
+        (quality.misfit - 1) / max(ADEQUATE_MISFIT - 1, ADEQUATE_SPREAD * quality.spread),
         quality.correlation / ADEQUATE_CORRELATION,
         nuisance_size(problem, fit) / ADEQUATE_NUISANCE,
         0.0,
@@ -385,12 +393,11 @@ def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, standing: _Standin
 
 
 def _by_name(ranked: _Ranked) -> dict[tuple[str, ...], float]:
-    """Probability of each set of effects, its places together; most probable first."""
+    """Probability of each set of effects, its places together."""
     total: dict[tuple[str, ...], float] = {}
     for fit, probability in zip(ranked.fits, ranked.probabilities, strict=True):
-        name = tuple(sorted(fit.hypothesis.ids))
-        total[name] = total.get(name, 0.0) + probability
-    return dict(sorted(total.items(), key=lambda item: -item[1]))
+        total[_name(fit)] = total.get(_name(fit), 0.0) + probability
+    return total
 
 
 # -- putting it together ---------------------------------------------------------------------------
@@ -424,12 +431,12 @@ def _report(
         shrink = measure_shrink(problem, nominal, ranked.fits[0], scale, confirm)
         clock.lap("held out")
     equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
-    rivals = [next(f for f in ranked.fits if sorted(f.hypothesis.ids) == sorted(c.effects)) for c in equivalent]
+    rivals = _rivals(ranked, causes, verdict, equivalent)
     curves = tuple(
-        Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.std)
+        Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.error)
         for o, H0, H1 in zip(problem.observed, believed, corrected, strict=True)
     )
-    gap = float(np.mean([nrmse(np.nan_to_num(c.run.H), _like(c.run, c.nominal)) for c in curves]))
+    gap = float(np.mean([nrmse(c.run.H, _like(c.run, c.nominal)) for c in curves]))
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
@@ -458,6 +465,15 @@ def _report(
     return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
 
 
+def _rivals(ranked: _Ranked, causes: Sequence[Cause], verdict: Verdict, equivalent: Sequence[Cause]) -> list[Fit]:
+    """What the next test should tell apart: causes, or else the places of the one that is named."""
+    if equivalent:
+        return [next(fit for fit in ranked.fits if _name(fit) == tuple(sorted(c.effects))) for c in equivalent]
+    if verdict == "cause" and causes[0].place_probability < SURE:
+        return [fit for fit, _ in _places_of(ranked, tuple(sorted(causes[0].effects)))]
+    return []
+
+
 def _like(run: Run, model: ComplexArray) -> ComplexArray:
     return np.abs(model) if run.magnitude_only else model
 
@@ -475,13 +491,27 @@ def _causes(problem: Problem, ranked: _Ranked, scale: float, known: float) -> tu
     ----------
     known : probability that it is a known effect, or none, at all
     """
-    names, seen, causes = _by_name(ranked), set(), []
-    for fit in ranked.fits:
-        name = tuple(sorted(fit.hypothesis.ids))
-        if name not in seen:
-            seen.add(name)
-            causes.append(_cause(problem, fit, known * names[name], scale))
+    causes, totals = [], _by_name(ranked)
+    for name in dict.fromkeys(map(_name, ranked.fits)):
+        total = totals[name]
+        first, *others = (
+            (_cause(problem, fit, known * total, scale), probability / total if total else 1.0)
+            for fit, probability in _places_of(ranked, name)
+        )
+        places = tuple(cause.locations for cause, _ in others)
+        causes.append(replace(first[0], place_probability=first[1], other_places=places))
     return tuple(causes)
+
+
+def _places_of(ranked: _Ranked, name: tuple[str, ...]) -> list[tuple[Fit, float]]:
+    """Fits of these effects at the fewest places, of at most three, that hold nearly all of their probability."""
+    every = [pair for pair in zip(ranked.fits, ranked.probabilities, strict=True) if _name(pair[0]) == name]
+    reached = np.cumsum([probability for _, probability in every]) / max(sum(p for _, p in every), 1e-300)
+    return every[: min(int(np.searchsorted(reached, ANSWERED)) + 1, AT_MOST)]
+
+
+def _name(fit: Fit) -> tuple[str, ...]:
+    return tuple(sorted(fit.hypothesis.ids))
 
 
 def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:

@@ -53,6 +53,8 @@ class Cause:
     locations: tuple[Location, ...] = ()  # of every effect
     places: dict[str, float] = field(default_factory=dict)  # "<effect>.<place>": node or position
     at_prior_edge: tuple[str, ...] = ()  # parameters at the end of their prior range
+    place_probability: float = 1.0  # of these places, where these effects are the cause
+    other_places: tuple[tuple[Location, ...], ...] = ()  # of every effect, where they may be as well; best first
 
 
 @dataclass(frozen=True)

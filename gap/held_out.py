@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gap.curves import SILENT
+from gap.curves import nrmse
 from gap.diagnosis import Shrink
 from gap.forward import acting, nonlinear
 from gap.likelihood import Fit, Observed, Problem
 from gap.nonlinear import BoolArray
 from gap.transfer import transfer_interval
 from rotor.effects import Effect
-from rotor.structure import ComplexArray, FloatArray
+from rotor.structure import ComplexArray
 from sim.campaign import Run
 
 # Measures a run with effects and k_b on the virtual rig: (runs, effects, k_b) -> responses, and what measured.
@@ -46,13 +46,12 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     )
     without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(0.0,))
     with_it = training.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
-    before = problem.bare(without)
+    before = problem.bare(without)  # strained drifts would follow any gap between the lines that they were fitted to
     after = problem.predict(with_it)
     model_after, verified = after, "model"
     if confirm is not None:
         after, masks, verified = _measured(problem, with_it, after, masks, confirm)
-    table = _table(problem, masks, before, after, scale)
-    numbers = _figures(table, np.arange(len(table)))
+    numbers = _figures(problem, masks, before, after, scale)
     return Shrink(
         held_out=f"every second of {_BLOCKS} stretches of lines of every run (interpolation)",
         before=numbers[0],
@@ -62,7 +61,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
         explainable=_explainable(numbers),
         ci90=transfer_interval(problem, nominal, best, scale),
         verified_by=verified,  # type: ignore[arg-type]
-        after_model=_figures(_table(problem, masks, before, model_after, scale), np.arange(len(table)))[1],
+        after_model=_figures(problem, masks, before, model_after, scale)[1],
     )
 
 
@@ -114,34 +113,23 @@ def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
     return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
 
 
-def _table(problem: Problem, masks, before, after, scale: float) -> FloatArray:
-    """(n_stretches, n_run_channels, 4) sums: |H|^2, squared errors before, after, noise."""
-    rows: list[FloatArray] = []
-    width = sum(len(run.channels) for run in problem.runs)
-    at = 0
+def _figures(
+    problem: Problem,
+    masks: Sequence[BoolArray],
+    before: Sequence[ComplexArray],
+    after: Sequence[ComplexArray],
+    scale: float,
+) -> tuple[float, float, float]:
+    """Gaps before, after and of the noise on the lines of the masks, averaged over runs."""
+    rows = []
     for observed, mask, H0, H1 in zip(problem.observed, masks, before, after, strict=True):
-        run, n = observed.run, len(mask)
-        y = np.nan_to_num(run.H)
-        a, b = (np.abs(H0), np.abs(H1)) if run.magnitude_only else (H0, H1)
-        valid = observed.valid & mask[:, None]
-        sizes = (y, y - a, y - b, scale * observed.error)
-        values = np.stack([np.abs(each) ** 2 for each in sizes], axis=2)
-        values = np.where(valid[:, :, None], values, 0.0)
-        place = np.arange(n) * _BLOCKS // n
-        for block in range(1, _BLOCKS, 2):
-            row = np.zeros((width, 4))
-            row[at : at + len(run.channels)] = values[place == block].sum(axis=0)
-            rows.append(row)
-        at += len(run.channels)
-    return np.array(rows)
-
-
-def _figures(table: FloatArray, rows) -> tuple[float, float, float]:
-    """NRMSE before, after and of the noise, averaged over channels that move."""
-    sums = table[rows].sum(axis=0)
-    size = np.sqrt(sums[:, 0])
-    moving = size > SILENT * size.max(initial=0.0)
-    return tuple(float(np.mean(np.sqrt(sums[moving, k]) / size[moving])) for k in (1, 2, 3))  # type: ignore[return-value]
+        lines = observed.valid & mask[:, None]
+        measured = np.where(lines, observed.run.H, np.nan)
+        a, b = (np.abs(H0), np.abs(H1)) if observed.run.magnitude_only else (H0, H1)
+        noise = np.where(lines, scale * observed.error, 0.0)
+        rows.append([nrmse(measured, model) for model in (a, b, measured + noise)])
+    gap_before, gap_after, floor = np.nanmean(rows, axis=0) if np.isfinite(rows).any() else np.full(3, np.nan)
+    return float(gap_before), float(gap_after), float(floor)
 
 
 def _explainable(figures: tuple[float, float, float]) -> float:

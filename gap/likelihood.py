@@ -137,6 +137,7 @@ class Fit:
     n_data: int
     prior_std: FloatArray  # of the nuisances
     with_k_b: bool
+    added: float = 0.0  # relative error beside the data's own that it was fitted with at last
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -351,16 +352,28 @@ class Problem:
         Parameters
         ----------
         u : (1 + n_free,) start
-        nu : nuisances to start from, default none
+        nu : nuisances to start from, default none but the scale of an arbitrary unit
         anneal : relative errors that are added in turn; the last one should be zero
         steps : at each of them, at most
         """
-        nu = np.zeros(self.nuisances.n) if nu is None else nu.copy()
         u = u.copy()
+        nu = self._unit(hypothesis, u) if nu is None else nu.copy()
         for added in anneal:
             u, nu, chi2, penalty, precision = self._descend(hypothesis, u, nu, added, steps)
         n = sum(o.n_values for o in self.observed)
-        return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b)
+        return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b, anneal[-1])
+
+    def _unit(self, hypothesis: Hypothesis, u: FloatArray) -> FloatArray:
+        """(n_nuisances,) nuisances at a start: none, but for the gain of a run whose unit is arbitrary."""
+        nu = np.zeros(self.nuisances.n)
+        for r, modal in enumerate(self.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))):
+            observed = self.observed[r]
+            if observed.run.quantity == "acceleration":
+                size, model = np.abs(np.nan_to_num(observed.run.H)), np.abs(modal.response())
+                usable = observed.valid & (size > 0) & (model > 0)
+                if usable.any():
+                    nu[self.nuisances.gain.start + r] = np.median(np.log(size[usable] / model[usable]))
+        return nu
 
     def try_fit(
         self, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, *, anneal: Sequence[float], steps: int
@@ -425,17 +438,17 @@ class Problem:
         total = float(np.sum((nu / self.nuisances.std) ** 2))
         for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
             H = modal.response(*self.nuisances.of_run(nu, r)) * self.nuisances.gains(nu, r, modal)
-            total += float(misfit(observed, H, self._total_error(added)))
+            total += float(misfit(observed, H, self.total_error(added)))
         return total if np.isfinite(total) else np.inf
 
     def costs(self, fit: Fit, changes: Sequence[ComplexArray], added: float) -> FloatArray:
         """(k,) ``cost`` of a fit whose prediction changes, of every run (k, n_freq, n_channels)."""
         total = np.full(len(changes[0]), float(np.sum((fit.nu / self.nuisances.std) ** 2)))
         for observed, H, change in zip(self.observed, self.predict(fit), changes, strict=True):
-            total += misfit(observed, H + change, self._total_error(added))
+            total += misfit(observed, H + change, self.total_error(added))
         return total
 
-    def _total_error(self, added: float) -> float:
+    def total_error(self, added: float) -> float:
         """A relative error of the data besides their own, with the model's."""
         return float(np.hypot(added, self.model_error))
 
@@ -449,7 +462,7 @@ class Problem:
         n = len(u) + self.nuisances.n
         chi2, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
         for r in range(len(self.runs)):
-            residual, J, where = self._slopes(r, modals[r], moved, nu, self._total_error(added))
+            residual, J, where = self._slopes(r, modals[r], moved, nu, self.total_error(added))
             chi2 += float(residual @ residual)
             gradient[where] += J @ residual
             hessian[np.ix_(where, where)] += J @ J.T
@@ -514,7 +527,8 @@ class Problem:
         """What one more number could gain beside a fit, or, ``settled``, beside the minimum next to it; first order."""
         modals = self.modals(fit.k_b, fit.effects)
         moved = [self._moved(fit.hypothesis, fit.u, j) for j in range(len(fit.u))]
-        parts = [self._slopes(r, modals[r], moved, fit.nu, self.model_error) for r in range(len(self.runs))]
+        error = self.total_error(fit.added)
+        parts = [self._slopes(r, modals[r], moved, fit.nu, error) for r in range(len(self.runs))]
         return Score(self, fit, parts, settled)
 
     def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal | NonlinearModal]]:
@@ -536,6 +550,8 @@ class Problem:
 class Score:
     """Rao's score test beside a fit: how much of the misfit a small effect explains, the fit's numbers refitted.
 
+    Of a rough fit it is the misfit with the relative error that it was fitted with.
+
     A fit stops short of its minimum, and along a direction that an effect shares with the nuisances what is left there
     passes for the effect's. Settled, slopes are those at the minimum, to first order (the efficient score): right where
     the fit is good, and misleading where it is so bad that its minimum lies elsewhere.
@@ -551,7 +567,7 @@ class Score:
         self._problem, self.fit, self._parts = problem, fit, parts
         self._model = problem.predict(fit)
         self._weights = [
-            _weighted(observed, H, problem.model_error)[0]
+            _weighted(observed, H, problem.total_error(fit.added))[0]
             for observed, H in zip(problem.observed, self._model, strict=True)
         ]
         self._covariance = fit.covariance()

@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Sequence
 
 from gap.diagnosis import Cause, Diagnosis, Location, NextTest, Verdict
+from gap.hypotheses import SURE
 from rotor.effects.library import EFFECTS
 from rotor.rig import Rig, load_rig
 from sim.campaign import Campaign, Run
@@ -29,12 +30,16 @@ def place(location: Location) -> str:
 
 
 def named(cause: Cause) -> str:
-    """Effects of a cause, each with its place."""
+    """Effects of a cause, each with its place, and where else they may be if that is not sure."""
     locations = cause.locations or (cause.location,)
-    return " and ".join(
+    words = " and ".join(
         f"{EFFECTS[effect].title.lower()} {place(where)}".strip()
         for effect, where in zip(cause.effects, locations, strict=False)
     )
+    if cause.place_probability >= SURE or not cause.other_places:
+        return words
+    others = ", or ".join(" and ".join(map(place, each)) for each in cause.other_places)
+    return f"{words} (or {others})"
 
 
 def sentence(diagnosis: Diagnosis) -> str:

@@ -111,7 +111,7 @@ def first_choice(curves: Sequence[Curve]) -> tuple[int, int]:
     place = int(np.argmax([gap if finite(gap) else -1.0 for gap in gaps]))
     run = curves[place].run
     point = Channel(run.excitation_node, run.excitation_plane)
-    largest = int(np.argmax(np.abs(run.H).max(axis=0)))
+    largest = int(np.argmax(np.nan_to_num(np.abs(run.H)).max(axis=0)))
     return place, run.channels.index(point) if point in run.channels else largest
 
 
@@ -260,9 +260,9 @@ def _inside(run: Run, band: Band) -> np.ndarray:
 
 def _cells(run: Run, error: ComplexArray | FloatArray, inside: np.ndarray) -> FloatArray:
     """(n_channels,) of one band; nan for channels that hardly move and for a band without lines."""
-    whole = np.sum(np.abs(run.H) ** 2, axis=0)  # (n_channels,)
-    size = np.sum(np.abs(run.H[inside]) ** 2, axis=0)
-    wrong = np.sum(np.abs(error[inside]) ** 2, axis=0)
+    whole = np.nansum(np.abs(run.H) ** 2, axis=0)  # (n_channels,)
+    size = np.nansum(np.abs(run.H[inside]) ** 2, axis=0)
+    wrong = np.nansum(np.abs(error[inside]) ** 2, axis=0)
     usable = (whole > SILENT**2 * whole.max(initial=0.0)) & (size > 0)
     return np.sqrt(np.divide(wrong, size, out=np.full(len(size), np.nan), where=usable))
 

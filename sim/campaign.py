@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -69,6 +70,17 @@ class Run:
         """The same run on some of its lines, without harmonics."""
         std = None if self.std is None else self.std[lines]
         return replace(self, frequency_hz=self.frequency_hz[lines], H=self.H[lines], std=std, harmonics={})
+
+    def with_channels(self, places: Sequence[int]) -> Run:
+        """The same run with some of its channels, by their places."""
+        some = list(places)
+        return replace(
+            self,
+            H=self.H[:, some],
+            channels=tuple(self.channels[i] for i in some),
+            std=None if self.std is None else self.std[:, some],
+            harmonics={order: harmonic[:, some] for order, harmonic in self.harmonics.items()},
+        )
 
     def channel(self, node: int, plane: Plane = "y") -> ComplexArray:
         """(n_freq,) response of one channel. Raises MeasurementError when it was not measured."""

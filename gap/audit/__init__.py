@@ -18,6 +18,7 @@ module           what it looks at                                               
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from gap.audit.one_run import (
     check_raster,
     check_saturation,
     check_sweep_rate,
+    without_dead_channels,
 )
 from gap.audit.pairs import check_pairs
 from gap.audit.phase import check_delay, check_sign, find_delays
@@ -39,7 +41,7 @@ from gap.audit.wild import check_wild_lines, tamed, without_wild_lines
 from gap.diagnosis import Finding
 from sim.campaign import Campaign, NominalBelief
 
-__all__ = ["NoiseEstimate", "audit", "believed_errors", "estimate_noise", "without_wild_lines"]
+__all__ = ["NoiseEstimate", "audit", "believed_errors", "estimate_noise", "usable"]
 
 
 def audit(campaign: Campaign) -> tuple[Finding, ...]:
@@ -59,6 +61,13 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
         findings += check_pairs(runs, campaign.nominal)
         findings += check_coverage(campaign, runs, geometry)
     return tuple(findings)
+
+
+def usable(campaign: Campaign) -> Campaign:
+    """The campaign as it is diagnosed: without wild lines and dead channels."""
+    geometry = geometry_of(campaign.rig)
+    runs = (without_dead_channels(run, geometry) for run in without_wild_lines(campaign).runs)
+    return replace(campaign, runs=tuple(runs))
 
 
 def _as_measured(p: Prepared, left: Prepared) -> Iterator[Finding]:

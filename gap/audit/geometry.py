@@ -39,6 +39,11 @@ class Geometry:
         """Number of nodes, None where the rig is not known."""
         return None if self.structure is None else self.structure.n_nodes
 
+    @property
+    def nodes(self) -> frozenset[int]:
+        """Numbers of all nodes; none where the rig is not known."""
+        return frozenset(range(1, (self.n_nodes or 0) + 1))
+
     def low_response(self, run: Run) -> tuple[FloatArray, FloatArray] | None:
         """Sign of the receptance below the first resonance, and the first resonance at the stiffest.
 

@@ -22,8 +22,11 @@ from scipy.optimize import nnls
 from gap.curves import SILENT
 from sim.campaign import FloatArray, Run
 
-# Neighbouring lines in one local fit. A magnitude's fit has more unknowns.
-_WINDOW, _WINDOW_MAGNITUDE = 9, 11
+# Neighbouring lines in one local fit, and in a narrow one. A magnitude's fit has more unknowns.
+_WINDOW, _WINDOW_MAGNITUDE = (9, 6), (11, 8)
+
+# Scatter about wide fits over that about narrow ones from which it is no noise: a window holds more than one resonance.
+_UNRESOLVED = 1.6
 
 # Degrees of numerator and denominator.
 _DEGREES, _DEGREES_MAGNITUDE = (2, 1), (3, 2)
@@ -47,7 +50,7 @@ _GROUP, _GROUPS = 25, 8
 
 
 # Scatter of a run's lines over the given errors: outside, all of them are scaled.
-_CREDIBLE = (0.5, 2.0)
+CREDIBLE = (0.5, 2.0)
 
 # The same of one value, then: from there on its scatter is taken, where more than this share of the values has it.
 # Two lines in a sharp resonance, and channels that hardly move, may.
@@ -58,6 +61,9 @@ ROUGH_ERRORS = 0.07
 
 # Where nothing is known of the noise, its share of the response: what a careful laboratory reaches.
 USUAL_NOISE = 0.01
+
+# Where lines lie too far apart to tell it, its share at most.
+_MOST_NOISE = 3 * USUAL_NOISE
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,7 @@ class NoiseEstimate:
     std: FloatArray  # (n_freq, n_channels) sqrt(E|error|^2), unit of H
     draws: FloatArray  # (n_freq, n_channels) |residual| of each line, freed of its leverage, unit of H
     uncertainty: float  # relative standard error of ``relative`` [-]; inf where nothing is known
+    resolved: bool = True  # whether lines lie close enough; else the estimate is more than the noise
 
 
 def estimate_noise(run: Run) -> NoiseEstimate:
@@ -97,14 +104,31 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         return NoiseEstimate(relative, std, draws, math.inf)
     with np.errstate(all="ignore"):
         H_live = H[np.ix_(lines, live)]
-        found = _residuals(run.frequency_hz[lines], H_live, run.magnitude_only)  # (n, n_live)
-        size = np.abs(H_live)
-        parts = [_two_parts(s, d, run.magnitude_only) for s, d in zip(size.T, found.T, strict=True)]
-        draws[np.ix_(lines, live)] = found
-        a, floor = np.array(parts).T
-        std[:, live] = np.sqrt((a * np.abs(H[:, live])) ** 2 + floor**2)
-        relative[live] = np.median(np.hypot(a, floor / np.maximum(size, np.finfo(float).tiny)), axis=0)
-    return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n))
+        windows = _WINDOW_MAGNITUDE if run.magnitude_only else _WINDOW
+        wide, narrow = (_scatter(run.frequency_hz[lines], H_live, run.magnitude_only, window) for window in windows)
+        resolved = not np.median(wide.relative / narrow.relative) > _UNRESOLVED
+        found = wide if resolved else narrow
+        draws[np.ix_(lines, live)] = found.draws
+        std[:, live] = np.sqrt((found.share * np.abs(H[:, live])) ** 2 + found.floor**2)
+        relative[live] = found.relative
+    return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved)
+
+
+@dataclass(frozen=True)
+class _Scatter:
+    """Scatter of live channels about local fits."""
+
+    draws: FloatArray  # (n, n_live)
+    share: FloatArray  # (n_live,) of the response
+    floor: FloatArray  # (n_live,) unit of the response
+    relative: FloatArray  # (n_live,) median of both together
+
+
+def _scatter(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window: int) -> _Scatter:
+    draws, size = _residuals(frequency_hz, H, magnitude, window), np.abs(H)
+    share, floor = np.array([_two_parts(s, d, magnitude) for s, d in zip(size.T, draws.T, strict=True)]).T
+    relative = np.median(np.hypot(share, floor / np.maximum(size, np.finfo(float).tiny)), axis=0)
+    return _Scatter(draws, share, floor, relative)
 
 
 @dataclass(frozen=True)
@@ -135,7 +159,7 @@ def weigh_errors(given: FloatArray, own: FloatArray, H: np.ndarray) -> GivenErro
     """Compare given standard errors with the scatter ``own``, all (n_freq, n_channels)."""
     there = np.isfinite(own) & np.isfinite(given) & (given > 0) & (np.abs(H) > 0)
     ratio = float(np.median(own[there] / given[there])) if there.any() else 1.0
-    low, high = _CREDIBLE
+    low, high = CREDIBLE
     std = given if low < ratio < high else ratio * given
     with np.errstate(all="ignore"):
         steps = np.abs(np.diff(np.log(std / own), axis=0))
@@ -155,11 +179,15 @@ def believed_errors(run: Run) -> FloatArray:
     Where none are given, the scatter, or what a careful laboratory reaches where the lines are too few to show any.
     Errors that are wrong by a factor are scaled as a whole. Values with far too small an error get their scatter. It is
     taken throughout where other values have far too large a one, as when one error stands for all lines of a channel;
-    and where the errors scatter themselves, as those from few repeats do.
+    and where the errors scatter themselves, as those from few repeats do. Lines too far apart contradict nothing.
     """
-    own = of_complex(estimate_noise(run).std, run)
+    noise = estimate_noise(run)
+    own = of_complex(noise.std, run)
     if run.std is None:
+        own = own if noise.resolved else np.minimum(own, _MOST_NOISE * np.abs(run.H))
         return own if np.isfinite(own).any() else USUAL_NOISE * np.abs(run.H)
+    if not noise.resolved:
+        return run.std
     given = weigh_errors(run.std, own, run.H)
     if not (given.rough or given.uneven):
         return given.std
@@ -204,10 +232,10 @@ def mean_square(squares: FloatArray, *, magnitude: bool = False) -> float:
     return float(kept.mean()) / share
 
 
-def _residuals(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool) -> FloatArray:
+def _residuals(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window: int) -> FloatArray:
     """(n_freq, n_channels) |residual| of every line, freed of its leverage; nan where the leverage is too high."""
     Y = np.abs(H) ** 2 if magnitude else H
-    window, degrees = (_WINDOW_MAGNITUDE, _DEGREES_MAGNITUDE) if magnitude else (_WINDOW, _DEGREES)
+    degrees = _DEGREES_MAGNITUDE if magnitude else _DEGREES
     size = np.abs(Y)
     # A line in an antiresonance, a thousandth of the usual, must not rule its window.
     weight = 1 / np.maximum(size, 1e-3 * np.median(size, axis=0) + np.finfo(float).tiny)

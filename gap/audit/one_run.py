@@ -19,7 +19,7 @@ from gap.audit.noise import (
 from gap.audit.prepared import Prepared, Severity, listed
 from gap.audit.resonances import Resonance
 from gap.diagnosis import Finding
-from sim.campaign import NominalBelief
+from sim.campaign import ComplexArray, NominalBelief, Run
 
 # Lines inside a half-power band below which a peak's height and width hang on single lines: a mode has
 # three real unknowns at its peak (frequency, width, height).
@@ -37,6 +37,9 @@ NEGLIGIBLE_NOISE = 1e-4
 
 # A channel whose lines do not follow a smooth curve to this share carries noise, not the rotor.
 ONLY_NOISE = 0.4
+
+# So many lines may have the same value in a channel that is alive.
+_SAME_VALUES = 3
 
 # A sensor at a rigid support moves by less than this share of the largest response.
 RIGID_SHARE = 1e-2
@@ -148,9 +151,15 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
             "noise",
             "note",
             f"No standard errors are given; the lines scatter by {100 * level:.2g} % (median over channels), "
-            "which is taken as the noise.",
+            + (
+                "which is taken as the noise." if p.noise.resolved else "which is more than the noise: lay them closer."
+            ),
             level,
         )
+        return
+    if not p.noise.resolved:
+        words = "Lines lie too far apart to tell the noise; the given standard errors are believed as they are."
+        yield p.finding("noise", "note", words)
         return
     given = p.run.std[np.ix_(p.lines, p.live)]
     if not np.isfinite(given).all() or (given < 0).any():
@@ -253,6 +262,24 @@ def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
         )
 
 
+def without_dead_channels(run: Run, geometry: Geometry) -> Run:
+    """A run without channels that say nothing: no number, zero along the force where the shaft moves, or one value.
+
+    Across the force a round rotor stands still. A run that would lose all of its channels is left as it is.
+    """
+    held, H = geometry.held_nodes(run), responses(run)
+    moving = [c.plane == run.excitation_plane and c.node in geometry.nodes - held for c in run.channels]
+    kept = [i for i, moves in enumerate(moving) if _is_alive(H[:, i], not moves)]
+    return run.with_channels(kept) if 0 < len(kept) < len(run.channels) else run
+
+
+def _is_alive(H: ComplexArray, may_be_zero: bool) -> bool:
+    there = H[np.isfinite(H)]
+    if not there.any():
+        return len(there) > 0 and may_be_zero
+    return len(there) <= _SAME_VALUES or not (there == there[0]).all()
+
+
 def _channel_problem(
     p: Prepared, i: int, held: bool, usual: float
 ) -> tuple[Severity, str, float | None, float | None] | None:
@@ -271,7 +298,7 @@ def _channel_problem(
             0.0,
             None,
         )
-    if len(size) > 3 and (H[finite] == H[finite][0]).all():
+    if not _is_alive(H, held):
         return "error", f"Channel {name} has the same value at every line: a dead channel; check the sensor.", 0.0, None
     share = float(np.median(size)) / usual if usual else 1.0
     relative = float(p.noise.relative[i])

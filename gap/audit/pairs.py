@@ -76,9 +76,10 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
     gains = np.array([np.nanmedian(L[:, c].real) for c in known])  # (n_known,)
     if not len(known):
         return None
-    gain, phase = float(np.median(gains)), float(np.nanmedian(L.imag))
+    gain, phase = float(np.median(gains)), _median_angle(L.imag)
     odd = int(np.argmax(np.abs(gains - gain)))
-    z = np.abs(L[:, known] - gains - 1j * phase)
+    turned = np.angle(np.exp(1j * (L[:, known].imag - phase)))  # an inverted sensor lies at both ends of a circle
+    z = np.hypot(L[:, known].real - gains, turned)
     magnitude = a.run.magnitude_only or b.run.magnitude_only
     relative = np.sqrt(mean_square((z / sigma[:, known]).ravel() ** 2, magnitude=magnitude))
     typical = float(np.sqrt(np.mean(sigma[use] ** 2)))
@@ -91,6 +92,12 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
         expected=typical,
         lines=int(np.count_nonzero(far)),
     )
+
+
+def _median_angle(angles: np.ndarray) -> float:
+    """The median of angles [rad] about their mean direction; nan where there is none."""
+    mean = np.angle(np.nansum(np.exp(1j * angles)))
+    return float(np.angle(np.exp(1j * (mean + np.nanmedian(np.angle(np.exp(1j * (angles - mean))))))))
 
 
 def _log_ratio(A: np.ndarray, B: np.ndarray) -> np.ndarray:

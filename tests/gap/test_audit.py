@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from gap.audit import audit, believed_errors, estimate_noise, without_wild_lines
+from gap.audit import audit, believed_errors, estimate_noise
 from gap.audit.noise import mean_square
 from gap.audit.prepared import Prepared
-from gap.audit.wild import wild_lines
+from gap.audit.wild import wild_lines, without_wild_lines
 from gap.diagnosis import Finding
 from rotor.assembly import assemble
 from rotor.condition import Condition

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,11 @@ from gap.adequacy import Adequacy, judge
 from gap.curves import nrmse
 from gap.diagnose import _equivalent, _excess, _not_ruled_out, _Ranked, _verdict, diagnose, prepared
 from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Location
-from gap.held_out import lines_to_measure
+from gap.held_out import _figures, lines_to_measure
 from gap.hypotheses import candidates
 from gap.predict import predict
-from rotor.effects import BearingCubic, CompliantRigidSupport
+from gap.search import recalibrate
+from rotor.effects import AttachedMass, BearingCubic, CompliantRigidSupport
 from rotor.effects.library import EFFECTS
 from sim.campaign import Channel, MeasurementError
 from tests.gap.conftest import (
@@ -211,7 +213,7 @@ def test_a_gap_on_rigid_supports_is_no_law_of_the_bearings():
 def test_a_misfit_that_scatters_is_still_a_misfit():
     """What a far nonlinear fit leaves at sharp resonances is no noise that its errors would have to be scaled by."""
     far = SimpleNamespace(effects=(BearingCubic(stiffness=1e15),), chi2=5000.0, n_data=1000)
-    quality = Adequacy(scale=30.0, misfit=5.0, correlation=0.0)
+    quality = Adequacy(scale=30.0, misfit=5.0, correlation=0.0, spread=0.03)
     assert _excess(None, far, quality) > 1  # type: ignore[arg-type]
     assert _excess(None, SimpleNamespace(**{**vars(far), "chi2": 1900.0}), quality) < 1  # type: ignore[arg-type]
 
@@ -341,3 +343,66 @@ def test_a_diagnosis_keeps_linear_algebra_on_one_thread(monkeypatch):
     with threadpool_limits(limits=2), pytest.raises(InterruptedError):
         diagnose(campaign_of())
     assert set(threads) == {1}
+
+
+def test_a_place_is_as_sure_as_the_data_make_it():
+    """Driven and read in the middle, a rotor that is its own mirror image does not tell left from right."""
+    runs = both_supports(AttachedMass(mass=0.2, node=3), excitation_node=4, channels=(Channel(4),))
+    found = diagnose(campaign_of(*runs), exclude=all_but("attached_mass")).diagnosis
+    cause = found.causes[0]
+    assert found.verdict == "cause"
+    assert cause.probability > 0.99
+    assert cause.place_probability == pytest.approx(0.5, abs=0.2)
+    assert {cause.location.node, *(each[0].node for each in cause.other_places)} == {3, 5}
+    assert "(or at node" in found.sentence
+    assert found.next_test is not None
+    assert "separates the candidates best" in found.next_test.words
+
+
+def test_a_dead_channel_is_left_out():
+    """Zero where the shaft moves is no measurement; zero where it is held is one."""
+    runs = [replace(run, H=np.where(np.array(run.channels) == Channel(5), 0.0, run.H)) for run in both_supports()]
+    found = diagnose(campaign_of(*runs), exclude=all_but("attached_mass", "sensor_gain"))
+    assert found.diagnosis.verdict == "no_gap"
+    for curve in found.curves:
+        assert Channel(5) not in curve.run.channels
+    assert Channel(1) in found.curves[0].run.channels
+    assert any("dead channel" in finding.words for finding in found.diagnosis.audit)
+
+
+@pytest.mark.parametrize("unit", [1e6, 1e-6])
+def test_an_arbitrary_unit_may_be_any(unit):
+    runs = [
+        replace(run, H=unit * run.H, std=unit * run.std, quantity="acceleration")
+        for run in both_supports(AttachedMass(mass=0.2, node=3))
+    ]
+    found = diagnose(campaign_of(*runs), exclude=all_but("attached_mass")).diagnosis
+    assert found.verdict == "cause"
+    assert found.causes[0].k_b is not None
+    assert_allclose(found.causes[0].k_b.value, K_B, rtol=0.01)
+
+
+@pytest.mark.parametrize("effects", [(), (AttachedMass(mass=0.1, node=3),)])
+@pytest.mark.parametrize("told", [True, False])
+def test_lines_far_apart_hide_no_gap_and_make_none(effects, told):
+    """A smooth curve does not follow resonances between lines 20 Hz apart; what it leaves is no noise."""
+    hz = np.arange(20.0, 401.0, 20.0)
+    runs = both_supports(*effects, frequency_hz=hz, channels=(Channel(2), Channel(4)))
+    runs = runs if told else tuple(replace(run, std=None) for run in runs)
+    found = diagnose(campaign_of(*runs), exclude=(*all_but("attached_mass"), "coarse_grid")).diagnosis
+    assert (found.verdict == "no_gap") == (not effects)
+
+
+def test_runs_in_other_units_count_alike():
+    """A run in m/N is as much of the gap as one in (m/s^2)/N."""
+    problem = problem_of(*both_supports(MASS))
+    masks = [np.ones(len(run.frequency_hz), dtype=bool) for run in problem.runs]
+    made = problem.predict(recalibrate(problem))
+    alike, *_ = _figures(problem, masks, made, made, 1.0)
+    units = (1.0, 1e-7)
+    pairs = list(zip(problem.observed, units, strict=True))
+    small: Any = SimpleNamespace(
+        observed=[replace(o, run=replace(o.run, H=s * o.run.H), std=s * o.std) for o, s in pairs]
+    )
+    scaled = [s * H for s, H in zip(units, made, strict=True)]
+    assert _figures(small, masks, scaled, scaled, 1.0)[0] == pytest.approx(alike)

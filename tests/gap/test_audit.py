@@ -209,6 +209,23 @@ def test_errors_that_are_wrong_from_line_to_line_give_way_to_the_scatter(given_f
     assert_array_equal(believed_errors(odd), estimate_noise(run).std)
 
 
+@pytest.mark.parametrize("step_hz", [15.0, 20.0, 30.0])
+def test_lines_that_lie_too_far_apart_contradict_no_standard_errors(step_hz):
+    """Two resonances between neighbouring lines are no noise."""
+    run = measure(BEARING, np.arange(20.0, 401.0, step_hz), noise=0.01)
+    assert not estimate_noise(run).resolved
+    assert_array_equal(believed_errors(run), run.std)
+    untold = believed_errors(replace(run, std=None))
+    assert np.all(untold <= 0.03 * np.abs(run.H) * (1 + 1e-12))
+    (finding,) = noted(audit(in_campaign(run)), "noise")
+    assert "too far apart" in finding.words
+
+
+@pytest.mark.parametrize("step_hz", [0.5, 2.0])
+def test_lines_that_lie_close_enough_tell_the_noise(step_hz):
+    assert estimate_noise(measure(BEARING, np.arange(20.0, 401.0, step_hz), noise=0.01)).resolved
+
+
 def test_errors_that_are_far_too_small_at_some_values_alone_give_way_there():
     run = measure(RIGID, noise=0.01)
     assert run.std is not None

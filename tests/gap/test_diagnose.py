@@ -382,7 +382,7 @@ def test_an_arbitrary_unit_may_be_any(unit):
     assert_allclose(found.causes[0].k_b.value, K_B, rtol=0.01)
 
 
-@pytest.mark.parametrize("effects", [(), (AttachedMass(mass=0.1, node=3),)])
+@pytest.mark.parametrize("effects", [(), (AttachedMass(mass=0.05, node=3),)])
 @pytest.mark.parametrize("told", [True, False])
 def test_lines_far_apart_hide_no_gap_and_make_none(effects, told):
     """A smooth curve does not follow resonances between lines 20 Hz apart; what it leaves is no noise."""

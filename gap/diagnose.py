@@ -572,8 +572,6 @@ def _regime(verdict: Verdict, causes: Sequence[Cause], findings: Sequence[Findin
     families = {EFFECTS[name].family for name in causes[0].effects}
     if "nonlinear" in families:
         return "amplitude_dependent"
-    if "spinning" in families:
-        return "spin_dependent"
     return "measurement_chain" if families == {"chain"} else "linear"
 
 

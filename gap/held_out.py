@@ -66,7 +66,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
 
 
 def _held_out(n: int) -> BoolArray:
-    return (np.arange(n) * _BLOCKS // n) % 2 == 1
+    return (np.arange(n) * min(_BLOCKS, n) // n) % 2 == 1
 
 
 def _measured(

@@ -49,7 +49,10 @@ def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -
         return (np.nan, np.nan)
     if nonlinear(best.effects):
         nodes, count = nodes[len(nodes) // 2 :][:1], _DRAWS_NONLINEAR
-    tests = [_Test(problem, nominal, best, node) for node in nodes]
+    try:
+        tests = [_Test(problem, nominal, best, node) for node in nodes]
+    except (ValueError, np.linalg.LinAlgError):  # of a nonlinear cause no line of the sweep may have a motion
+        return (np.nan, np.nan)
     draws = _draws(best, scale, rng, count)
     shrinks = [[test.shrink(u, nu) for u, nu in draws] for test in tests]
     known = [np.array(each)[np.isfinite(each)] for each in shrinks if np.isfinite(each).any()]

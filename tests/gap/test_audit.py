@@ -525,6 +525,16 @@ def test_reciprocity_holds_and_a_wrong_gain_or_sign_breaks_it():
     assert sign.severity == "error"
 
 
+def test_an_inverted_sensor_is_one_whatever_side_of_the_circle_its_noise_is_on():
+    """Phases near +pi and near -pi have a median near zero."""
+    few = np.linspace(20, 400, 60)
+    for seed in range(0, 40, 2):
+        one = measure(BEARING, few, seed=seed)
+        two = measure(replace(BEARING, excitation_node=5), few, seed=seed + 1)
+        (sign,) = troubles(audit(in_campaign(one, replace(two, H=-two.H))), "reciprocity")
+        assert sign.severity == "error"
+
+
 def test_a_resonance_that_moved_between_repeats_is_found():
     one, two = measure(BEARING), measure(BEARING, seed=1, drift=-2e-3)
     (found,) = troubles(audit(in_campaign(one, two)))

@@ -16,7 +16,7 @@ from gap.adequacy import Adequacy, judge
 from gap.curves import nrmse
 from gap.diagnose import _equivalent, _excess, _not_ruled_out, _Ranked, _verdict, diagnose, prepared
 from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Location
-from gap.held_out import _figures, lines_to_measure
+from gap.held_out import _figures, _held_out, lines_to_measure
 from gap.hypotheses import candidates
 from gap.predict import predict
 from gap.search import recalibrate
@@ -391,6 +391,13 @@ def test_lines_far_apart_hide_no_gap_and_make_none(effects, told):
     runs = runs if told else tuple(replace(run, std=None) for run in runs)
     found = diagnose(campaign_of(*runs), exclude=(*all_but("attached_mass"), "coarse_grid")).diagnosis
     assert (found.verdict == "no_gap") == (not effects)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 9, 10, 12, 280])
+def test_of_any_run_of_some_lines_some_are_held_out(n):
+    held = _held_out(n)
+    assert len(held) == n
+    assert 0.2 * n <= held.sum() <= 0.6 * n
 
 
 def test_runs_in_other_units_count_alike():

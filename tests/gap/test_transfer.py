@@ -35,6 +35,14 @@ def test_what_is_left_of_the_gap_is_stretched_both_ways(heavy, monkeypatch):
     assert (1 - low) / (1 - high) == pytest.approx(1.2**2)
 
 
+def test_a_model_without_any_motion_there_has_no_interval(heavy, monkeypatch):
+    def no_motion(*_):
+        raise ValueError("no line has a motion")
+
+    monkeypatch.setattr(gap.transfer, "_Test", no_motion)
+    assert np.isnan(transfer_interval(*heavy, 1.0)).all()
+
+
 def test_no_node_left_to_drive_has_no_interval(heavy, monkeypatch):
     monkeypatch.setattr(gap.transfer, "_other_nodes", lambda problem: [])
     assert np.isnan(transfer_interval(*heavy, 1.0)).all()

@@ -50,6 +50,11 @@ def sentence(diagnosis: Diagnosis) -> str:
         return "The data are too few to tell one cause from another."
     if diagnosis.verdict == "unknown":
         return "There is a gap, and none of the known effects explains it" + _acts_like(diagnosis)
+    if diagnosis.causes[0].location.kind == "raster":
+        surely = _percent(diagnosis.causes[0].probability)
+        return (
+            f"Model and measurement agree line by line, but the lines are too far apart to show the peaks ({surely})."
+        )
     shrink = diagnosis.shrink
     tail = f": it takes away {_percent(shrink.explainable)} of the gap that can be explained." if shrink else "."
     first = named(diagnosis.causes[0])

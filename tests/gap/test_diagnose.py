@@ -413,3 +413,13 @@ def test_runs_in_other_units_count_alike():
     )
     scaled = [s * H for s, H in zip(units, made, strict=True)]
     assert _figures(small, masks, scaled, scaled, 1.0)[0] == pytest.approx(alike)
+
+
+def test_a_raster_that_is_too_coarse_is_named_in_its_own_words():
+    runs = both_supports(frequency_hz=np.arange(20.0, 401.0, 2.0), channels=(Channel(2), Channel(4)))
+    found = diagnose(
+        campaign_of(*runs), exclude=[name for name in EFFECTS if name not in ("attached_mass", "coarse_grid")]
+    )
+    assert found.diagnosis.causes[0].effects == ("coarse_grid",)
+    assert found.diagnosis.verdict == "cause"
+    assert "agree line by line" in found.diagnosis.sentence

@@ -41,8 +41,8 @@ from gap.where import locate
 from rotor.assembly import assemble
 from rotor.effects.library import EFFECTS
 from rotor.rig import load_rig
-from rotor.structure import ComplexArray, Structure
-from sim.campaign import Campaign, MeasurementError, Run
+from rotor.structure import Structure
+from sim.campaign import Campaign, MeasurementError
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
@@ -436,7 +436,7 @@ def _report(
         Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.error)
         for o, H0, H1 in zip(problem.observed, believed, corrected, strict=True)
     )
-    gap = float(np.mean([nrmse(c.run.H, _like(c.run, c.nominal)) for c in curves]))
+    gap = float(np.mean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]))
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
@@ -472,10 +472,6 @@ def _rivals(ranked: _Ranked, causes: Sequence[Cause], verdict: Verdict, equivale
     if verdict == "cause" and causes[0].place_probability < SURE:
         return [fit for fit, _ in _places_of(ranked, tuple(sorted(causes[0].effects)))]
     return []
-
-
-def _like(run: Run, model: ComplexArray) -> ComplexArray:
-    return np.abs(model) if run.magnitude_only else model
 
 
 def _k_b(problem: Problem, fit: Fit, scale: float) -> Estimate | None:

@@ -125,9 +125,8 @@ def _figures(
     for observed, mask, H0, H1 in zip(problem.observed, masks, before, after, strict=True):
         lines = observed.valid & mask[:, None]
         measured = np.where(lines, observed.run.H, np.nan)
-        a, b = (np.abs(H0), np.abs(H1)) if observed.run.magnitude_only else (H0, H1)
         noise = np.where(lines, scale * observed.error, 0.0)
-        rows.append([nrmse(measured, model) for model in (a, b, measured + noise)])
+        rows.append([nrmse(measured, model) for model in (*map(observed.run.as_recorded, (H0, H1)), measured + noise)])
     gap_before, gap_after, floor = np.nanmean(rows, axis=0) if np.isfinite(rows).any() else np.full(3, np.nan)
     return float(gap_before), float(gap_after), float(floor)
 

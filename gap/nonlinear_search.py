@@ -430,7 +430,7 @@ def _distance(problem: Problem, fit: Fit) -> float:
     total = n = 0.0
     for observed, H in zip(problem.observed, problem.predict(fit), strict=True):
         y = np.where(observed.valid, observed.run.H, 0.0)
-        a = np.abs(H) if observed.run.magnitude_only else H
+        a = observed.run.as_recorded(H)
         size = np.maximum(np.abs(y), np.abs(a))
         used = observed.valid & (np.abs(y) > 0)
         d2 = np.abs(y - a) ** 2 / np.maximum(size**2, 1e-300)

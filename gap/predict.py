@@ -94,5 +94,5 @@ def _of_effect(table: Mapping[str, Any], effect: str, *, alone: bool) -> dict[st
 
 
 def _with(run: Run, H: ComplexArray) -> Run:
-    values = np.abs(H) if run.magnitude_only else H
+    values = run.as_recorded(H)
     return replace(run, H=values, std=None, harmonics={})

@@ -251,7 +251,7 @@ def gap_map(curves: Sequence[Curve], bands: Sequence[Band]) -> GapMap:
 
 def _error(run: Run, H: ComplexArray) -> ComplexArray:
     """(n_freq, n_channels) measured less model; of magnitudes where there is no phase."""
-    return run.H - (np.abs(H) if run.magnitude_only else H)
+    return run.H - run.as_recorded(H)
 
 
 def _inside(run: Run, band: Band) -> np.ndarray:

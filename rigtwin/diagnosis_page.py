@@ -55,7 +55,7 @@ from rigtwin.page import write_page
 from rigtwin.provenance import provenance
 from rigtwin.wording import stiffness, with_error
 from rotor.rig import Rig, load_rig
-from sim.campaign import Campaign, ComplexArray, Run
+from sim.campaign import Campaign
 
 FILE_NAME = "report.html"
 
@@ -160,7 +160,7 @@ def _key_figures(diagnosis: Diagnosis, curves: Sequence[Curve]) -> list[KeyFigur
 
 def _nothing_left(curves: Sequence[Curve], before: float | None) -> list[KeyFigure]:
     """What the test's own gains and drifts leave of the gap, the noise, and what they take."""
-    left = [nrmse(c.run.H, _like(c.run, c.corrected)) for c in curves if c.corrected is not None]
+    left = [nrmse(c.run.H, c.run.as_recorded(c.corrected)) for c in curves if c.corrected is not None]
     noise = [nrmse(c.run.H, c.run.H + c.std) for c in curves]
     found = (
         ("Gap", float(np.mean(left)) if left else before, "gains and drifts of this test allowed for"),
@@ -168,10 +168,6 @@ def _nothing_left(curves: Sequence[Curve], before: float | None) -> list[KeyFigu
         ("Gains and drifts", before, "difference that they make"),
     )
     return [KeyFigure(label, share(value), below) for label, value, below in found if finite(value)]
-
-
-def _like(run: Run, H: ComplexArray) -> ComplexArray:
-    return np.abs(H) if run.magnitude_only else H
 
 
 def _meanings(diagnosis: Diagnosis) -> list[dict[str, str]]:

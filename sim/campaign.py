@@ -71,6 +71,10 @@ class Run:
         std = None if self.std is None else self.std[lines]
         return replace(self, frequency_hz=self.frequency_hz[lines], H=self.H[lines], std=std, harmonics={})
 
+    def as_recorded(self, H: ComplexArray) -> np.ndarray:
+        """A model's response (n_freq, n_channels) as this run holds its own: magnitudes where no phase was recorded."""
+        return np.abs(H) if self.magnitude_only else H
+
     def with_channels(self, places: Sequence[int]) -> Run:
         """The same run with some of its channels, by their places."""
         some = list(places)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotor.state_space import StateSpace
 from rotor.structure import ComplexArray, FloatArray
@@ -30,28 +31,31 @@ class DampedModes:
 
 
 def natural_frequencies_hz(system: LinearSystem, plane: int | None = None) -> FloatArray:
-    """Undamped natural frequencies of the non-spinning rotor [Hz], ascending; those of rigid-body motion are zero.
+    """Undamped natural frequencies of the non-spinning rotor [Hz], ascending.
 
     Parameters
     ----------
     system : the supported rotor
     plane : 1 = y or 2 = z to list the bending modes of one plane; default both
     """
-    modes = system.modes
-    frequencies = np.where(modes.elastic, modes.omega, 0.0) / (2 * np.pi)
-    if plane is None:
-        return frequencies
-    if plane not in (1, 2):
-        raise ValueError(f"plane {plane} does not exist: 1 is y, 2 is z")
-    inside = system.plane == plane
-    kinetic_energy = modes.Phi * (system.M @ modes.Phi)  # (n, n_modes), each column sums to one
-    return frequencies[kinetic_energy[inside].sum(axis=0) > 0.5]
+    return system.modes.omega[_of_plane(system, plane)] / (2 * np.pi)
 
 
 def elastic_frequencies_hz(system: LinearSystem, plane: int | None = None) -> FloatArray:
     """The same without those of rigid-body motion: a shaft on one bearing swings about it at no frequency."""
-    frequencies = natural_frequencies_hz(system, plane)
-    return frequencies[frequencies > 0]
+    return system.modes.omega[_of_plane(system, plane) & system.modes.elastic] / (2 * np.pi)
+
+
+def _of_plane(system: LinearSystem, plane: int | None) -> NDArray[np.bool_]:
+    """(n_modes,) which modes bend in a plane; all of them where none is given."""
+    modes = system.modes
+    if plane is None:
+        return np.ones(len(modes.omega), dtype=bool)
+    if plane not in (1, 2):
+        raise ValueError(f"plane {plane} does not exist: 1 is y, 2 is z")
+    inside = system.plane == plane
+    kinetic_energy = modes.Phi * (system.M @ modes.Phi)  # (n, n_modes), each column sums to one
+    return kinetic_energy[inside].sum(axis=0) > 0.5
 
 
 def damped_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:

@@ -49,9 +49,10 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
             bends += len(found)
         size = float(np.nansum(np.abs(z) ** 2)) / parts
         squares += size
-        n += int(np.isfinite(z).sum())
-        reals += parts * int(np.isfinite(z).sum())
-        variance += float(np.isfinite(z).sum()) / parts  # of the products' sum, where residuals are independent
+        values = int(np.isfinite(z).sum())
+        n += values
+        reals += parts * values
+        variance += values / parts  # of the products' sum, where residuals are independent
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
     scale2 = float(np.clip(scatter / bends, *np.square(CREDIBLE))) if bends else 1.0
     surely = 1.0 if abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2

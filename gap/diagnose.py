@@ -245,9 +245,10 @@ def _differ_by_level(problem: Problem, fit: Fit) -> bool:
     runs = [r for r, run in enumerate(problem.runs) if len(levels[run.support]) > 1]
     if not runs:
         return False
+    quality = judge(problem, fit)
     gain, numbers = problem.score(fit, settled=True).apart(runs)
-    gain /= _scale(judge(problem, fit)) ** 2
-    return gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or not _adequate(problem, fit)
+    gain /= _scale(quality) ** 2
+    return gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or _excess(problem, fit, quality) >= 1
 
 
 def _finished(
@@ -389,15 +390,33 @@ def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, standing: _Standin
         return "no_gap" if _adequate(problem, nominal) else "unknown"
     if standing.excess >= 1:
         return "unknown"
-    return "cause" if max(_by_name(ranked).values()) >= SURE else "ambiguous"
+    return "cause" if max(map(_together, _by_name(ranked).values())) >= SURE else "ambiguous"
 
 
-def _by_name(ranked: _Ranked) -> dict[tuple[str, ...], float]:
-    """Probability of each set of effects, its places together."""
-    total: dict[tuple[str, ...], float] = {}
+_Places = list[tuple[Fit, float]]  # fits of the same effects with their probabilities, best first
+
+
+def _by_name(ranked: _Ranked) -> dict[tuple[str, ...], _Places]:
+    """The places of each set of effects; the set with the best fit first."""
+    groups: dict[tuple[str, ...], _Places] = {}
     for fit, probability in zip(ranked.fits, ranked.probabilities, strict=True):
-        total[_name(fit)] = total.get(_name(fit), 0.0) + probability
-    return total
+        groups.setdefault(_name(fit.hypothesis.ids), []).append((fit, probability))
+    return groups
+
+
+def _name(effects: Sequence[str]) -> tuple[str, ...]:
+    return tuple(sorted(effects))
+
+
+def _together(places: _Places) -> float:
+    """Probability of some effects, wherever they are."""
+    return sum(probability for _, probability in places)
+
+
+def _likely(places: _Places) -> _Places:
+    """The fewest places, of at most three, that hold nearly all of their probability."""
+    reached = np.cumsum([probability for _, probability in places]) / max(_together(places), 1e-300)
+    return places[: min(int(np.searchsorted(reached, ANSWERED)) + 1, AT_MOST)]
 
 
 # -- putting it together ---------------------------------------------------------------------------
@@ -467,10 +486,11 @@ def _report(
 
 def _rivals(ranked: _Ranked, causes: Sequence[Cause], verdict: Verdict, equivalent: Sequence[Cause]) -> list[Fit]:
     """What the next test should tell apart: causes, or else the places of the one that is named."""
+    groups = _by_name(ranked)
     if equivalent:
-        return [next(fit for fit in ranked.fits if _name(fit) == tuple(sorted(c.effects))) for c in equivalent]
+        return [groups[_name(cause.effects)][0][0] for cause in equivalent]
     if verdict == "cause" and causes[0].place_probability < SURE:
-        return [fit for fit, _ in _places_of(ranked, tuple(sorted(causes[0].effects)))]
+        return [fit for fit, _ in _likely(groups[_name(causes[0].effects)])]
     return []
 
 
@@ -487,27 +507,26 @@ def _causes(problem: Problem, ranked: _Ranked, scale: float, known: float) -> tu
     ----------
     known : probability that it is a known effect, or none, at all
     """
-    causes, totals = [], _by_name(ranked)
-    for name in dict.fromkeys(map(_name, ranked.fits)):
-        total = totals[name]
-        first, *others = (
-            (_cause(problem, fit, known * total, scale), probability / total if total else 1.0)
-            for fit, probability in _places_of(ranked, name)
-        )
-        places = tuple(cause.locations for cause, _ in others)
-        causes.append(replace(first[0], place_probability=first[1], other_places=places))
+    causes = []
+    for places in _by_name(ranked).values():
+        total = _together(places)
+        (best, probability), *others = _likely(places)
+        cause = _cause(problem, best, known * total, scale)
+        elsewhere = tuple(_locations(fit) for fit, _ in others)
+        causes.append(replace(cause, place_probability=probability / total if total else 1.0, other_places=elsewhere))
     return tuple(causes)
 
 
-def _places_of(ranked: _Ranked, name: tuple[str, ...]) -> list[tuple[Fit, float]]:
-    """Fits of these effects at the fewest places, of at most three, that hold nearly all of their probability."""
-    every = [pair for pair in zip(ranked.fits, ranked.probabilities, strict=True) if _name(pair[0]) == name]
-    reached = np.cumsum([probability for _, probability in every]) / max(sum(p for _, p in every), 1e-300)
-    return every[: min(int(np.searchsorted(reached, ANSWERED)) + 1, AT_MOST)]
-
-
-def _name(fit: Fit) -> tuple[str, ...]:
-    return tuple(sorted(fit.hypothesis.ids))
+def _locations(fit: Fit) -> tuple[Location, ...]:
+    """Where each effect of a fit is."""
+    locations, at = [], 1
+    for term in fit.hypothesis.terms:
+        numbers = zip(term.free, fit.u[at:], strict=False)
+        position = next((free.value(u) for free, u in numbers if free.name == "position"), None)
+        node = next((int(value) for name, value in term.fixed if name == "node" and value), None)
+        locations.append(Location(term.effect.location, node, position))  # type: ignore[arg-type]
+        at += len(term.free)
+    return tuple(locations)
 
 
 def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:
@@ -515,19 +534,15 @@ def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Caus
     edged = fit.at_edge[1:].max(axis=1)
     parameters: dict[str, Estimate] = {}
     places: dict[str, float] = {}
-    locations, edge, at = [], [], 0
+    locations, edge, at = _locations(fit), [], 0
     for term in fit.hypothesis.terms:
         prefix = "" if len(fit.hypothesis.terms) == 1 else f"{term.effect.id}."
         effect = term.put(fit.u[1 + at : 1 + at + len(term.free)])
-        position, node = None, None
-        for name, value in term.fixed:
-            places[f"{term.effect.id}.{name}"] = value
-            node = int(value) if name == "node" and value else node
+        places |= {f"{term.effect.id}.{name}": value for name, value in term.fixed}
         for free, u, error, at_end in zip(term.free, fit.u[1 + at :], std[at:], edged[at:], strict=False):
             value = free.value(u)
             spread = float(error * value if free.log else error)
             if free.name == "position":
-                position = value
                 places[f"{term.effect.id}.position"] = value
                 parameters[f"{prefix}position"] = Estimate(value, spread, "m")
                 continue
@@ -535,7 +550,6 @@ def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Caus
             parameters[f"{prefix}{free.name}"] = Estimate(float(getattr(effect, free.name)), spread, unit)
             if at_end:
                 edge.append(f"{prefix}{free.name}")
-        locations.append(Location(term.effect.location, node, position))  # type: ignore[arg-type]
         at += len(term.free)
     return Cause(
         effects=fit.hypothesis.ids,
@@ -544,7 +558,7 @@ def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Caus
         parameters=parameters,
         k_b=_k_b(problem, fit, scale),
         log_evidence=fit.log_evidence(scale),
-        locations=tuple(locations),
+        locations=locations,
         places=places,
         at_prior_edge=tuple(edge),
     )

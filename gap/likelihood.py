@@ -366,13 +366,13 @@ class Problem:
     def _unit(self, hypothesis: Hypothesis, u: FloatArray) -> FloatArray:
         """(n_nuisances,) nuisances at a start: none, but for the gain of a run whose unit is arbitrary."""
         nu = np.zeros(self.nuisances.n)
-        for r, modal in enumerate(self.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))):
-            observed = self.observed[r]
+        for r, observed in enumerate(self.observed):
             if observed.run.quantity == "acceleration":
+                modal = self._modal(r, K_B.value(u[0]), hypothesis.effects(u[1:]))
                 size, model = np.abs(np.nan_to_num(observed.run.H)), np.abs(modal.response())
                 usable = observed.valid & (size > 0) & (model > 0)
                 if usable.any():
-                    nu[self.nuisances.gain.start + r] = np.median(np.log(size[usable] / model[usable]))
+                    nu[self.nuisances.gain][r] = np.median(np.log(size[usable] / model[usable]))
         return nu
 
     def try_fit(

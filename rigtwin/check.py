@@ -213,10 +213,10 @@ def refuses(fmu: Path) -> str:
         settable = [
             v for v in session.description.modelVariables if v.causality == "input" or v.variability == "tunable"
         ]
-        minima = [(v.name, v.min) for v in settable if session.kind(v.name) == "Real" and v.min]
+        minima = [(v.name, float(v.min)) for v in settable if session.kind(v.name) == "Real" and v.min]
         if not minima:
             raise NotRun("no Real variable states a minimum")
-        name, minimum = minima[0][0], float(minima[0][1])
+        name, minimum = minima[0]
         bad = minimum - 1.0
         try:
             session.set({name: bad})

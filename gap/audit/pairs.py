@@ -78,7 +78,7 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
         return None
     gain, phase = float(np.median(gains)), _median_angle(L.imag)
     odd = int(np.argmax(np.abs(gains - gain)))
-    turned = np.angle(np.exp(1j * (L[:, known].imag - phase)))  # an inverted sensor lies at both ends of a circle
+    turned = _wrapped(L[:, known].imag - phase)  # an inverted sensor lies at both ends of a circle
     z = np.hypot(L[:, known].real - gains, turned)
     magnitude = a.run.magnitude_only or b.run.magnitude_only
     relative = np.sqrt(mean_square((z / sigma[:, known]).ravel() ** 2, magnitude=magnitude))
@@ -97,7 +97,12 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
 def _median_angle(angles: np.ndarray) -> float:
     """The median of angles [rad] about their mean direction; nan where there is none."""
     mean = np.angle(np.nansum(np.exp(1j * angles)))
-    return float(np.angle(np.exp(1j * (mean + np.nanmedian(np.angle(np.exp(1j * (angles - mean))))))))
+    return float(_wrapped(mean + np.nanmedian(_wrapped(angles - mean))))
+
+
+def _wrapped(angles: Any) -> Any:
+    """The same angles between -pi and pi [rad]."""
+    return np.angle(np.exp(1j * angles))
 
 
 def _log_ratio(A: np.ndarray, B: np.ndarray) -> np.ndarray:

@@ -12,7 +12,8 @@ from benchmarks.page import COLOURS, DOCS, new_figure, save_figure, table
 from gap.forward import Forward
 from gap.hypotheses import Hypothesis
 from gap.peaks import Lists, Ranking, Reading, Scored, diagnosis_of
-from rigtwin.diagnosis_words import at_edge, cause_title, k_b_words, parameters, places, probability
+from gap.phrases import part
+from rigtwin.diagnosis_words import at_edge, cause_title, k_b_words, parameters, places
 from rigtwin.wording import with_error
 from rotor.effects.library import EFFECTS
 from sim.campaign import Campaign, Channel, Run
@@ -110,11 +111,11 @@ No effect of the bearings can mend the second, and no effect of the shaft alone 
 
 def _candidates(campaign: Campaign, lists: Lists, ranking: Ranking) -> str:
     diagnosis = diagnosis_of(campaign, lists, ranking)
-    rows = [("nominal model", "", _k_b(ranking.nominal), *_fit(ranking.nominal), probability(ranking.no_gap))]
+    rows = [("nominal model", "", _k_b(ranking.nominal), *_fit(ranking.nominal), part(ranking.no_gap))]
     for cause, scored in zip(diagnosis.causes, ranking.scored, strict=True):
         name = f"{cause_title(cause)} {places(cause)}".strip()
         numbers = "; ".join(parameters(cause)) + (f" ({at_edge(cause)})" if cause.at_prior_edge else "")
-        rows.append((name, numbers, k_b_words(cause.k_b), *_fit(scored), probability(cause.probability)))
+        rows.append((name, numbers, k_b_words(cause.k_b), *_fit(scored), part(cause.probability)))
     header = ("model", "numbers", "k_b, MN/m", "unmatched", "χ²", "freedom", "p", "determined", "probability")
     adding = [s for s in ranking.scored if s.n_foreign < ranking.nominal.n_foreign]
     names = " and ".join(EFFECTS[s.hypothesis.ids[0]].title.lower() for s in adding)
@@ -157,7 +158,7 @@ def _assumptions(readings: dict[str, Ranking]) -> str:
     rows = []
     for words, ranking in readings.items():
         of = dict(zip((s.hypothesis.ids[0] for s in ranking.scored), ranking.probabilities, strict=True))
-        rows.append((words, probability(ranking.no_gap), *(probability(of[name]) for name in names)))
+        rows.append((words, part(ranking.no_gap), *(part(of[name]) for name in names)))
     firsts = {next(iter(_ordered(ranking))) for ranking in readings.values()}
     return f"""## How much of that is assumption
 

@@ -104,12 +104,10 @@ def _resonance_acceleration(system: LinearSystem, node: int) -> float:
     denominator is 2 i zeta omega_r^2, and acceleration is omega_r^2 times it.
     """
     system = system.in_plane(1)
-    space, force = StateSpace(system), system.unit_vector(node, 1)
-    eigenvalue, V = np.linalg.eig(space.A)
-    read_out, inputs = space.displacement(force[None])[0], space.input(force[:, None])[:, 0]
-    residue = (read_out @ V) * np.linalg.solve(V, inputs.astype(complex))  # (n_states,)
-    oscillating = np.imag(eigenvalue) > 1e-9 * np.abs(eigenvalue).max()
-    lowest = np.argmin(np.where(oscillating, np.abs(eigenvalue), np.inf))
-    first, R = eigenvalue[lowest], residue[lowest]
+    force = system.unit_vector(node, 1)
+    poles, residues = StateSpace(system).poles(force[:, None], force[None])
+    oscillating = np.imag(poles) > 1e-9 * np.abs(poles).max()
+    lowest = np.argmin(np.where(oscillating, np.abs(poles), np.inf))
+    first, R = poles[lowest], residues[0, 0, lowest]
     omega, zeta = np.abs(first), -first.real / np.abs(first)
     return float(np.abs(2 * (1j * omega * R.real - (R * first.conjugate()).real)) / (2 * zeta))

@@ -24,6 +24,7 @@ module                what it holds                                             
 ``predict``           what a diagnosis says of runs that it never saw               ``predict``
 ``curves``            measured runs beside their models                             ``nrmse``
 ``wording``           the verdict in a sentence                                     ``sentence``
+``phrases``           places, parts of a whole and lists in words                   ``place``, ``part``, ``listed``
 ``diagnosis``         the contents of diagnosis.json                                ``Diagnosis``
 ``blind``             the benchmark: a generator that imports nothing of the above
 ====================  ============================================================  =====================

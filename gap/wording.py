@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 
-from gap.diagnosis import Cause, Diagnosis, Location, NextTest, Verdict
+from gap.diagnosis import Cause, Diagnosis, NextTest, Verdict
 from gap.hypotheses import SURE
+from gap.phrases import part, place
 from rotor.effects.library import EFFECTS
 from rotor.rig import Rig, load_rig
 from sim.campaign import Campaign, Run
-
-
-def place(location: Location) -> str:
-    """A location as it stands in a sentence."""
-    if location.node is not None:
-        return f"at node {location.node}"
-    if location.x_m is not None:
-        return f"at x = {1e3 * location.x_m:.0f} mm"
-    return {
-        "bearings": "at the bearings",
-        "disks": "at the disks",
-        "shaft": "in the shaft",
-        "sensor": "at the sensors",
-        "exciter": "at the exciter",
-        "rigid_support": "at the rigid supports",
-        "raster": "in the frequency raster",
-    }.get(location.kind, "")
 
 
 def named(cause: Cause) -> str:
@@ -51,17 +34,17 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unknown":
         return "There is a gap, and none of the known effects explains it" + _acts_like(diagnosis)
     if diagnosis.causes[0].location.kind == "raster":
-        surely = _percent(diagnosis.causes[0].probability)
+        surely = part(diagnosis.causes[0].probability)
         return (
             f"Model and measurement agree line by line, but the lines are too far apart to show the peaks ({surely})."
         )
     shrink = diagnosis.shrink
-    tail = f": it takes away {_percent(shrink.explainable)} of the gap that can be explained." if shrink else "."
+    tail = f": it takes away {part(shrink.explainable)} of the gap that can be explained." if shrink else "."
     first = named(diagnosis.causes[0])
     if diagnosis.verdict == "cause":
-        return f"The gap comes from {first} (probability {_percent(diagnosis.causes[0].probability)}){tail}"
+        return f"The gap comes from {first} (probability {part(diagnosis.causes[0].probability)}){tail}"
     if len(diagnosis.equivalent) < 2:
-        surely = _percent(diagnosis.causes[0].probability)
+        surely = part(diagnosis.causes[0].probability)
         return f"The gap may come from {first} (probability {surely}), or be none{tail}"
     others = ", or ".join(map(named, diagnosis.equivalent))
     return f"These data cannot tell apart {others}; the first{tail}"
@@ -78,15 +61,6 @@ def _acts_like(diagnosis: Diagnosis) -> str:
 
 # Share of the gap from which one joint stiffness is worth a word.
 _NEARLY = 0.9
-
-
-def _percent(part: float) -> str:
-    """'93 %', 'over 99.9 %'."""
-    if part > 0.999:
-        return "over 99.9 %"
-    if not math.isfinite(part):
-        return "an unknown part"
-    return f"{100 * part:.1f} %" if part > 0.99 else f"{100 * part:.0f} %"
 
 
 def next_test(

@@ -8,7 +8,7 @@ import sys
 from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -129,6 +129,10 @@ def sweep(
     direction: Annotated[Direction, typer.Option(help="Order of the lines.")] = Direction.up,
     excitation_node: Annotated[int | None, typer.Option(min=1, help="Node of the force; default the rig's.")] = None,
     plane: Annotated[Plane, typer.Option(help="Plane of the force.")] = Plane.y,
+    across: Annotated[bool, typer.Option("--across", help="Accelerometers across the force, too.")] = False,
+    quantity: Annotated[
+        Literal["accelerance", "acceleration"], typer.Option(help="Per newton, or at the nominal force as it is.")
+    ] = "accelerance",
     spin_rpm: Annotated[float, typer.Option(help="Spin [rev/min].")] = 0.0,
     noise: Annotated[float, typer.Option(min=0.0, max=100.0, help="Sensor noise, relative to each line.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
@@ -150,6 +154,8 @@ def sweep(
             seed=seed,
             excitation_node=excitation_node,
             plane=plane.value,
+            across=across,
+            quantity=quantity,
             spin_rpm=spin_rpm,
             out=out,
             as_json=as_json,

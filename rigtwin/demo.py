@@ -11,6 +11,7 @@ from build_fmu import build_estimator_fmu
 from estimator.dataset import noisy
 from estimator.features import Features, features_of_runs
 from estimator.runtime import Estimate
+from gap.phrases import listed
 from rigtwin.console import progress, say, table, to_json
 from rigtwin.figures import Curve, Mark, frequency_figure, frf_figure, readings_figure, rotor_picture
 from rigtwin.fmus import SHIPPED_RIG, ask, build_rotor, fmu_card
@@ -18,7 +19,7 @@ from rigtwin.page import write_page
 from rigtwin.paper import PaperReading, read_paper, table_1, table_2_largest_difference, verdict
 from rigtwin.provenance import provenance
 from rigtwin.sweep import MODE_HEADER, mode_record, mode_row
-from rigtwin.wording import exponent, interval, listed, percent, stiffness, stiffness_with_error, with_error, yes_no
+from rigtwin.wording import exponent, interval, percent, stiffness, stiffness_with_error, with_error, yes_no
 from rotor.assembly import assemble
 from rotor.rig import load_rig
 from rotor.structure import Structure

@@ -19,6 +19,7 @@ from rich.progress import Progress as Bar
 
 from gap.diagnosis import FILE_NAME as DIAGNOSIS_FILE
 from gap.diagnosis import SCHEMA, Cause, Diagnosis, Shrink
+from gap.phrases import part
 from rigtwin.console import note, say, table
 from rigtwin.diagnosis_page import FILE_NAME as PAGE_FILE
 from rigtwin.diagnosis_page import write_diagnosis_page
@@ -32,14 +33,13 @@ from rigtwin.diagnosis_words import (
     named,
     parameters,
     places,
-    probability,
     share,
 )
 from rigtwin.effects import effect_of
 from rigtwin.exits import UserError
 from rigtwin.fmus import existing, rotor_fmu
 from rigtwin.scale_out import executor
-from rotor.effects import Effect
+from rotor.effects import Effect, ForceDropout
 from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import Campaign, ComplexArray, Run
 from sim.campaign_folder import load_campaign
@@ -203,7 +203,12 @@ def measured_on_the_virtual_rig(
 
 
 def _measure(session: FmuSession, run: Run, parameters: dict[str, float], effects: tuple[Effect, ...]) -> ComplexArray:
-    """(n_freq, n_channels) in the run's own quantity, on its own lines."""
+    """(n_freq, n_channels) in the run's own quantity, on its own lines.
+
+    Per force that acts, nothing of a force drop-out is seen.
+    """
+    if run.quantity != "acceleration":
+        effects = tuple(effect for effect in effects if not isinstance(effect, ForceDropout))
     rig = Rig(
         support=run.support,
         excitation_node=run.excitation_node,
@@ -212,6 +217,7 @@ def _measure(session: FmuSession, run: Run, parameters: dict[str, float], effect
         parameters={**parameters},
         effects=effects,
         quantity="acceleration" if run.quantity == "acceleration" else "accelerance",
+        sensor_planes=tuple(dict.fromkeys((run.excitation_plane, *(channel.plane for channel in run.channels)))),
     )
     plan = SweepPlan(force_amplitude=run.force_amplitude_N or 1.0, direction=run.sweep or "up")
     found = measure_lines(session, rig, plan, run.frequency_hz).run
@@ -246,7 +252,7 @@ def _print(diagnosis: Diagnosis, page: Path) -> None:
 
 def _row(cause: Cause) -> tuple[str, ...]:
     size = ", ".join(parameters(cause))
-    return cause_title(cause), places(cause), probability(cause.probability), size, k_b_words(cause.k_b)
+    return cause_title(cause), places(cause), part(cause.probability), size, k_b_words(cause.k_b)
 
 
 def _shrink_line(s: Shrink) -> str:

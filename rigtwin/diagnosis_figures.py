@@ -16,7 +16,8 @@ from plotly.subplots import make_subplots
 
 from gap.curves import SILENT, Curve, nrmse
 from gap.diagnosis import Band, Cause, JointStiffness, Shrink
-from rigtwin.diagnosis_words import cause_key, cause_title, finite, part, places, probability, share
+from gap.phrases import part
+from rigtwin.diagnosis_words import cause_key, cause_title, finite, places, share
 from rigtwin.figures import BLUE, GREY, INK, ORANGE, PURPLE, RESPONSE_UNITS, VERMILION, styled
 from sim.campaign import Channel, ComplexArray, FloatArray, Run
 
@@ -388,7 +389,7 @@ def candidate_figure(causes: Sequence[Cause], equivalent: Sequence[Cause], *, na
                     "size": 9,
                 },
             },
-            text=[probability(cause.probability) + (" *" if cause.at_prior_edge else "") for cause in shown],
+            text=[part(cause.probability) + (" *" if cause.at_prior_edge else "") for cause in shown],
             textposition="outside",
             cliponaxis=False,
             customdata=[f"{cause_title(cause)}, {places(cause)}" for cause in shown],

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from gap.curves import Curve, nrmse
 from gap.diagnosis import Cause, Diagnosis, Finding, Shrink, Where
+from gap.phrases import part
 from rigtwin.diagnosis_figures import (
     MAP_COLOURS,
     candidate_figure,
@@ -43,9 +44,7 @@ from rigtwin.diagnosis_words import (
     meanings,
     named,
     parameters,
-    part,
     places,
-    probability,
     run_toml,
     share,
     title,
@@ -147,12 +146,12 @@ def _key_figures(diagnosis: Diagnosis, curves: Sequence[Curve]) -> list[KeyFigur
         figures.append(KeyFigure("Bearing stiffness k_b", value, f"90 % interval {k_b_interval(k_b)}"))
     if named(diagnosis):
         best = diagnosis.causes[0]
-        figures.append(KeyFigure("Probability", probability(best.probability), cause_title(best)))
+        figures.append(KeyFigure("Probability", part(best.probability), cause_title(best)))
     elif diagnosis.nominal.get("peaks") and finite(diagnosis.nominal.get("probability")):
         words = "of the nominal model, peaks that it lacks being foreign"
-        figures.append(KeyFigure("Probability", probability(diagnosis.nominal["probability"]), words))
+        figures.append(KeyFigure("Probability", part(diagnosis.nominal["probability"]), words))
     elif diagnosis.verdict == "no_gap" and finite(diagnosis.nominal.get("probability")):
-        figures.append(KeyFigure("Probability", probability(diagnosis.nominal["probability"]), "that there is no gap"))
+        figures.append(KeyFigure("Probability", part(diagnosis.nominal["probability"]), "that there is no gap"))
     elif diagnosis.verdict == "unknown" and diagnosis.unknown_score is not None and finite(diagnosis.unknown_score):
         figures.append(KeyFigure("Unknown score", f"{diagnosis.unknown_score:.2f}", "0: a known effect fits; 1: none"))
     return figures
@@ -310,7 +309,7 @@ def _cause_row(cause: Cause, best: float, same: bool) -> CauseRow:
     return CauseRow(
         title=cause_title(cause),
         place=places(cause),
-        probability=probability(cause.probability),
+        probability=part(cause.probability),
         parameters=parameters(cause),
         k_b=k_b_words(cause.k_b),
         log_evidence=_behind(behind),

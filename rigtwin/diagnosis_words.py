@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from gap.diagnosis import Cause, Diagnosis, Estimate, Location, Shrink
+from gap.diagnosis import Cause, Diagnosis, Estimate, Shrink
+from gap.phrases import place
 from rigtwin.effects import number, unit
 from rigtwin.wording import interval, stiffness_with_error, with_error
 from rotor.effects import EFFECTS
@@ -41,15 +42,6 @@ NO_CAUSE = {
     "not_enough_data": "No cause is named. The data do not suffice to tell the candidates apart.",
 }
 
-_PLACES = {
-    "bearings": "at the bearings",
-    "disks": "at the disks",
-    "shaft": "along the shaft",
-    "exciter": "at the exciter",
-    "rigid_support": "at the rigid supports",
-    "raster": "in how the test steps through its frequencies",
-}
-
 # Half the width of a 90 % interval, in standard errors.
 _Z90 = 1.6449
 
@@ -66,24 +58,6 @@ def share(value: float | None) -> str:
     if value is None or not math.isfinite(value):
         return "unknown"
     return (f"{100 * value:#.3g}".rstrip(".") if abs(value) < 10 else f"{100 * value:.0f}").replace("-", "−") + " %"
-
-
-def part(value: float) -> str:
-    """'88 %', '3.1 %', 'under 0.1 %': a part of the whole."""
-    if not math.isfinite(value):
-        return "unknown"
-    if 0 < value < 5e-4:
-        return "under 0.1 %"
-    return f"{100 * value:.0f} %" if value >= 0.0995 else f"{100 * value:.1f} %"
-
-
-def probability(value: float) -> str:
-    """'93 %', 'under 0.1 %', 'over 99.9 %'."""
-    if value < 1e-3:
-        return "under 0.1 %"
-    if value > 0.999:
-        return "over 99.9 %"
-    return f"{100 * value:.1f} %" if not 0.1 <= value <= 0.99 else f"{100 * value:.0f} %"
 
 
 def quantity(estimate: Estimate) -> str:
@@ -132,17 +106,6 @@ def cause_key(cause: Cause) -> tuple[Any, ...]:
 def meanings(cause: Cause) -> list[tuple[str, str]]:
     """Title and one-line meaning of each effect."""
     return [(title(e), EFFECTS[e].meaning) for e in cause.effects if e in EFFECTS]
-
-
-def place(location: Location) -> str:
-    """'at node 4', 'at 213 mm', 'at the bearings'."""
-    if location.kind == "sensor":
-        return f"at the sensor of node {location.node}" if location.node else "at every sensor"
-    if location.kind == "position" and location.x_m is not None:
-        return f"{1000 * location.x_m:.0f} mm along the shaft"
-    if location.kind == "node" and location.node is not None:
-        return f"at node {location.node}"
-    return _PLACES.get(location.kind, "")
 
 
 def places(cause: Cause) -> str:

@@ -60,12 +60,13 @@ from rotor.effects import (
     UnbalanceForce,
     ViscoelasticSupport,
 )
+from rotor.frequency_response import dynamic_stiffness
 from rotor.measured import measured_response
 from rotor.modal import natural_frequencies_hz
 from rotor.model import build_model, build_system
 from rotor.printed_laws import SCALAR
 from rotor.simulator import RotorSimulator
-from rotor.structure import FloatArray
+from rotor.structure import ComplexArray, FloatArray
 from rotor.whirl import campbell, unbalance_response
 
 
@@ -108,12 +109,23 @@ def seat_over_frequency(cases: Mapping[str, ViscoelasticSupport], *, loss: bool)
         f = np.linspace(*BAND, 400)
         ax.plot(f, np.zeros_like(f) if loss else np.full_like(f, BEARING.k_b / 1e6), label="nominal", **NOMINAL)
         for colour, (label, effect) in zip(COLOURS, cases.items(), strict=False):
-            turn = 2j * np.pi * f * effect.relaxation_time
-            D = BEARING.k_b * (1 + effect.strength * turn / (1 + turn))
+            D = seat_stiffness(effect, 2 * np.pi * f)
             ax.plot(f, D.imag / D.real if loss else D.real / 1e6, color=colour, label=label)
         frame(ax, "the seat alone", BAND, "loss factor" if loss else "stiffness, MN/m")
 
     return draw
+
+
+def seat_stiffness(effect: ViscoelasticSupport, omega: FloatArray) -> ComplexArray:
+    """(n,) dynamic stiffness of one bearing's seat at omega (n,) [N/m]: k_b, and what the effect adds to the rotor."""
+    undamped = replace(BEARING, bearing_damping=0.0, shaft_damping_ratio=0.0)
+    nominal, system = (build_system(paper_rotor(), undamped, e).in_plane(1) for e in ((), (effect,)))
+    heavy, light = system.heavy, system.massless
+    D = dynamic_stiffness(system, omega)
+    joints = np.linalg.solve(D[:, light[:, None], light], D[:, light[:, None], heavy])
+    added = D[:, heavy[:, None], heavy] - D[:, heavy[:, None], light] @ joints - dynamic_stiffness(nominal, omega)
+    bearing = nominal.unit_vector(paper_rotor().supported_nodes[0], 1)
+    return BEARING.k_b + np.einsum("i,nij,j->n", bearing, added, bearing)
 
 
 def phase(cases: Cases) -> Panel:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class SweepRequest:
     seed: int
     excitation_node: int | None  # default the FMU's own
     plane: Plane
+    across: bool  # accelerometers in the other plane, too
+    quantity: Literal["accelerance", "acceleration"]
     spin_rpm: float
     out: Path | None
     as_json: bool
@@ -120,6 +122,8 @@ def _rig(session: FmuSession, request: SweepRequest) -> Rig:
         spin_rpm=request.spin_rpm,
         parameters=parse_settings(session, settings),
         effects=effects,
+        quantity=request.quantity,
+        sensor_planes=(request.plane, "z" if request.plane == "y" else "y") if request.across else (),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 
 _NO_BREAK = "\u00a0"
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|Hz|mm|MN/m|N)\b|%|±)|(?<=±) |(?<=N) (?=s/m)")
@@ -50,12 +49,6 @@ def exponent(value: float) -> str:
 def percent(share: float) -> str:
     """'+0.42 %'."""
     return f"{100 * share:+.2g} %".replace("-", "−")
-
-
-def listed(words: Sequence[str]) -> str:
-    """'a, b and c'."""
-    *first, last = words
-    return f"{', '.join(first)} and {last}" if first else last
 
 
 def unbroken(text: str) -> str:

@@ -98,6 +98,10 @@ class LineReader:
         self.channels = channels_of(session, rig)
         self._outputs = [*(f"node_{c.node}.acceleration_{c.plane}" for c in self.channels), "force_applied"]
         self._controlled = at_constant_current(group.effects)
+        if self._controlled and rig.excitation_plane not in {c.plane for c in self.channels}:
+            raise SetupError(
+                "the force of an exciter at constant current follows from the motion in its plane: read it"
+            )
         if self._controlled and plan.dwell is not None:
             raise SetupError(
                 "the force of an exciter at constant current follows from the settled motion, and fast_sweep reads "
@@ -223,7 +227,7 @@ class LineReader:
         phasors = self._phasors(at, self._plan.samples(at))
         if self._beside_drive:
             self._session.set({"sensor_position.enabled": True})
-        drive = [c.node for c in self.channels].index(self._rig.excitation_node)
+        drive = self.channels.index(Channel(self._rig.excitation_node, self._rig.excitation_plane))
         omega = np.array([2 * np.pi * at])
         return complex(force_factor(self._effects, omega, -phasors.amplitude[0, drive] / omega**2)[0])
 
@@ -290,9 +294,12 @@ class LineReader:
 
 
 def channels_of(session: FmuSession, rig: Rig) -> tuple[Channel, ...]:
-    """The FMU's accelerometers in the plane of the force."""
-    names = [v for v in session.variables if v.endswith(f".acceleration_{rig.excitation_plane}")]
-    return tuple(Channel(int(name.split(".")[0].removeprefix("node_")), rig.excitation_plane) for name in names)
+    """The FMU's accelerometers that the rig reads, plane after plane."""
+    found = []
+    for plane in rig.sensor_planes or (rig.excitation_plane,):
+        names = [v for v in session.variables if v.endswith(f".acceleration_{plane}")]
+        found += [Channel(int(name.split(".")[0].removeprefix("node_")), plane) for name in names]
+    return tuple(found)
 
 
 def per_force(phasors: Phasors) -> Phasors:

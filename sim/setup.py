@@ -99,6 +99,7 @@ class Rig:
     effects: tuple[Effect, ...] = ()
     drift: float = 0.0
     quantity: Literal["accelerance", "acceleration"] = "accelerance"
+    sensor_planes: tuple[Plane, ...] = ()  # in which the accelerometers look; default the force's
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.drift) and abs(self.drift) < 0.5):

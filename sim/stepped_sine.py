@@ -209,7 +209,7 @@ class _Raster:
 
 def _passes(session: FmuSession, rig: Rig, plan: SweepPlan, progress: Progress | None) -> list[_Pass]:
     """One pass of the sweep for each group of channels that can be measured together."""
-    nodes = [channel.node for channel in channels_of(session, rig)]
+    nodes = list(dict.fromkeys(channel.node for channel in channels_of(session, rig)))
     try:
         check_nodes(rig.effects, max(nodes, default=0))
     except ValueError as error:

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gap.audit.geometry import Geometry
-from gap.audit.prepared import Prepared, listed
+from gap.audit.prepared import Prepared
 from gap.diagnosis import Finding
+from gap.phrases import listed
 from sim.campaign import Campaign
 
 # Measured over expected quasi-static response on rigid supports, where only the drawing counts. Effects

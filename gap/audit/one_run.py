@@ -16,9 +16,10 @@ from gap.audit.noise import (
     responses,
     weigh_errors,
 )
-from gap.audit.prepared import Prepared, Severity, listed
+from gap.audit.prepared import Prepared, Severity
 from gap.audit.resonances import Resonance
 from gap.diagnosis import Finding
+from gap.phrases import listed
 from sim.campaign import ComplexArray, NominalBelief, Run
 
 # Lines inside a half-power band below which a peak's height and width hang on single lines: a mode has

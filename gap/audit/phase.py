@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from gap.audit.geometry import Geometry
-from gap.audit.prepared import Prepared, listed
+from gap.audit.prepared import Prepared
 from gap.diagnosis import Finding
+from gap.phrases import listed
 from sim.campaign import FloatArray
 
 # Delays that are looked for [s]: to this, and to so many periods of the highest frequency.

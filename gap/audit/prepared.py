@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -121,9 +120,3 @@ class Prepared:
 def prepare(runs: tuple[Run, ...]) -> tuple[Prepared, ...]:
     """Every run with a label of its own."""
     return tuple(Prepared(run, run.name or f"run {place}") for place, run in enumerate(runs, start=1))
-
-
-def listed(names: Iterable[object]) -> str:
-    """'a', 'a and b', 'a, b and c'."""
-    words = [str(name) for name in names]
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else "none"

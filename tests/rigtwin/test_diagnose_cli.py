@@ -234,6 +234,28 @@ def test_the_virtual_rig_measures_what_the_effects_do_to_each_run():
         assert_allclose(H, expected, rtol=0, atol=SETTLED * np.abs(expected).max())
 
 
+def test_the_virtual_rig_has_accelerometers_where_the_run_has_them():
+    """Across the force, too; and a force that is measured is not dropped."""
+    effects = EFFECTS["plane_anisotropy"](), EFFECTS["force_dropout"](mass=0.3)
+    channels = tuple(Channel(node, plane) for plane in "zy" for node in (2, 4))  # type: ignore[arg-type]
+    per_force = Run(F_HZ, np.zeros((len(F_HZ), 4), complex), channels, support="bearing", force_amplitude_N=2.0)
+    runs = per_force, replace(per_force, quantity="acceleration")
+    campaign = Campaign("", "nit-rourkela", runs, nominal=NominalBelief(0.004, 30.0))
+    measured, verified = measured_on_the_virtual_rig(campaign, runs, effects, 1e6)
+    assert verified == "rig"
+    here = Condition(k_b=1e6, bearing_damping=30.0, shaft_damping_ratio=0.004)
+    structure = structure_of("nit-rourkela")
+    for run_, acting, H in zip(runs, (effects[:1], effects), measured, strict=True):
+        across, along = (
+            measured_response(
+                structure, here, acting, F_HZ, [2, 4], plane=plane, quantity=run_.quantity, force_amplitude=2.0
+            )  # type: ignore[arg-type]
+            for plane in (2, 1)
+        )
+        assert_allclose(H, np.hstack([across, along]), rtol=0, atol=SETTLED * np.abs(along).max())
+        assert np.abs(across).max() > 0.01 * np.abs(along).max()
+
+
 def test_an_effect_of_the_rotor_is_verified_by_the_fmu_and_tells_how_far_it_is():
     run_ = replace(plain_run("one"), support="rigid")
     campaign = Campaign("", "nit-rourkela", (run_,))

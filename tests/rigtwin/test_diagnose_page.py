@@ -234,7 +234,7 @@ def test_every_candidate_is_listed_with_place_size_and_remark(page):
     for said in (
         "Pedestal flexibility at the bearings",
         "stiffness (1.020 ± 0.030)×10⁷ N/m",
-        "Open crack 213 mm along the shaft reduction at the end of the range that was searched",
+        "Open crack at x = 213 mm reduction at the end of the range that was searched",
         "Attached mass + Bearing damping at node 4; at the bearings",
         "Bearing damping: damping 120.0 ± 9.0 N s/m",
         "−6.5",

@@ -63,6 +63,23 @@ def test_direction_is_in_the_run(rotor_fmu, tmp_path):
     assert run_json("sweep", rotor_fmu, *BAND)["sweep"] == "up"
 
 
+def test_accelerometers_across_the_force_see_what_the_bearings_turn(rotor_fmu, tmp_path):
+    path = tmp_path / "run.csv"
+    run_json("sweep", rotor_fmu, *BAND, "--effect", "plane_anisotropy", "--across", "--out", path)
+    swept = read_run(path, support="bearing")
+    assert {(c.node, c.plane) for c in swept.channels} == {(node, plane) for node in range(1, 8) for plane in "yz"}
+    assert np.abs(swept.channel(2, "z")).max() > 0.05 * np.abs(swept.channel(2)).max()
+
+
+def test_a_run_at_the_nominal_force_holds_accelerations(rotor_fmu, tmp_path):
+    files = tmp_path / "per_force.h5", tmp_path / "as_it_is.h5"
+    run_json("sweep", rotor_fmu, *BAND, "--force", 4, "--out", files[0])
+    run_json("sweep", rotor_fmu, *BAND, "--force", 4, "--quantity", "acceleration", "--out", files[1])
+    per_force, recorded = map(read_run, files)
+    assert (per_force.quantity, recorded.quantity) == ("accelerance", "acceleration")
+    assert_allclose(recorded.H, 4 * per_force.H, rtol=1e-9, atol=0)
+
+
 def test_text_names_the_effects(rotor_fmu):
     printed = run("sweep", rotor_fmu, *BAND, "--effect", "sensor_delay", "--set", "sensor_delay.delay=1e-3").stdout
     assert "with sensor_delay: delay = 0.001, node = 0" in printed

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rigtwin.wording import exponent, interval, listed, percent, unbroken, with_error
+from rigtwin.wording import exponent, interval, percent, unbroken, with_error
 
 
 @pytest.mark.parametrize(
@@ -34,8 +34,6 @@ def test_an_interval_shows_that_its_ends_differ():
 def test_small_words():
     assert exponent(1.3e6) == "1.3e6"
     assert percent(-0.0549) == "−5.5 %"
-    assert listed(["a"]) == "a"
-    assert listed(["a", "b", "c"]) == "a, b and c"
 
 
 def test_a_number_stays_with_its_unit_and_its_error():

@@ -1,0 +1,45 @@
+"""Places, parts of a whole and lists, as every finding, verdict and report words them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from gap.diagnosis import Location
+
+_PLACES = {
+    "bearings": "at the bearings",
+    "disks": "at the disks",
+    "shaft": "along the shaft",
+    "sensor": "at every sensor",
+    "exciter": "at the exciter",
+    "rigid_support": "at the rigid supports",
+    "raster": "in the frequency raster",
+}
+
+
+def place(location: Location) -> str:
+    """'at node 4', 'at x = 213 mm', 'at the bearings'; empty where a location says nothing."""
+    if location.node is not None:
+        return f"at {'the sensor of ' if location.kind == 'sensor' else ''}node {location.node}"
+    if location.x_m is not None:
+        return f"at x = {1e3 * location.x_m:.0f} mm"
+    return _PLACES.get(location.kind, "")
+
+
+def part(value: float) -> str:
+    """'88 %', '3.1 %', '99.2 %', 'under 0.1 %', 'over 99.9 %', '−20 %': a part of the whole, a probability."""
+    if not math.isfinite(value):
+        return "unknown"
+    if value > 0.999:
+        return "over 99.9 %"
+    if 0 <= value < 1e-3:
+        return "under 0.1 %"
+    decimals = 1 if 0 < value < 0.0995 or value > 0.99 else 0
+    return f"{100 * value:.{decimals}f} %".replace("-", "−")
+
+
+def listed(names: Iterable[object]) -> str:
+    """'a', 'a and b', 'a, b and c'; 'none' without any."""
+    *first, last = list(map(str, names)) or ["none"]
+    return f"{', '.join(first)} and {last}" if first else last

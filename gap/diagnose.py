@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -16,7 +17,7 @@ from gap import wording
 from gap.adequacy import Adequacy, judge
 from gap.audit import audit, believed_errors, usable
 from gap.curves import Curve, log_distance_db, nrmse
-from gap.diagnosis import Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
+from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, NextTest, Regime, Shrink, Verdict
 from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
 from gap.helpers import helped_by
@@ -163,21 +164,22 @@ def diagnose(
         linear=candidates(campaign.runs, problem.forward.structure, exclude),
         laws=candidates(campaign.runs, problem.forward.structure, exclude, nonlinear=True),
     )
+    whole, n_data = problem, nominal.n_data
     with helped_by(helpers):
         problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
     standing = _standing(problem, nominal, fits)
     clock.lap("form")
     ranked = _rank(nominal, standing)
-    verdict = _verdict(problem, nominal, ranked, standing)
+    verdict = _verdict(problem, nominal, ranked, standing) if n_data >= LEAST_DATA else "not_enough_data"
     if standing.other_form and verdict in ("cause", "ambiguous"):
         findings = (*findings, _form_finding(ranked.fits[0], standing))
-    return _report(campaign, problem, nominal, ranked, standing, verdict, findings, exclude, confirm, clock)
+    return _report(campaign, whole, problem, nominal, ranked, standing, verdict, findings, exclude, confirm, clock)
 
 
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     """A campaign's runs with their errors and model, and the recalibrated nominal model."""
     problem = Problem(forward_of(campaign), [observe(run, believed_errors(run)) for run in campaign.runs])
-    first = recalibrate(problem)
+    problem, first = problem.in_si(recalibrate(problem))
     problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)
     return problem, recalibrate(problem, first)
 
@@ -384,8 +386,6 @@ def _rank(nominal: Fit, standing: _Standing) -> _Ranked:
 
 
 def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, standing: _Standing) -> Verdict:
-    if nominal.n_data < LEAST_DATA:
-        return "not_enough_data"
     if ranked.no_gap > 0.5:
         return "no_gap" if _adequate(problem, nominal) else "unknown"
     if standing.excess >= 1:
@@ -397,11 +397,16 @@ _Places = list[tuple[Fit, float]]  # fits of the same effects with their probabi
 
 
 def _by_name(ranked: _Ranked) -> dict[tuple[str, ...], _Places]:
-    """The places of each set of effects; the set with the best fit first."""
+    """The places of each set of effects, the most probable set first."""
     groups: dict[tuple[str, ...], _Places] = {}
     for fit, probability in zip(ranked.fits, ranked.probabilities, strict=True):
         groups.setdefault(_name(fit.hypothesis.ids), []).append((fit, probability))
-    return groups
+    return dict(sorted(groups.items(), key=lambda group: -_together(group[1])))
+
+
+def _best(ranked: _Ranked) -> Fit:
+    """The most probable effects where they fit best."""
+    return next(iter(_by_name(ranked).values()))[0][0]
 
 
 def _name(effects: Sequence[str]) -> tuple[str, ...]:
@@ -424,6 +429,7 @@ def _likely(places: _Places) -> _Places:
 
 def _report(
     campaign: Campaign,
+    whole: Problem,
     problem: Problem,
     nominal: Fit,
     ranked: _Ranked,
@@ -440,22 +446,23 @@ def _report(
     causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
     if raster is not None:
         verdict, causes = "cause", (raster, *causes)
-    best = nominal if verdict not in ("cause", "ambiguous") or raster is not None else ranked.fits[0]
-    believed = problem.bare(nominal)
-    corrected = problem.predict(best)
-    where = locate(problem, nominal, believed, _regime(verdict, causes, findings))
+    best = nominal if verdict not in ("cause", "ambiguous") or raster is not None else _best(ranked)
+    drawn = problem.on_all_lines_of(whole)
+    believed = drawn.bare(nominal)
+    corrected = drawn.predict(best)
+    where = locate(drawn, nominal, believed, _regime(verdict, causes, findings))
     clock.lap("where")
     shrink: Shrink | None = None
     if verdict in ("cause", "ambiguous") and raster is None:
-        shrink = measure_shrink(problem, nominal, ranked.fits[0], scale, confirm)
+        shrink = measure_shrink(problem, nominal, best, scale, confirm)
         clock.lap("held out")
     equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
     rivals = _rivals(ranked, causes, verdict, equivalent)
     curves = tuple(
         Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.error)
-        for o, H0, H1 in zip(problem.observed, believed, corrected, strict=True)
+        for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True)
     )
-    gap = float(np.mean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]))
+    gap = float(np.nanmean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]))
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
@@ -467,13 +474,12 @@ def _report(
             "gap_dB": float(np.mean([log_distance_db(c.run.H, c.nominal) for c in curves])),
             "misfit": judge(problem, nominal).misfit,
             "probability": ranked.no_gap,
+            **{key: getattr(campaign.nominal, key) for key in DAMPING},
         },
         where=where,
         causes=causes,
         equivalent=equivalent,
-        next_test=best_next_test(problem, rivals)
-        if len(rivals) > 1
-        else wording.next_test(verdict, campaign, causes, equivalent),
+        next_test=_next_test(problem, rivals) or wording.next_test(verdict, campaign, causes, equivalent),
         shrink=shrink,
         audit=(*findings, *_noise_finding(problem, standing.quality)),
         excluded=tuple(exclude),
@@ -492,6 +498,14 @@ def _rivals(ranked: _Ranked, causes: Sequence[Cause], verdict: Verdict, equivale
     if verdict == "cause" and causes[0].place_probability < SURE:
         return [fit for fit, _ in _likely(groups[_name(causes[0].effects)])]
     return []
+
+
+def _next_test(problem: Problem, rivals: Sequence[Fit]) -> NextTest | None:
+    """The run that tells rivals apart; None where there are none, or no run that all of them have a model of."""
+    try:
+        return best_next_test(problem, rivals)
+    except ValueError:
+        return None
 
 
 def _k_b(problem: Problem, fit: Fit, scale: float) -> Estimate | None:
@@ -590,7 +604,7 @@ def _coarse_raster(findings: Sequence[Finding], exclude: Sequence[str], no_gap: 
     coarse = [f for f in findings if f.check == "raster" and f.severity in ("warning", "error")]
     if not coarse or "coarse_grid" in exclude:
         return None
-    return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, 0.0, locations=(Location("raster"),))
+    return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, math.nan, locations=(Location("raster"),))
 
 
 def _form_finding(fit: Fit, standing: _Standing) -> Finding:

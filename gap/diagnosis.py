@@ -101,6 +101,10 @@ class Where:
     remark: str = ""
 
 
+# What the nominal model believes of the damping: keys of ``nominal``, fields of ``sim.campaign.NominalBelief``.
+DAMPING = ("shaft_damping_ratio", "bearing_damping_Ns_per_m")
+
+
 @dataclass(frozen=True)
 class NextTest:
     """The measurement that would tell more."""

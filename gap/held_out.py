@@ -15,6 +15,7 @@ from gap.transfer import transfer_interval
 from rotor.effects import Effect
 from rotor.structure import ComplexArray
 from sim.campaign import Run
+from sim.lines import NotSettledError
 from sim.setup import SetupError
 
 # Measures a run with effects and k_b on the virtual rig: (runs, effects, k_b) -> responses, and what measured.
@@ -79,7 +80,7 @@ def _measured(
     some = [run.on_lines(chosen) for run, chosen in zip(problem.runs, lines, strict=True)]
     try:
         measured, verified = confirm(some, fit.effects, fit.k_b)
-    except (RuntimeError, SetupError):  # a line that does not settle, effects that no rig has at once: no figure
+    except (NotSettledError, SetupError):  # the virtual rig has no figure
         return after, masks, "model"
     if not len(measured):
         return after, masks, verified

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from rotor.structure import FloatArray, Structure
 from sim.campaign import Run
 
 # Prior range of the bearing stiffness [N/m], even in its logarithm.
-K_B_RANGE = (1e5, 1e9)
+K_B_RANGE = (1e4, 1e10)
 
 # Starting points along a parameter's prior range.
 _STARTS = (0.15, 0.5, 0.85)
@@ -73,6 +73,11 @@ class Hypothesis:
         return tuple(term.effect.id for term in self.terms)
 
     @property
+    def rotor(self) -> frozenset[Term]:
+        """Its effects in whatever order: a pair found from either of its effects is one pair."""
+        return frozenset(self.terms)
+
+    @property
     def free(self) -> tuple[Free, ...]:
         """Everything that is fitted, in order."""
         return tuple(free for term in self.terms for free in term.free)
@@ -124,19 +129,18 @@ def _term_starts(term: Term) -> Iterator[FloatArray]:
             shares = tuple((np.arange(_POSITIONS) + 0.5) / _POSITIONS)
         elif first:
             shares = _STARTS if len(term.free) == 1 or free.name != "reduction" else (0.3,)
-            shares = _MANY if term.effect.id in _RESONANT else shares
+            shares = _MANY if term.effect.id in (*_RESONANT, "sensor_delay") else shares
             first = False
         elif free.name == "mass":
             shares = _STARTS if term.effect.id in _RESONANT else (0.5,)
+        elif free.name == "angle":
+            shares = (0.3, 0.7) if low == 0.0 else (0.15, 0.35, 0.65, 0.85)
         else:
-            shares = (0.3, 0.7) if term.effect.id in _SECOND else (0.5,)
+            shares = (0.3, 0.7) if term.effect.id == "viscoelastic_support" else (0.5,)  # its character changes
         grid.append(tuple(low + share * (high - low) for share in shares))
     for point in itertools.product(*grid):
         yield np.array(point)
 
-
-# Effects whose second number changes the character of what they do.
-_SECOND = ("viscoelastic_support", "plane_anisotropy")
 
 # Effects that add a resonance, somewhere: between starts it must not be missed.
 _RESONANT = ("pedestal_flexibility", "force_dropout")
@@ -186,6 +190,8 @@ def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
 
 def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> Iterator[Term]:
     free = [_free(name, role) for name, role in effect.parameters().items()]
+    if effect.id == "plane_anisotropy" and not _across(runs):  # only the angle's size is seen
+        free = [replace(number, low=0.0) if number.name == "angle" else number for number in free]
     sensors = sorted({channel.node for run in runs for channel in run.channels})
     places = effect.places()
     if not places:
@@ -204,6 +210,11 @@ def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> I
         else:
             for node in _moving(runs, structure):
                 yield Term(effect, ((name, node),), tuple(free))
+
+
+def _across(runs: Sequence[Run]) -> bool:
+    """Whether a sensor looks across its force."""
+    return any(channel.plane != run.excitation_plane for run in runs for channel in run.channels)
 
 
 def _free(name: str, role: Parameter) -> Free:

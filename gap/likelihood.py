@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,8 +36,11 @@ _SILENT = 1e-5
 # Share of a range that counts as its end.
 _EDGE = 1e-3
 
-# Prior standard deviation of the logarithm of an arbitrary unit.
-_ANY_SCALE = 5.0
+# A run is thinned to no fewer lines.
+FEW_LINES = 32
+
+# Prior standard deviation of the logarithm of an arbitrary unit; and from which factor on a unit is none of SI.
+_ANY_SCALE, _NO_SI = 5.0, 3.0
 
 # What a linear model itself leaves at sharp places, relative to the response.
 MODEL_ERROR = 1e-3
@@ -65,6 +69,11 @@ class Observed:
     def error(self) -> FloatArray:
         """(n_freq, n_channels) sqrt(E|data - truth|^2): a magnitude sees half of the noise's power."""
         return self.std / np.sqrt(2) if self.run.magnitude_only else self.std
+
+    def divided(self, factor: float) -> Observed:
+        """The same in another unit."""
+        std = None if self.run.std is None else self.run.std / factor
+        return Observed(replace(self.run, H=self.run.H / factor, std=std, harmonics={}), self.std / factor)
 
     @property
     def n_values(self) -> int:
@@ -228,8 +237,9 @@ class Problem:
         """Let the tolerances bend the modes of a candidate as they do at its own numbers."""
         if nonlinear(fit.effects):
             return
-        for run in self.runs:
-            self.forward.bend(run, fit.k_b, acting(fit.effects, run.support))
+        with suppress(ValueError, np.linalg.LinAlgError):  # a tolerance beside it has no model: they stay as they were
+            for run in self.runs:
+                self.forward.bend(run, fit.k_b, acting(fit.effects, run.support))
         self._memory.clear()
 
     def forget(self) -> None:
@@ -276,6 +286,18 @@ class Problem:
         nu[gain] = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[gain], 0.0)
         return self.predict(replace(fit, nu=nu))
 
+    def in_si(self, fit: Fit) -> tuple[Problem, Fit]:
+        """The same, and the fit to it, with runs brought to SI where it says that their unit is far from it.
+
+        Grids, rough descents and motions that data tell of know no gains.
+        """
+        gains = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[self.nuisances.gain], 0.0)
+        gains[np.abs(gains) < np.log(_NO_SI)] = 0.0
+        observed = [o.divided(np.exp(gain)) if gain else o for o, gain in zip(self.observed, gains, strict=True)]
+        nu = fit.nu.copy()
+        nu[self.nuisances.gain] -= gains
+        return Problem(self.forward, observed, self.model_error), replace(fit, nu=nu)
+
     def only(self, support: str) -> Problem | None:
         """The same with the runs on one support; None where there are none, or no others."""
         some = [o for o in self.observed if o.run.support == support]
@@ -286,10 +308,16 @@ class Problem:
         return Problem(self.forward, [self.observed[r] for r in middle_level(self.runs)], self.model_error)
 
     def thinned(self, every: int, model_error: float | None = None) -> Problem:
-        """The same on every n-th line of every run, with another model error where one is given."""
-        lines = slice(None, None, every)
-        some = [Observed(replace(o.run.on_lines(lines), std=None), o.std[lines]) for o in self.observed]
+        """The same on every n-th line of every run, of ``FEW_LINES`` or more; with another model error, where given."""
+        some = []
+        for o in self.observed:
+            lines = slice(None, None, max(min(every, len(o.std) // FEW_LINES), 1))
+            some.append(Observed(o.run.on_lines(lines), o.std[lines]))
         return Problem(self.forward, some, self.model_error if model_error is None else model_error)
+
+    def on_all_lines_of(self, whole: Problem) -> Problem:
+        """The same model on the runs of another problem."""
+        return Problem(self.forward, whole.observed, self.model_error)
 
     def without_images(self) -> Problem:
         """The same, a fast sweep's transients without their images: a misfit that is smooth over some 0.1 ms."""

@@ -86,11 +86,13 @@ def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest:
 
     Raises
     ------
-    ValueError : fewer than two members
+    ValueError : fewer than two members, or no run that all of them have a model of
     """
     if len(fits) < 2:
         raise ValueError("a next test separates at least two candidates")
     ranked = separations(problem, fits, proposals(problem, fits))
+    if not ranked:
+        raise ValueError("the candidates have no model of any run that could be made")
     best = ranked[0]
     a, b = (_name(fits[k]) for k in best.pair)
     least = "" if len(fits) == 2 else "least of all pairs, "
@@ -149,7 +151,8 @@ def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
     else:
         made += _weighted_down(run, structure, here)
     everywhere = tuple(Channel(node, run.excitation_plane) for node in range(1, structure.n_nodes + 1))
-    if len(run.channels) < len(everywhere):
+    if not set(everywhere) <= set(run.channels):
+        everywhere = (*everywhere, *(c for c in run.channels if c not in everywhere))
         words = f"Repeat the run {here} with an accelerometer at every node"
         made.append(Proposal(words, (replace(run, channels=everywhere, H=_no_response(lines, everywhere)),), 0.0))
     gain_std = float("inf") if run.quantity == "acceleration" else problem.nuisances.gain_std

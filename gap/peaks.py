@@ -499,7 +499,9 @@ def _sentence(lists: Lists, ranking: Ranking, *, agrees: bool) -> str:
     if nominal.adequate and nominal.n_unseen == 0:
         return f"The nominal model meets the {n} listed resonances, but so do others: {n} numbers do not decide."
     fault = f"{nominal.n_foreign} of {n} listed resonances have no counterpart in the nominal model"
-    if not nominal.n_foreign:
+    if nominal.adequate:
+        fault = f"the nominal model has {nominal.n_unseen} resonances in the tested range that nobody listed"
+    elif not nominal.n_foreign:
         fault = f"the nominal model misses the {n} listed resonances (chi-squared {nominal.chi2:.3g})"
     if not ranking.scored:
         return f"{fault[0].upper()}{fault[1:]}; no effect of the library is left to explain it."
@@ -525,7 +527,7 @@ def _next_test(lists: Lists, ranking: Ranking) -> NextTest:
 
 def _where(nominal: Scored) -> Where:
     """Each support's and each listed peak's share of the misfit; one that matches nothing counts as 5 errors."""
-    sizes: dict[str, float] = {}
+    sizes: dict[str, float] = {"rigid": 0.0, "bearing": 0.0}
     bands: list[tuple[float, float, float]] = []
     for match in nominal.matches:
         for listed, std, z in zip(match.peaks.frequencies_hz, match.peaks.std_hz, match.residuals, strict=True):

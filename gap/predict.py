@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gap.diagnose import forward_of
-from gap.diagnosis import SCHEMA
+from gap.diagnosis import DAMPING, SCHEMA
 from gap.forward import TOLERANCES, acting, nonlinear
 from gap.nonlinear import FINAL
 from rotor.effects import Effect
@@ -36,7 +36,8 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
     Parameters
     ----------
     document : the contents of a diagnosis.json
-    campaign : any campaign of the same rig; of its data only the lines and channels are used
+    campaign : any campaign of the same rig; of its data only the lines and channels are used, and of what it believes
+        only what the diagnosis does not say
 
     Raises
     ------
@@ -53,8 +54,9 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
 def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predicted]:
     effects, k_b = corrected_rotor(document)
     nominal_k_b = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
-    calibration = document.get("calibration") or {}
-    forward = forward_of(campaign)
+    calibration = document.get("calibration") or {} if effects else {}
+    belief = {key: value for key in DAMPING if (value := document["nominal"].get(key)) is not None}
+    forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **belief)))
     forward.refined, forward.resolution, forward.with_data = True, FINAL, False
     tolerance = np.array([float(calibration.get("tolerance", {}).get(name, 0.0)) for name in TOLERANCES])
     forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, k_b)

@@ -26,7 +26,7 @@ from rotor.structure import FloatArray
 Progress = Callable[[int, int, str], None]
 
 # Starting values of the bearing stiffness along its range.
-_K_B_STARTS = 10
+_K_B_STARTS = 15
 
 # A rough cost within this factor (and this much) of the best one is worth racing.
 _WORTH_FACTOR, _WORTH = 3.0, 0.02
@@ -233,11 +233,11 @@ def all_polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
 
 def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
     """The first so many of every candidate."""
-    seen: Counter[Hypothesis] = Counter()
+    seen: Counter[frozenset[Term]] = Counter()
     kept = []
     for fit in fits:
-        seen[fit.hypothesis] += 1
-        if seen[fit.hypothesis] <= count:
+        seen[fit.hypothesis.rotor] += 1
+        if seen[fit.hypothesis.rotor] <= count:
             kept.append(fit)
     return kept
 
@@ -546,13 +546,14 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
     leaders = _of_each_effect(found.fits)[:_LEADERS]
     there = {fit.hypothesis.ids for fit in leaders}
     rough = [start for start in found.rough[:_ROUGH_LEADERS] if start.hypothesis.ids not in there]
-    leaders += [problem.fit(s.hypothesis, s.u, s.nu, anneal=(_ROUGHLY,), steps=2) for s in rough]
+    tried = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(_ROUGHLY,), steps=2) for s in rough]
     rigid = problem.only("rigid")
     if rigid is not None and problem.with_k_b:
         acting = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
         for fit in _of_each_effect(search(rigid, acting).fits)[:_RIGID_LEADERS]:
             u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
-            leaders.append(problem.fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6))
+            tried.append(problem.try_fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6))
+    leaders += [fit for fit in tried if fit]
     costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
     return [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= _NO_LEADER * min(costs)]
 

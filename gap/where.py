@@ -45,7 +45,7 @@ def locate(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], re
     regime : what kind of gap it is
     """
     misfits = [_misfit(o, H) for o, H in zip(problem.observed, predicted, strict=True)]
-    supports: dict[str, float] = {}
+    supports: dict[str, float] = {"rigid": 0.0, "bearing": 0.0}
     levels: dict[str, float] = {}
     for observed, misfit in zip(problem.observed, misfits, strict=True):
         run = observed.run

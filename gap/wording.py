@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 
 from gap.diagnosis import Cause, Diagnosis, NextTest, Verdict
@@ -39,7 +40,9 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"Model and measurement agree line by line, but the lines are too far apart to show the peaks ({surely})."
         )
     shrink = diagnosis.shrink
-    tail = f": it takes away {part(shrink.explainable)} of the gap that can be explained." if shrink else "."
+    tail = "."
+    if shrink and math.isfinite(shrink.explainable):
+        tail = f": it takes away {part(shrink.explainable)} of the gap that can be explained."
     first = named(diagnosis.causes[0])
     if diagnosis.verdict == "cause":
         return f"The gap comes from {first} (probability {part(diagnosis.causes[0].probability)}){tail}"
@@ -72,6 +75,9 @@ def next_test(
     """
     if verdict == "no_gap":
         return None
+    if causes and causes[0].location.kind == "raster":
+        words = "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks show."
+        return NextTest(words)
     runs = [run for run in campaign.runs if run.support == "bearing"] or list(campaign.runs)
     run = max(runs, key=lambda r: r.force_amplitude_N or 0.0)
     settings = {

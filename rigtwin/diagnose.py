@@ -46,6 +46,7 @@ from sim.campaign_folder import load_campaign
 from sim.formats.atomic import replacing
 from sim.formats.run_file import write_beside
 from sim.session import FmuSession
+from sim.setup import SetupError
 from sim.stepped_sine import Rig, SweepPlan, measure_lines
 
 # Candidates that are printed; the page and the JSON hold all.
@@ -84,7 +85,7 @@ def run_diagnose(request: DiagnosisRequest) -> None:
     page = request.out / PAGE_FILE
     with _folder(request.out):  # what cannot be written is refused before the work
         with _progress() as progress:
-            confirm = partial(_confirmed_unless_interrupted, campaign, progress=progress) if request.fmu else None
+            confirm = partial(_confirmed_if_possible, campaign, progress=progress) if request.fmu else None
             with shared_among(request.workers if campaign.runs else 1) as helpers:  # peaks need no fits
                 outcome = diagnose(campaign, exclude=exclude, progress=progress, confirm=confirm, helpers=helpers)
         with replacing(request.out / DIAGNOSIS_FILE) as document:  # both files are new, or neither
@@ -151,15 +152,18 @@ def _progress() -> Iterator[Progress]:
 # -- the virtual rig -----------------------------------------------------------------------------------
 
 
-def _confirmed_unless_interrupted(
+def _confirmed_if_possible(
     campaign: Campaign, runs: Sequence[Run], effects: Sequence[Effect], k_b: float, progress: Progress
 ) -> tuple[list[ComplexArray], str]:
-    """What the virtual rig measures; nothing where that is interrupted, as the diagnosis itself is finished."""
+    """What the virtual rig measures; nothing where it fails or is interrupted, as the diagnosis itself is finished."""
     try:
         return measured_on_the_virtual_rig(campaign, runs, effects, k_b, progress)
     except KeyboardInterrupt:
-        note("the virtual rig was interrupted: the after-figure is the fitting model's own")
-        return [], "model"
+        reason = "was interrupted"
+    except (RuntimeError, SetupError) as error:
+        reason = f"does not confirm the cause ({error})"
+    note(f"the virtual rig {reason}: the after-figure is the fitting model's own")
+    return [], "model"
 
 
 def measured_on_the_virtual_rig(

@@ -130,11 +130,11 @@ def _key_figures(diagnosis: Diagnosis, curves: Sequence[Curve]) -> list[KeyFigur
     """Gap before, after and floor, stiffness, probability: those there are."""
     figures, shrink = [], diagnosis.shrink
     before, decibel = gap_before(diagnosis), diagnosis.nominal.get("gap_dB")
+    in_decibel = f"; magnitudes differ by {decibel:.2g} dB" if finite(decibel) else ""
     if diagnosis.verdict == "no_gap" and curves:
-        figures += _nothing_left(curves, before)
+        figures += _nothing_left(curves, before, in_decibel)
     elif finite(before):
         data = "nominal model, held-out data" if shrink else "recalibrated nominal model"
-        in_decibel = f"; magnitudes differ by {decibel:.2g} dB" if finite(decibel) else ""
         figures.append(KeyFigure("Gap before" if shrink else "Gap", share(before), data + in_decibel))
     if shrink and finite(shrink.after):
         figures.append(KeyFigure("Gap after", share(shrink.after), "with the effect, held-out data"))
@@ -157,14 +157,14 @@ def _key_figures(diagnosis: Diagnosis, curves: Sequence[Curve]) -> list[KeyFigur
     return figures
 
 
-def _nothing_left(curves: Sequence[Curve], before: float | None) -> list[KeyFigure]:
+def _nothing_left(curves: Sequence[Curve], before: float | None, in_decibel: str) -> list[KeyFigure]:
     """What the test's own gains and drifts leave of the gap, the noise, and what they take."""
     left = [nrmse(c.run.H, c.run.as_recorded(c.corrected)) for c in curves if c.corrected is not None]
     noise = [nrmse(c.run.H, c.run.H + c.std) for c in curves]
     found = (
         ("Gap", float(np.mean(left)) if left else before, "gains and drifts of this test allowed for"),
         ("Noise floor", float(np.mean(noise)), "what noise alone gives"),
-        ("Gains and drifts", before, "difference that they make"),
+        ("Gains and drifts", before, "difference that they make" + in_decibel),
     )
     return [KeyFigure(label, share(value), below) for label, value, below in found if finite(value)]
 

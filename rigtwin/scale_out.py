@@ -61,7 +61,7 @@ def _processes(workers: int | None) -> Iterator[Executor]:
             raise
         except BrokenExecutor as error:
             raise UserError(
-                "a worker process died, perhaps for want of memory; what is done is kept, the same command goes on"
+                "a worker process died, perhaps for want of memory; the same command goes on from what is on disk"
             ) from error
         finally:
             pool.shutdown(cancel_futures=True)

@@ -138,16 +138,13 @@ class GivenErrors:
     std: FloatArray  # (n_freq, n_channels) as given, or scaled to the scatter in the median where they differ much
     roughness: float  # their own relative scatter from line to line; 0 where unknown
     too_small: NDArray[np.bool_]  # (n_freq, n_channels) values that scatter by much more than that
+    share: float  # of the values, that whose errors are far too small
+    too_large: float  # and far too large
 
     @property
     def rough(self) -> bool:
         """Whether they scatter themselves, as those from few repeats do."""
         return self.roughness > ROUGH_ERRORS
-
-    @property
-    def share(self) -> float:
-        """Share of the values whose errors are far too small."""
-        return float(np.mean(self.too_small))
 
     @property
     def uneven(self) -> bool:
@@ -165,7 +162,9 @@ def weigh_errors(given: FloatArray, own: FloatArray, H: np.ndarray) -> GivenErro
         steps = np.abs(np.diff(np.log(std / own), axis=0))
     steps = steps[np.isfinite(steps)]
     roughness = 1.4826 * float(np.median(steps)) / math.sqrt(2) if steps.size else 0.0
-    return GivenErrors(std, roughness, own > CONTRADICTED * std)
+    small, large = own > CONTRADICTED * std, std > CONTRADICTED * own
+    shares = (float(np.mean(wrong[there])) if there.any() else 0.0 for wrong in (small, large))
+    return GivenErrors(std, roughness, there & small, *shares)
 
 
 def of_complex(std: FloatArray, run: Run) -> FloatArray:
@@ -191,7 +190,7 @@ def believed_errors(run: Run) -> FloatArray:
     given = weigh_errors(run.std, own, run.H)
     if not (given.rough or given.uneven):
         return given.std
-    throughout = given.rough or np.mean(given.std > CONTRADICTED * own) > CONTRADICTED_SHARE
+    throughout = given.rough or given.too_large > CONTRADICTED_SHARE
     return np.where(np.isfinite(own) & (throughout | given.too_small), own, given.std)
 
 

@@ -20,7 +20,7 @@ from gap.audit.prepared import Prepared, Severity
 from gap.audit.resonances import Resonance
 from gap.diagnosis import Finding
 from gap.phrases import listed
-from sim.campaign import ComplexArray, NominalBelief, Run
+from sim.campaign import Channel, ComplexArray, NominalBelief, Run
 
 # Lines inside a half-power band below which a peak's height and width hang on single lines: a mode has
 # three real unknowns at its peak (frequency, width, height).
@@ -252,8 +252,7 @@ def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
     size = np.abs(np.nan_to_num(responses(run)))
     usual = np.median(size[:, p.live], axis=0).max() if len(p.live) else 0.0
     for i, channel in enumerate(run.channels):
-        held = channel.node in geometry.held_nodes(run)
-        problem = _channel_problem(p, i, held, float(usual))
+        problem = _channel_problem(p, i, _stands_still(run, channel, geometry), float(usual))
         if problem is not None:
             healthy = healthy and problem[0] == "ok"
             yield p.finding("channels", *problem)
@@ -264,14 +263,20 @@ def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
 
 
 def without_dead_channels(run: Run, geometry: Geometry) -> Run:
-    """A run without channels that say nothing: no number, zero along the force where the shaft moves, or one value.
+    """A run without channels that say nothing: no number, zero where the shaft moves, or one value.
 
-    Across the force a round rotor stands still. A run that would lose all of its channels is left as it is.
+    A run that would lose all of its channels is left as it is.
     """
-    held, H = geometry.held_nodes(run), responses(run)
-    moving = [c.plane == run.excitation_plane and c.node in geometry.nodes - held for c in run.channels]
-    kept = [i for i, moves in enumerate(moving) if _is_alive(H[:, i], not moves)]
+    H = responses(run)
+    kept = [i for i, c in enumerate(run.channels) if _is_alive(H[:, i], bool(_stands_still(run, c, geometry)))]
     return run.with_channels(kept) if 0 < len(kept) < len(run.channels) else run
+
+
+def _stands_still(run: Run, channel: Channel, geometry: Geometry) -> str:
+    """Why a channel may read nothing; empty where the shaft moves."""
+    if channel.plane != run.excitation_plane:
+        return "a round rotor is across the force"
+    return "" if channel.node in geometry.nodes - geometry.held_nodes(run) else "it must be where the shaft is held"
 
 
 def _is_alive(H: ComplexArray, may_be_zero: bool) -> bool:
@@ -282,7 +287,7 @@ def _is_alive(H: ComplexArray, may_be_zero: bool) -> bool:
 
 
 def _channel_problem(
-    p: Prepared, i: int, held: bool, usual: float
+    p: Prepared, i: int, still: str, usual: float
 ) -> tuple[Severity, str, float | None, float | None] | None:
     """(severity, words, value, limit) of one channel, None where nothing is to be said."""
     H, name = responses(p.run)[:, i], p.run.channels[i]
@@ -291,19 +296,21 @@ def _channel_problem(
         return "error", f"Channel {name} holds no number at all; leave it out or measure it again.", 0.0, None
     size = np.abs(H[finite])
     if not size.any():
-        if held:
-            return "ok", f"Channel {name} is zero, as it must be where the shaft is held.", 0.0, None
+        if still:
+            return "ok", f"Channel {name} is zero, as {still}.", 0.0, None
         return (
             "error",
             f"Channel {name} is zero at every line: a dead channel; leave it out or check the sensor.",
             0.0,
             None,
         )
-    if not _is_alive(H, held):
+    if not _is_alive(H, bool(still)):
         return "error", f"Channel {name} has the same value at every line: a dead channel; check the sensor.", 0.0, None
     share = float(np.median(size)) / usual if usual else 1.0
     relative = float(p.noise.relative[i])
-    if held:
+    if name.plane != p.run.excitation_plane:
+        return None
+    if still:
         if share > RIGID_SHARE and not relative > ONLY_NOISE:
             words = f"Channel {name} sits at a rigid support but moves by {100 * share:.2g} % of the largest channel"
             return "note", f"{words}: the support gives way or the sensor sees something else.", share, RIGID_SHARE

@@ -135,6 +135,13 @@ def _common(a: Prepared, b: Prepared) -> list[tuple[Channel, Channel]]:
     return [(c, c) for c in a.channels if c in b.channels]
 
 
+def _what_lacks(a: Prepared, b: Prepared) -> str:
+    """Why two runs cannot be compared."""
+    if not _common(a, b):
+        return "no channel: they are not compared"
+    return "too few lines to be compared; use the same lines"
+
+
 def _settings(run: Run) -> tuple:
     """What must agree for two runs to be the same test, the level and the direction apart."""
     return run.support, run.excitation_node, run.excitation_plane, run.spin_rpm, run.quantity
@@ -183,9 +190,7 @@ def _repeatability(a: Prepared, b: Prepared, belief: NominalBelief) -> Finding:
         words = f"{m.words} between two runs of one test: {cause}; find out before trusting either."
         return Finding(check, "warning", words, both, *m.value_and_limit)
     if found is None:
-        return Finding(
-            check, "note", "Two runs of one test share too few lines to be compared; use the same lines.", both
-        )
+        return Finding(check, "note", f"Two runs of one test share {_what_lacks(a, b)}.", both)
     if abs(found.gain) > limit:
         words = f"Two runs of one test differ by {100 * found.gain:.2g} % in gain: the force or its sensor changed"
         return Finding(check, "warning", f"{words}; check the force channel.", both, found.gain, limit)
@@ -285,7 +290,7 @@ def _level_findings(levels: Sequence[Prepared], belief: NominalBelief) -> Iterat
     found = compare(high, low, _common(high, low), belief.frequency_drift)
     if found is None:
         if not amplitude_dependent:
-            yield Finding("level", "note", f"Runs {span} share too few lines to be compared; use the same lines.", both)
+            yield Finding("level", "note", f"Runs {span} share {_what_lacks(high, low)}.", both)
         return
     if found.ratio > SCATTER_RATIO and found.scatter > SCATTER_FLOOR:
         words = f"Away from resonances the responses {span} differ by {100 * found.scatter:.2g} %"

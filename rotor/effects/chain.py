@@ -49,7 +49,7 @@ class SensorDelay(Effect):
     in_fmu = False
 
     delay: float = parameter(
-        2e-4, "s", "Delay of the response against the force", 0.0, 2e-3, null=0.0, minimum=-1.0, maximum=1.0
+        2e-4, "s", "Delay of the response against the force", -2e-3, 2e-3, null=0.0, minimum=-1.0, maximum=1.0
     )
     node: int = node(0, "Node of the sensor, 0: every sensor", all_nodes=True)
 

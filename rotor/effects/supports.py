@@ -195,7 +195,7 @@ class PlaneAnisotropy(Effect):
         maximum=1.9,
     )
     angle: float = parameter(
-        0.35, "rad", "Angle from y towards z of the stiffer direction", 0.087, 0.785, minimum=-3.2, maximum=3.2
+        0.35, "rad", "Angle from y towards z of the stiffer direction", -1.5708, 1.5708, minimum=-3.2, maximum=3.2
     )
 
     def add_to(self, design: Design) -> None:

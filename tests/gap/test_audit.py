@@ -238,6 +238,21 @@ def test_errors_that_are_far_too_small_at_some_values_alone_give_way_there():
     assert_array_equal(taken[high], estimate_noise(run).std[high])
 
 
+def test_channels_that_are_zero_say_nothing_of_the_errors_of_the_others():
+    """A node that is held reads zero, with a standard error all the same."""
+    run = measure(RIGID, noise=0.01)
+    assert run.std is not None
+    high = np.abs(run.H) > np.quantile(np.abs(run.H[:, 1:-1]), 0.9)
+    odd = replace(run, std=np.where(high, run.std / 10, run.std))
+    held = [0, len(run.channels) - 1]
+    H, std = odd.H.copy(), odd.std.copy()  # type: ignore[union-attr]
+    H[:, held], std[:, held] = 0.0, 0.1
+    taken = believed_errors(replace(odd, H=H, std=std))
+    inner = np.zeros(H.shape, dtype=bool)
+    inner[:, 1:-1] = True
+    assert_array_equal(taken[~high & inner], run.std[~high & inner])
+
+
 def test_errors_that_the_scatter_bears_out_are_taken_as_they_are():
     run = measure(RIGID, noise=0.01)
     assert_array_equal(believed_errors(run), run.std)
@@ -685,6 +700,22 @@ def test_a_node_that_is_held_in_every_run_is_not_a_dead_channel():
     channels = tuple(Channel(node) for node in range(1, structure.n_nodes + 1))
     run = Run(f, H, channels, "bearing", excitation_node=rig.excitation_node)
     assert not troubles(audit(Campaign("own", OWN_ROTOR, (run,))), "channels")
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-7, 1e-3])
+def test_channels_across_the_force_of_a_round_rotor_may_read_nothing_or_noise(size):
+    run = measure(BEARING, noise=0.01)
+    across = size * np.abs(run.H).max() * circular(np.random.default_rng(3), run.H.shape)
+    channels = (*run.channels, *(Channel(c.node, "z") for c in run.channels))
+    both = replace(run, H=np.hstack([run.H, across]), channels=channels, std=None)
+    assert not troubles(audit(in_campaign(both)), "channels")
+
+
+def test_runs_without_a_common_channel_are_not_said_to_lack_lines():
+    run = measure(BEARING, noise=0.01)
+    halves = [run.with_channels(places) for places in ((0, 1, 2), (3, 4, 5, 6))]
+    (finding,) = noted(audit(in_campaign(*halves)), "repeatability")
+    assert "share no channel" in finding.words
 
 
 def test_a_node_that_must_move_against_the_force_is_not_inverted():

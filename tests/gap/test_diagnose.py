@@ -20,8 +20,9 @@ from gap.held_out import _figures, _held_out, lines_to_measure
 from gap.hypotheses import candidates
 from gap.predict import predict
 from gap.search import recalibrate
-from rotor.effects import AttachedMass, BearingCubic, CompliantRigidSupport
+from rotor.effects import AttachedMass, BearingCubic, CompliantRigidSupport, PlaneAnisotropy, SensorDelay
 from rotor.effects.library import EFFECTS
+from rotor.measured import measured_response
 from sim.campaign import Channel, MeasurementError
 from tests.gap.conftest import (
     K_B,
@@ -33,6 +34,7 @@ from tests.gap.conftest import (
     blank,
     both_supports,
     campaign_of,
+    condition,
     lines,
     measure,
     problem_of,
@@ -368,6 +370,33 @@ def test_a_dead_channel_is_left_out():
         assert Channel(5) not in curve.run.channels
     assert Channel(1) in found.curves[0].run.channels
     assert any("dead channel" in finding.words for finding in found.diagnosis.audit)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [PlaneAnisotropy(anisotropy=0.3, angle=1.2), SensorDelay(delay=-2e-4), SensorDelay(delay=1.1e-3, node=4)],
+    ids=["stiffer across the force", "early", "late"],
+)
+def test_an_effect_may_act_either_way(effect):
+    found = diagnose(campaign_of(*both_supports(effect)), exclude=all_but(*RIVALS, effect.id)).diagnosis
+    assert (found.verdict, found.causes[0].effects) == ("cause", (effect.id,))
+    (name, estimate), *_ = found.causes[0].parameters.items()
+    assert inside(estimate, getattr(effect, name))
+
+
+def test_sensors_across_the_force_tell_to_which_side_the_bearings_turn():
+    effect = PlaneAnisotropy(anisotropy=0.3, angle=-0.5)
+    runs = []
+    for support in ("rigid", "bearing"):
+        along = measure(support, [effect], seed=2)
+        H = measured_response(STRUCTURE, condition(support), [effect], along.frequency_hz, [2, 5], plane=2)
+        channels = (*along.channels, Channel(2, "z"), Channel(5, "z"))
+        std = np.hstack([along.std, np.maximum(NOISE * np.abs(H), 1e-6 * np.abs(along.H).max())])  # type: ignore[list-item]
+        runs.append(replace(along, H=np.hstack([along.H, H]), channels=channels, std=std))
+    found = diagnose(campaign_of(*runs), exclude=all_but(*RIVALS, effect.id)).diagnosis
+    assert (found.verdict, found.causes[0].effects) == ("cause", (effect.id,))
+    assert inside(found.causes[0].parameters["angle"], effect.angle)
+    assert not [finding for finding in found.audit if finding.check == "channels" and finding.severity != "ok"]
 
 
 @pytest.mark.parametrize("unit", [1e6, 1e-6])

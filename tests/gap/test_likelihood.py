@@ -152,6 +152,26 @@ def test_a_channel_without_errors_takes_no_part():
     assert_allclose(fit.k_b, K_B, rtol=5e-3)
 
 
+@pytest.mark.parametrize(("n", "left"), [(20, 20), (70, 35), (280, 70)])
+def test_a_short_run_is_not_thinned_out_of_sight(n, left):
+    run = measure("bearing", frequency_hz=np.linspace(20.0, 400.0, n))
+    (some,) = problem_of(run).thinned(4).observed
+    assert len(some.run.frequency_hz) == left
+    assert some.run.std is not None
+
+
+def test_runs_in_another_unit_are_brought_to_si():
+    """What is within a factor of three is taken as it is: an effect may change the level, too."""
+    runs = [replace(run, quantity="acceleration") for run in both_supports()]
+    far = [replace(run, H=1e4 * run.H, std=1e4 * run.std, name="far") for run in runs[:1]]
+    problem = problem_of(*far, *runs[1:])
+    again, fit = problem.in_si(recalibrate(problem))
+    assert_allclose(np.abs(again.runs[0].H), np.abs(runs[0].H), rtol=0.1)
+    assert_allclose(again.observed[0].std / np.abs(again.runs[0].H), problem.observed[0].std / np.abs(far[0].H))
+    assert again.runs[1] is problem.runs[1]
+    assert_allclose(fit.nu[again.nuisances.gain], 0.0, atol=0.1)
+
+
 def test_an_arbitrary_unit_is_fitted():
     run = measure("bearing", (BearingDamping(damping=60.0),), gain=37.0, quantity="acceleration")
     problem = problem_of(run)

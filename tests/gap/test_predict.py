@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gap.diagnosis import SCHEMA
+from gap.diagnosis import DAMPING, SCHEMA
 from gap.predict import corrected_rotor, predict
 from rotor.effects import AttachedMass
-from sim.campaign import Channel, MeasurementError
+from sim.campaign import Channel, MeasurementError, NominalBelief
 from tests.gap.conftest import K_B, MASS, blank, campaign_of, lines, truth
 
 SENSORS = (Channel(2), Channel(4), Channel(6))
@@ -99,6 +100,25 @@ def test_magnitudes_are_predicted_as_magnitudes():
 def test_without_a_cause_nothing_is_corrected(verdict):
     assert corrected_rotor(by_hand(verdict)) == ((), 1.9e6)
     assert corrected_rotor(by_hand(causes=[])) == ((), 1.9e6)
+
+
+@pytest.mark.parametrize("verdict", ["no_gap", "unknown"])
+def test_without_a_cause_gains_that_were_fitted_are_no_correction(verdict):
+    strained = {"sensor_gain": {"node4": 1.1}, "tolerance": {"modulus": 1e-3}}
+    (predicted,) = predict(by_hand(verdict, calibration=strained), campaign_of(elsewhere()))
+    assert np.array_equal(predicted.corrected.H, predicted.nominal.H)
+
+
+def test_damping_is_what_the_diagnosis_believed():
+    """A campaign that says nothing of the damping is that of the same rig."""
+    run = elsewhere()
+    silent = replace(campaign_of(run), nominal=NominalBelief())
+    told = by_hand()
+    told["nominal"] |= {key: getattr(campaign_of(run).nominal, key) for key in DAMPING}
+    (predicted,) = predict(told, silent)
+    assert error(predicted.corrected.H, truth(run, [MASS])) < 1e-4
+    (predicted,) = predict(by_hand(), silent)
+    assert error(predicted.corrected.H, truth(run, [MASS])) > 0.05
 
 
 def test_a_cause_is_put_together_again():

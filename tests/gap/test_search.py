@@ -15,6 +15,7 @@ from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem, observe
 from gap.search import (
     Search,
+    _of_each,
     each_alone,
     most_left,
     pair_starts,
@@ -247,6 +248,17 @@ def test_pairs_are_started_beside_what_logarithms_see():
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
     starts = pair_starts(problem, replace(found, fits=others), hypotheses)
     assert "shaft_modulus" in {start.hypothesis.ids[0] for start in starts}
+
+
+def test_a_pair_found_from_either_of_its_effects_is_one_pair():
+    problem = problem_with(AttachedMass(mass=0.1, node=4))
+    mass, modulus = of(problem.runs, "attached_mass")[3], of(problem.runs, "shaft_modulus")[0]
+    fits = [
+        problem.fit(Hypothesis((*a.terms, *b.terms)), np.array([np.log(K_B), *u]), steps=1, anneal=(0.1,))
+        for a, b, u in ((mass, modulus, (np.log(0.1), 1.01)), (modulus, mass, (1.01, np.log(0.1))))
+    ]
+    assert fits[0].hypothesis != fits[1].hypothesis
+    assert _of_each(fits, 1) == fits[:1]
 
 
 def test_an_effect_that_its_own_starts_missed_is_found_in_a_pair():

@@ -167,7 +167,7 @@ def test_runs_in_another_unit_are_brought_to_si():
     problem = problem_of(*far, *runs[1:])
     again, fit = problem.in_si(recalibrate(problem))
     assert_allclose(np.abs(again.runs[0].H), np.abs(runs[0].H), rtol=0.1)
-    assert_allclose(again.observed[0].std / np.abs(again.runs[0].H), problem.observed[0].std / np.abs(far[0].H))
+    assert_allclose(again.observed[0].std * np.abs(far[0].H), problem.observed[0].std * np.abs(again.runs[0].H))
     assert again.runs[1] is problem.runs[1]
     assert_allclose(fit.nu[again.nuisances.gain], 0.0, atol=0.1)
 

@@ -17,7 +17,7 @@ from gap import wording
 from gap.adequacy import Adequacy, judge
 from gap.audit import audit, believed_errors, usable
 from gap.curves import Curve, log_distance_db, nrmse
-from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, NextTest, Regime, Shrink, Verdict
+from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
 from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
 from gap.helpers import helped_by
@@ -164,13 +164,13 @@ def diagnose(
         linear=candidates(campaign.runs, problem.forward.structure, exclude),
         laws=candidates(campaign.runs, problem.forward.structure, exclude, nonlinear=True),
     )
-    whole, n_data = problem, nominal.n_data
+    whole, enough = problem, nominal.n_data >= LEAST_DATA
     with helped_by(helpers):
         problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
     standing = _standing(problem, nominal, fits)
     clock.lap("form")
     ranked = _rank(nominal, standing)
-    verdict = _verdict(problem, nominal, ranked, standing) if n_data >= LEAST_DATA else "not_enough_data"
+    verdict = _verdict(problem, nominal, ranked, standing) if enough else "not_enough_data"
     if standing.other_form and verdict in ("cause", "ambiguous"):
         findings = (*findings, _form_finding(ranked.fits[0], standing))
     return _report(campaign, whole, problem, nominal, ranked, standing, verdict, findings, exclude, confirm, clock)
@@ -479,7 +479,8 @@ def _report(
         where=where,
         causes=causes,
         equivalent=equivalent,
-        next_test=_next_test(problem, rivals) or wording.next_test(verdict, campaign, causes, equivalent),
+        next_test=(best_next_test(problem, rivals) if len(rivals) > 1 else None)
+        or wording.next_test(verdict, campaign, causes, equivalent),
         shrink=shrink,
         audit=(*findings, *_noise_finding(problem, standing.quality)),
         excluded=tuple(exclude),
@@ -498,14 +499,6 @@ def _rivals(ranked: _Ranked, causes: Sequence[Cause], verdict: Verdict, equivale
     if verdict == "cause" and causes[0].place_probability < SURE:
         return [fit for fit, _ in _likely(groups[_name(causes[0].effects)])]
     return []
-
-
-def _next_test(problem: Problem, rivals: Sequence[Fit]) -> NextTest | None:
-    """The run that tells rivals apart; None where there are none, or no run that all of them have a model of."""
-    try:
-        return best_next_test(problem, rivals)
-    except ValueError:
-        return None
 
 
 def _k_b(problem: Problem, fit: Fit, scale: float) -> Estimate | None:

@@ -76,8 +76,8 @@ class Separation:
     pair: tuple[int, int] = field(default=(0, 1))  # which one
 
 
-def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest:
-    """The run that separates the members of an answered set best.
+def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest | None:
+    """The run that separates the members of an answered set best; None where no run has a model of all of them.
 
     Parameters
     ----------
@@ -86,13 +86,13 @@ def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest:
 
     Raises
     ------
-    ValueError : fewer than two members, or no run that all of them have a model of
+    ValueError : fewer than two members
     """
     if len(fits) < 2:
         raise ValueError("a next test separates at least two candidates")
     ranked = separations(problem, fits, proposals(problem, fits))
     if not ranked:
-        raise ValueError("the candidates have no model of any run that could be made")
+        return None
     best = ranked[0]
     a, b = (_name(fits[k]) for k in best.pair)
     least = "" if len(fits) == 2 else "least of all pairs, "

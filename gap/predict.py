@@ -54,7 +54,7 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
 def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predicted]:
     effects, k_b = corrected_rotor(document)
     nominal_k_b = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
-    calibration = document.get("calibration") or {} if effects else {}
+    calibration = (document.get("calibration") if effects else None) or {}
     belief = {key: value for key in DAMPING if (value := document["nominal"].get(key)) is not None}
     forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **belief)))
     forward.refined, forward.resolution, forward.with_data = True, FINAL, False

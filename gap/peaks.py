@@ -36,7 +36,7 @@ from sim.campaign import Campaign, Channel, PeakList, Run
 _TEST_LEVEL = 0.01
 
 # Points along ln k_b, and along each number of an effect with so many of them.
-_K_B_POINTS, _POINTS = 320, {0: 1, 1: 41, 2: 15, 3: 9}
+_K_B_POINTS, _POINTS = 480, {0: 1, 1: 41, 2: 15, 3: 9}
 
 # Relative standard error that those points resolve; sharper lists are zoomed in on, by so much at a time.
 _RESOLVED, _ZOOM = 0.008, 4.0

@@ -214,7 +214,8 @@ def _explained(
     laws = _not_ruled_out(problem, library.laws)
     found = None if dependent and laws else singles()
     if found and not (laws and _differ_by_level(problem, found.best)):
-        return problem, nominal, _finished(problem, found, library.linear, progress, clock)
+        problem, fits = _finished(problem, found, library.linear, progress, clock)
+        return problem, nominal, fits
     coarser, linear, bent = search_nonlinear(problem, laws, progress)
     clock.lap("nonlinear effects")
     adequate = bool(bent.fits) and _adequate(coarser, bent.best)
@@ -222,7 +223,7 @@ def _explained(
     if adequate and not rivalled and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:
         return coarser, linear, list(bent.fits)
     with_pairs = not (dependent or adequate)
-    straight = _finished(problem, found or singles(), library.linear, progress, clock, with_pairs=with_pairs)
+    problem, straight = _finished(problem, found or singles(), library.linear, progress, clock, with_pairs=with_pairs)
     rivals = [fit for fit in (robust_fit(coarser, fit.hypothesis, fit.u) for fit in straight[:POLISHED]) if fit]
     best = max((fit.log_weight for fit in rivals), default=-np.inf)
     clock.lap("linear rivals")
@@ -261,14 +262,14 @@ def _finished(
     clock: _Clock,
     *,
     with_pairs: bool = True,
-) -> list[Fit]:
-    """Linear effects, best first, and pairs where no single one is adequate."""
+) -> tuple[Problem, list[Fit]]:
+    """The problem on the finer mesh; linear effects, best first, and pairs where no single one is adequate."""
     fits = list(found.fits) or [found.nominal]
     if with_pairs and found.fits and not _suffices(problem, found.best, hypotheses):
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
-    problem.refine()
-    return best_first([*all_polished(problem, fits[:POLISHED]), *fits[POLISHED:]])
+    finer = problem.made(refined=True)
+    return finer, best_first([*all_polished(finer, fits[:POLISHED]), *fits[POLISHED:]])
 
 
 def _suffices(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> bool:

@@ -71,7 +71,7 @@ def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[F
     hypothesis : the fast sweep, its dwell the only number
     nominal : the recalibrated nominal model
     """
-    smooth = problem.without_images()
+    smooth = problem.made(images=False)
     fits = [*_strong(smooth, hypothesis, nominal), *_weak(smooth, hypothesis, nominal)]
     fits.sort(key=lambda fit: fit.cost)
     if fits:

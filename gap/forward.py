@@ -11,6 +11,7 @@ m-th resonance, which belongs to the run, not to the model.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gap.nonlinear import CORNER, FINE, Known, NonlinearModal
+from gap.nonlinear import CORNER, FINE, Known, NonlinearModal, Resolution
 from gap.transients import as_read, transients
 from rotor.assembly import assemble
 from rotor.condition import Condition
@@ -271,6 +272,16 @@ class Modal:
         return self.scale * force_factor(self.effects, self.omega, drive)
 
 
+@dataclass(frozen=True)
+class Manner:
+    """How finely responses are made."""
+
+    refined: bool = False  # whether effects inside an element have the finer mesh
+    resolution: Resolution = FINE  # of nonlinear motions
+    with_data: bool = True  # whether a run's values say which branch a nonlinear motion is on
+    images: bool = True  # whether a fast sweep's transients are seen with their images
+
+
 class Forward:
     """Makes the modal form of runs on one rotor; remembers what it made last.
 
@@ -283,10 +294,7 @@ class Forward:
 
     def __init__(self, structure: Structure, belief: NominalBelief, fine: Structure | None = None):
         self.structure, self.belief, self._fine = structure, belief, fine or structure
-        self.refined = False  # whether the finer mesh is used
-        self.resolution = FINE  # of nonlinear motions
-        self.images = True  # whether a fast sweep's transients are seen with their images
-        self.with_data = True  # whether a run's values say which branch it is on
+        self.manner = Manner()
         self._known: dict[tuple, Known] = {}
         self._variants: list[Structure] = []
         self._rotors: dict[tuple, _Rotor] = {}
@@ -320,6 +328,12 @@ class Forward:
             _bend(plain, each, [other.groups[g] for other in others]) for g, each in enumerate(plain.groups)
         ]
 
+    def made(self, **manner: Any) -> Forward:
+        """The same, its responses made in another ``Manner``; what either remembers serves both."""
+        other = copy.copy(self)
+        other.manner = replace(self.manner, **manner)
+        return other
+
     def forget(self) -> None:
         """Drop the motions that nonlinear candidates start from."""
         self._known.clear()
@@ -343,7 +357,7 @@ class Forward:
         return self._linear(run, k_b, effects)
 
     def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
-        local = self.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
+        local = self.manner.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
         bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), ())
         return self._on(self._fine if local else self.structure, run, k_b, effects, bends)
 
@@ -359,10 +373,10 @@ class Forward:
             columns = np.array([c for c, channel in enumerate(run.channels) if channel.node in group.nodes])
             made, sensitivity = self._group(structure, run, omega, condition, group.effects, columns, bends)
             groups.append(made)
-        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, over_receptance(run), self.images)
+        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, over_receptance(run), self.manner.images)
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
-        condition, effects, finely = self.condition(run, k_b), tuple(effects), self.resolution
+        condition, effects, manner = self.condition(run, k_b), tuple(effects), self.manner
         plain = self._balance(condition, effects, np.zeros(len(TOLERANCES)))
         if plain is None:
             return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
@@ -376,9 +390,8 @@ class Forward:
         numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
         mode, key = _numbers(plain.values, top), (condition, effects)
         sensitivity = _remembered(self._sensitivities, key, lambda: self._sensitivity(plain.system))
-        return NonlinearModal(
-            run, balance, plain, mode, sensitivity, effects, numbers, self._known, finely, self.with_data
-        )
+        known, finely = self._known, manner.resolution
+        return NonlinearModal(run, balance, plain, mode, sensitivity, effects, numbers, known, finely, manner.with_data)
 
     def _balance(self, condition: Condition, effects: tuple[Effect, ...], tolerance: FloatArray) -> Balance | None:
         """A rotor under nonlinear effects, None where no law acts; runs at several levels share it."""
@@ -392,7 +405,7 @@ class Forward:
                 raise ValueError("a rotor without a full set of eigenvectors has no modal form")
             return made
 
-        finely = self.resolution
+        finely = self.manner.resolution
         return _remembered(self._balances, (condition, effects, tolerance.tobytes(), finely), make)
 
     def _with(self, tolerance: FloatArray) -> Structure:

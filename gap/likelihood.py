@@ -8,7 +8,6 @@ and are integrated over in the evidence (Laplace). What a nuisance takes is judg
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -247,10 +246,11 @@ class Problem:
         self.forward.forget()
         self._memory.clear()
 
-    def refine(self) -> None:
-        """Use the finer mesh from now on, for effects that need one."""
-        self.forward.refined = True
-        self._memory.clear()
+    def made(self, **manner: Any) -> Problem:
+        """The same, responses made in another ``Manner``."""
+        other = Problem(self.forward.made(**manner), self.observed, self.model_error)
+        other.nuisances = self.nuisances
+        return other
 
     def modals(self, k_b: float, effects: Sequence[Effect]) -> list[Modal | NonlinearModal]:
         """One for every run; what a run does not depend on is left out, so that it is solved once."""
@@ -318,12 +318,6 @@ class Problem:
     def on_all_lines_of(self, whole: Problem) -> Problem:
         """The same model on the runs of another problem."""
         return Problem(self.forward, whole.observed, self.model_error)
-
-    def without_images(self) -> Problem:
-        """The same, a fast sweep's transients without their images: a misfit that is smooth over some 0.1 ms."""
-        forward = copy.copy(self.forward)
-        forward.images = False
-        return Problem(forward, self.observed, self.model_error)
 
     def loosened(self, factor: float) -> Problem:
         """The same with priors of the nuisances wider by a factor."""

@@ -105,8 +105,8 @@ def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest | None:
 def separations(problem: Problem, fits: Sequence[Fit], proposed: Sequence[Proposal]) -> list[Separation]:
     """Every proposal with the least chi-squared between two members, the best one first."""
     noise = relative_noise(problem)
-    forward = Forward(problem.forward.structure, problem.forward.belief)
-    forward.with_data = False  # nothing was measured yet: a nonlinear branch is followed from line to line
+    # Nothing was measured yet: a nonlinear branch is followed from line to line.
+    forward = Forward(problem.forward.structure, problem.forward.belief).made(with_data=False)
     found = []
     for proposal in proposed:
         try:

@@ -112,11 +112,11 @@ def search_nonlinear(
     the problem with the model error of a truncated motion; the nominal model fitted to it as the candidates are, where
     a line far from the data counts by the logarithm of its misfit; and the search: candidates that explain more
     """
-    forward = problem.forward
     calm, nu = _calm(problem)
-    loud, held = recalibrate(_at_level(problem, max)).k_b, forward.structure.supported_nodes
+    loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
     rest = _Rest(calm, loud, _seen_motion(problem, calm.k_b), held)
-    every = _thinned(problem, _FIT_LINES, calm.k_b, MODEL_ERROR)
+    final = problem.made(resolution=FINAL, refined=True)
+    every = _thinned(final, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
@@ -128,7 +128,6 @@ def search_nonlinear(
     left = [start for start in left if start.cost < _WITHIN * left[0].cost]
     left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
-    forward.resolution = FINAL
     first = _fitted(every, left, rounds=1, steps=3)
     fits = sorted(first, key=lambda fit: fit.cost)[:_FINALISTS]
     near = [fit for fit in fits if fit.cost < fits[0].cost + _CLEAR]
@@ -172,16 +171,15 @@ def _far(
     Empty where the best explains hardly more than the linear rotor does: few lines hold the gap then, and errors as
     large as these descents begin with hide it.
     """
-    problem.forward.resolution, calm = ROUGH, rest.calm
-    few = _thinned(problem, _GRID_LINES, calm.k_b, _ROUGH_ERROR)
+    calm = rest.calm
+    few = _thinned(problem.made(resolution=ROUGH), _GRID_LINES, calm.k_b, _ROUGH_ERROR)
     grid: dict[str, list[_Start]] = {}
     for hypothesis, points in _anew(few, partial(_by_distance, rest=rest, nu=nu), hypotheses):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
     tell("descents")
     rough = _descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
-    problem.forward.resolution = MIDDLE
-    some = _thinned(problem, _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
+    some = _thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     left = _settle(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost])
     if not left or left[0].cost > _GAINED * _loss(some, linear)[0]:
         return []
@@ -193,8 +191,7 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
 
     How stiff it is on average is another number for every resonance, and takes several harmonics.
     """
-    problem.forward.resolution = _UNEVEN
-    low = _thinned(_at_level(problem, min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
+    low = _thinned(_at_level(problem.made(resolution=_UNEVEN), min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
     (free,) = hypothesis.free
     starts = []
     for log_ratio in _RATIOS:
@@ -215,8 +212,7 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
 
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
-    problem.forward.resolution = ROUGH
-    some = _thinned(problem, _DESCENT_LINES, rest.calm.k_b, MODEL_ERROR)
+    some = _thinned(problem.made(resolution=ROUGH), _DESCENT_LINES, rest.calm.k_b, MODEL_ERROR)
     nominal = some.fit(NOMINAL, nominal.u, nominal.nu)
     grid: dict[str, list[_Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
@@ -229,7 +225,7 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
             beside += sorted(_by_distance(some, hypothesis, rest, nu), key=_cost)[:1]
     tell("descents")
     chosen = sorted((start for points in grid.values() for start in _promising(points)), key=_cost)[:_NEAR_STARTS]
-    problem.forward.resolution = MIDDLE
+    some = some.made(resolution=MIDDLE)
     left = _descend(some, [*chosen, *beside], (0.0,))
     left = _best_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), (0.0,))])[:_LEFT]
     return [start for start in left if start.cost < left[0].cost + _AHEAD]

@@ -57,7 +57,7 @@ def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predic
     calibration = (document.get("calibration") if effects else None) or {}
     belief = {key: value for key in DAMPING if (value := document["nominal"].get(key)) is not None}
     forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **belief)))
-    forward.refined, forward.resolution, forward.with_data = True, FINAL, False
+    forward = forward.made(refined=True, resolution=FINAL, with_data=False)
     tolerance = np.array([float(calibration.get("tolerance", {}).get(name, 0.0)) for name in TOLERANCES])
     forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, k_b)
     for run in campaign.runs:

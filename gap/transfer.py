@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.curves import nrmse
-from gap.forward import Forward, Modal, acting, nonlinear
+from gap.forward import Modal, acting, nonlinear
 from gap.hypotheses import K_B
 from gap.likelihood import Fit, Problem, middle_level
 from gap.nonlinear import MIDDLE, NonlinearModal
@@ -93,7 +93,7 @@ class _Test:
     """The campaign's supports, driven at another node."""
 
     def __init__(self, problem: Problem, nominal: Fit, best: Fit, node: int):
-        self._forward: Forward = problem.forward
+        self._forward = problem.forward.made(resolution=MIDDLE)
         self._nuisances, self._best = problem.nuisances, best
         self._parts = []
         for r in middle_level(problem.runs):
@@ -113,11 +113,10 @@ class _Test:
         """Some lines of a run with what the corrected model says of them: the branch that its motions are on."""
         hz = run.frequency_hz[::_LINES_NONLINEAR]
         run = replace(run, frequency_hz=hz, H=run.H[::_LINES_NONLINEAR], magnitude_only=False)
-        self._forward.resolution, self._forward.with_data = MIDDLE, False
-        modal = self._modal(run, best.u)
+        there = acting(best.effects, run.support)
+        modal = self._forward.made(with_data=False).modal(run, best.k_b, there)
         assert isinstance(modal, NonlinearModal)
         H, found = modal.response(None, best.nu[self._nuisances.tolerance]), modal.found
-        self._forward.with_data = True
         return replace(run, frequency_hz=hz[found], H=H[found])
 
     def shrink(self, u: FloatArray, nu: FloatArray) -> float:

@@ -336,9 +336,9 @@ def test_a_fast_sweep_pulls_peaks_along(forward):
     ],
 )
 def test_many_dwells_at_once_change_what_each_alone_changes(effects, quantity, sweep, images):
-    forward, run = Forward(STRUCTURE, BELIEF), blank("rigid", lines("rigid"), quantity=quantity, sweep=sweep)
+    run = blank("rigid", lines("rigid"), quantity=quantity, sweep=sweep)
+    forward = Forward(STRUCTURE, BELIEF).made(images=images)
     forward.allow_for_tolerances(load_rig(RIG), [run], K_B)
-    forward.images = images
     drift, tolerance, dwells = np.full(MODES, 1e-4), np.full(len(TOLERANCES), -5e-4), np.array([0.05, 0.4, 3.0])
     together = forward.modal(run, K_B, effects).change_by_dwells(dwells, drift, tolerance)
     steady = forward.modal(run, K_B, effects).response(drift, tolerance)

@@ -60,8 +60,7 @@ LEVELS = (0.05, 0.2, 0.8)
 def swept(effect: Effect, level: float, seed: int = 0, resolution=FINE, **settings):
     """A run swept upwards under a nonlinear effect, with noise and its standard errors."""
     run = blank("bearing", lines("bearing"), force_amplitude_N=level, sweep="up", name=f"{level} N", **settings)
-    forward = Forward(STRUCTURE, BELIEF)
-    forward.with_data, forward.resolution = False, resolution
+    forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=resolution)
     return noisy(run, forward.modal(run, K_B, (effect,)).response(), seed)
 
 
@@ -111,8 +110,7 @@ def test_derivatives_by_drift_are_those_of_the_motion(hardening):
 
 
 def test_derivatives_by_the_tolerances_follow_the_shapes(hardening):
-    forward = Forward(STRUCTURE, BELIEF)
-    forward.resolution = replace(FINAL, harmonics=3, samples=128)
+    forward = Forward(STRUCTURE, BELIEF).made(resolution=replace(FINAL, harmonics=3, samples=128))
     forward.allow_for_tolerances(load_rig(RIG), hardening[1:2], K_B)
     modal = forward.modal(hardening[1], K_B, (BearingCubic(stiffness=1e13),))
     drift, tolerance, step = np.zeros(MODES), np.full(len(TOLERANCES), 3e-4), 1e-6
@@ -142,8 +140,7 @@ def test_a_start_has_the_forces_of_a_hard_contact_that_the_data_tell_of():
 def test_a_hard_rub_shows_where_the_motion_of_its_node_ends():
     rub = Rub(stiffness=2e7, gap=2e-5, node=5)
     runs = (swept(rub, 1.0),)
-    problem = problem_of(runs)
-    problem.forward.resolution = ROUGH
+    problem = problem_of(runs).made(resolution=ROUGH)
     few, nu = _thinned(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
     motion = _seen_motion(problem, K_B)
     assert rub.gap < motion[4] < 1.5 * rub.gap
@@ -259,8 +256,7 @@ def test_the_interval_of_a_nonlinear_cause_holds_what_the_correction_explains(ha
     assert fit is not None
     low, high = transfer_interval(problem, problem.fit(NOMINAL, fit.u[:1]), fit, 1.0)
     there = swept(CUBIC, LEVELS[1], excitation_node=4)
-    forward = Forward(STRUCTURE, BELIEF)
-    forward.with_data = False
+    forward = Forward(STRUCTURE, BELIEF).made(with_data=False)
     truth, corrected = (forward.modal(there, k_b, e).response() for k_b, e in ((K_B, (CUBIC,)), (fit.k_b, fit.effects)))
     shrink = 1 - nrmse(truth, corrected) / nrmse(truth, forward.modal(there, K_B).response())
     assert 0.5 < low < high <= 1

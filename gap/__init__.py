@@ -23,6 +23,7 @@ module                what it holds                                             
 ``resonances``        a candidate's resonances over k_b                             ``Resonances``
 ``predict``           what a diagnosis says of runs that it never saw               ``predict``
 ``curves``            measured runs beside their models                             ``nrmse``
+``causes``            a fitted candidate as diagnosis.json names it                 ``cause_of``
 ``wording``           the verdict in a sentence                                     ``sentence``
 ``phrases``           places, parts of a whole and lists in words                   ``place``, ``part``, ``listed``
 ``diagnosis``         the contents of diagnosis.json                                ``Diagnosis``

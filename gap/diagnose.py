@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from gap import wording
 from gap.adequacy import Adequacy, judge
 from gap.audit import audit, believed_errors, usable
+from gap.causes import cause_of, locations
 from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
 from gap.forward import TOLERANCES, Forward, nonlinear
@@ -520,56 +521,15 @@ def _causes(problem: Problem, ranked: _Ranked, scale: float, known: float) -> tu
         total = _together(places)
         (best, probability), *others = _likely(places)
         cause = _cause(problem, best, known * total, scale)
-        elsewhere = tuple(_locations(fit) for fit, _ in others)
+        elsewhere = tuple(locations(fit.hypothesis, fit.u) for fit, _ in others)
         causes.append(replace(cause, place_probability=probability / total if total else 1.0, other_places=elsewhere))
     return tuple(causes)
 
 
-def _locations(fit: Fit) -> tuple[Location, ...]:
-    """Where each effect of a fit is."""
-    locations, at = [], 1
-    for term in fit.hypothesis.terms:
-        numbers = zip(term.free, fit.u[at:], strict=False)
-        position = next((free.value(u) for free, u in numbers if free.name == "position"), None)
-        node = next((int(value) for name, value in term.fixed if name == "node" and value), None)
-        locations.append(Location(term.effect.location, node, position))  # type: ignore[arg-type]
-        at += len(term.free)
-    return tuple(locations)
-
-
 def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:
-    std = np.sqrt(fit.covariance(scale).diagonal())[1 : len(fit.u)]
-    edged = fit.at_edge[1:].max(axis=1)
-    parameters: dict[str, Estimate] = {}
-    places: dict[str, float] = {}
-    locations, edge, at = _locations(fit), [], 0
-    for term in fit.hypothesis.terms:
-        prefix = "" if len(fit.hypothesis.terms) == 1 else f"{term.effect.id}."
-        effect = term.put(fit.u[1 + at : 1 + at + len(term.free)])
-        places |= {f"{term.effect.id}.{name}": value for name, value in term.fixed}
-        for free, u, error, at_end in zip(term.free, fit.u[1 + at :], std[at:], edged[at:], strict=False):
-            value = free.value(u)
-            spread = float(error * value if free.log else error)
-            if free.name == "position":
-                places[f"{term.effect.id}.position"] = value
-                parameters[f"{prefix}position"] = Estimate(value, spread, "m")
-                continue
-            unit = term.effect.parameters()[free.name].unit
-            parameters[f"{prefix}{free.name}"] = Estimate(float(getattr(effect, free.name)), spread, unit)
-            if at_end:
-                edge.append(f"{prefix}{free.name}")
-        at += len(term.free)
-    return Cause(
-        effects=fit.hypothesis.ids,
-        location=locations[0],
-        probability=probability,
-        parameters=parameters,
-        k_b=_k_b(problem, fit, scale),
-        log_evidence=fit.log_evidence(scale),
-        locations=locations,
-        places=places,
-        at_prior_edge=tuple(edge),
-    )
+    std = np.sqrt(fit.covariance(scale).diagonal())[: len(fit.u)]
+    k_b = _k_b(problem, fit, scale)
+    return cause_of(fit.hypothesis, fit.u, std, probability, k_b, fit.log_evidence(scale))
 
 
 def _equivalent(causes: Sequence[Cause]) -> tuple[Cause, ...]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotor.effects import Effect
 from rotor.effects.effect import Parameter
@@ -16,6 +18,9 @@ from sim.campaign import Run
 
 # Prior range of the bearing stiffness [N/m], even in its logarithm.
 K_B_RANGE = (1e4, 1e10)
+
+# Share of a range that counts as its end.
+_EDGE = 1e-3
 
 # Starting points along a parameter's prior range.
 _STARTS = (0.15, 0.5, 0.85)
@@ -98,11 +103,18 @@ class Hypothesis:
 
     def effects(self, u: Sequence[float] | FloatArray) -> tuple[Effect, ...]:
         """The effects for fitted coordinates (n_free,)."""
-        made, at = [], 0
-        for term in self.terms:
-            made.append(term.put(u[at : at + len(term.free)]))
-            at += len(term.free)
-        return tuple(made)
+        parts = self.split(np.asarray(u))
+        return tuple(term.put(own) for term, own in zip(self.terms, parts, strict=True))
+
+    def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
+        """Values (n_free, ...) of the free numbers, effect by effect."""
+        ends = np.cumsum([0, *(len(term.free) for term in self.terms)])
+        return [values[low:high] for low, high in itertools.pairwise(ends)]
+
+    def at_edge(self, u: FloatArray) -> NDArray[np.bool_]:
+        """(1 + n_free, 2) which coordinates stand at the low or at the high end of their ranges."""
+        low, high = self.ends.T
+        return np.stack([u - low, high - u], axis=1) < _EDGE * (high - low)[:, None]
 
     def starts(self) -> list[FloatArray]:
         """Starting points, each (n_free,); one parameter of each effect, and its position, take several values."""

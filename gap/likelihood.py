@@ -32,9 +32,6 @@ _LEAST_STD = 1e-4
 # Values below this share of the run's largest say nothing about a logarithm.
 _SILENT = 1e-5
 
-# Share of a range that counts as its end.
-_EDGE = 1e-3
-
 # A run is thinned to no fewer lines.
 FEW_LINES = 32
 
@@ -160,8 +157,7 @@ class Fit:
     @property
     def at_edge(self) -> BoolArray:
         """(1 + n_free, 2) which coordinates stand at the low or at the high end of their ranges."""
-        low, high = self.hypothesis.ends.T
-        return np.stack([self.u - low, high - self.u], axis=1) < _EDGE * (high - low)[:, None]
+        return self.hypothesis.at_edge(self.u)
 
     @property
     def wants_more(self) -> bool:
@@ -687,8 +683,13 @@ def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own
 
 def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
     """(data - model) over the standard error of a real component; what is not there is zero."""
+    return np.where(observed.valid, observed.less(H) * _weight(observed, added), 0.0)
+
+
+def _weight(observed: Observed, added: float) -> FloatArray:
+    """(n_freq, n_channels) 1 / standard error of a real component; 0 where nothing is there."""
     variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(observed.run.H)) ** 2
-    return np.where(observed.valid, observed.less(H) / np.sqrt(variance / 2), 0.0)
+    return np.where(observed.valid, 1 / np.sqrt(variance / 2), 0.0)
 
 
 def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
@@ -719,10 +720,7 @@ def expected_magnitude(observed: Observed, H: ComplexArray) -> tuple[FloatArray,
 
 def _weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
     """Weights (n_freq, n_channels) and real residuals."""
-    y = observed.run.H
-    variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(y)) ** 2
-    weight = np.where(observed.valid, 1 / np.sqrt(variance / 2), 0.0)
-    left = residual(observed, H, added)
+    weight, left = _weight(observed, added), residual(observed, H, added)
     if observed.run.magnitude_only:
         return weight, left.real.ravel()
     return weight, np.concatenate([left.real.ravel(), left.imag.ravel()])

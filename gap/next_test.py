@@ -18,12 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from gap.causes import locations
 from gap.diagnosis import NextTest
 from gap.forward import MODES, Forward, acting, nonlinear
 from gap.hypotheses import K_B
 from gap.likelihood import Fit, Problem, change_of
+from gap.phrases import effects_at, supports
 from rotor.effects import AttachedMass, Effect
-from rotor.effects.library import EFFECTS
 from rotor.structure import ComplexArray, FloatArray, Structure
 from sim.campaign import Channel, Run, SupportKind
 
@@ -94,7 +95,7 @@ def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest | None:
     if not ranked:
         return None
     best = ranked[0]
-    a, b = (_name(fits[k]) for k in best.pair)
+    a, b = (effects_at(fits[k].hypothesis.ids, locations(fits[k].hypothesis, fits[k].u)) for k in best.pair)
     least = "" if len(fits) == 2 else "least of all pairs, "
     apart = f"{least}{a} and {b} then differ by chi-squared {_round(best.chi2)}"
     words = f"{best.proposal.words}: of {len(ranked)} possible runs it separates the candidates best; {apart}"
@@ -143,7 +144,7 @@ def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
         run = _template(problem.runs, support, lines)
         made += _driven(problem.runs, run, structure, run.support in {r.support for r in problem.runs})
     run = _template(problem.runs, "bearing", lines)
-    here = f"on {_support(run.support)} at node {run.excitation_node}"
+    here = f"on {supports(run.support)} at node {run.excitation_node}"
     if any(nonlinear(fit.effects) for fit in fits):
         force = run.force_amplitude_N or 1.0
         levels = tuple(replace(run, force_amplitude_N=factor * force) for factor in _LEVELS)
@@ -164,7 +165,7 @@ def _driven(runs: Sequence[Run], run: Run, structure: Structure, measured: bool)
     used = {r.excitation_node for r in runs if r.support == run.support}
     nodes = [node for node in structure.free_nodes if node not in used] if measured else [run.excitation_node]
     for node in nodes:
-        words = f"Drive the rotor on {_support(run.support)} at node {node}, accelerometers as they are"
+        words = f"Drive the rotor on {supports(run.support)} at node {node}, accelerometers as they are"
         yield Proposal(words, (replace(run, excitation_node=node),), 0.0)
 
 
@@ -303,19 +304,6 @@ def _real(values: ComplexArray, H: ComplexArray, run: Run) -> FloatArray:
         size = np.abs(H)
         return (values * np.where(size > 0, H.conj() / np.where(size > 0, size, 1.0), 0.0)).real.ravel()
     return np.concatenate([values.real.ravel(), values.imag.ravel()])
-
-
-def _name(fit: Fit) -> str:
-    """'attached mass at node 3'."""
-    parts = []
-    for term in fit.hypothesis.terms:
-        node = next((f" at node {value:g}" for name, value in term.fixed if name == "node" and value), "")
-        parts.append(EFFECTS[term.effect.id].title.lower() + node)
-    return " with ".join(parts)
-
-
-def _support(support: SupportKind) -> str:
-    return "bearings" if support == "bearing" else "rigid supports"
 
 
 def _round(value: float) -> str:

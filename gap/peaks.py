@@ -25,7 +25,8 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import chi2 as chi2_distribution
 
-from gap.diagnosis import Band, Cause, Diagnosis, Estimate, Finding, Location, NextTest, Where
+from gap.causes import cause_of
+from gap.diagnosis import Band, Diagnosis, Estimate, Finding, NextTest, Where
 from gap.hypotheses import K_B, NO_GAP_PRIOR, SURE, Hypothesis, candidates
 from gap.resonances import Resonances, Rotor
 from rotor.rig import load_rig
@@ -413,7 +414,10 @@ def diagnosis_of(
 ) -> Diagnosis:
     """What a ranking says, in the form of every diagnosis."""
     nominal = ranking.nominal
-    causes = tuple(_cause(s, p) for s, p in zip(ranking.scored, ranking.probabilities, strict=True))
+    causes = tuple(
+        cause_of(s.hypothesis, s.u, s.std, p, s.k_b, s.log_evidence)
+        for s, p in zip(ranking.scored, ranking.probabilities, strict=True)
+    )
     agrees = ranking.no_gap > SURE and nominal.adequate and nominal.n_unseen == 0
     return Diagnosis(
         title=campaign.title,
@@ -434,36 +438,6 @@ def diagnosis_of(
         next_test=None if agrees else _next_test(lists, ranking),
         audit=findings,
         excluded=tuple(exclude),
-    )
-
-
-def _cause(scored: Scored, probability: float) -> Cause:
-    """A candidate with its numbers and their posterior errors."""
-    term = scored.hypothesis.terms[0]
-    parameters: dict[str, Estimate] = {}
-    edge: list[str] = []
-    places = {f"{term.effect.id}.{name}": value for name, value in term.fixed}
-    node, position = next((int(v) for n, v in term.fixed if n == "node" and v), None), None
-    for free, u, std in zip(term.free, scored.u[1:], scored.std[1:], strict=True):
-        value, (low, high) = free.value(u), free.ends
-        unit = "m" if free.name == "position" else term.effect.parameters()[free.name].unit
-        parameters[free.name] = Estimate(value, float(abs(std * value) if free.log else std), unit)
-        if free.name == "position":
-            position = value
-            places[f"{term.effect.id}.position"] = value
-        elif min(u - low, high - u) < 1e-3 * (high - low):
-            edge.append(free.name)
-    location = Location(term.effect.location, node, position)  # type: ignore[arg-type]
-    return Cause(
-        effects=(term.effect.id,),
-        location=location,
-        probability=probability,
-        parameters=parameters,
-        k_b=scored.k_b,
-        log_evidence=scored.log_evidence,
-        locations=(location,),
-        places=places,
-        at_prior_edge=tuple(edge),
     )
 
 

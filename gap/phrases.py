@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 
 from gap.diagnosis import Location
+from rotor.effects.library import EFFECTS
+from sim.campaign import SupportKind
 
 _PLACES = {
     "bearings": "at the bearings",
@@ -25,6 +27,17 @@ def place(location: Location) -> str:
     if location.x_m is not None:
         return f"at x = {1e3 * location.x_m:.0f} mm"
     return _PLACES.get(location.kind, "")
+
+
+def effects_at(effects: Iterable[str], locations: Iterable[Location]) -> str:
+    """'attached mass at node 3 and open crack at x = 213 mm'."""
+    there = zip(effects, locations, strict=False)
+    return " and ".join(f"{EFFECTS[effect].title.lower()} {place(where)}".strip() for effect, where in there)
+
+
+def supports(support: SupportKind) -> str:
+    """'bearings', 'rigid supports'."""
+    return "bearings" if support == "bearing" else "rigid supports"
 
 
 def part(value: float) -> str:

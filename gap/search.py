@@ -482,10 +482,9 @@ def pairs(
 
 def each_alone(problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
     """Each effect of a pair without the other, from where the pair ended: its own starts may have missed that place."""
-    found, at = [], 1
-    for term in pair.hypothesis.terms:
-        u = np.concatenate([pair.u[:1], pair.u[at : at + len(term.free)]])
-        at += len(term.free)
+    found = []
+    for term, own in zip(pair.hypothesis.terms, pair.hypothesis.split(pair.u[1:]), strict=True):
+        u = np.concatenate([pair.u[:1], own])
         single = next(hypothesis for hypothesis in hypotheses if hypothesis.terms == (term,))
         fit = _run(problem, CLOSE[0], Start(single, u, pair.nu))
         found += [fit] if fit else []

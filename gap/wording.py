@@ -7,19 +7,14 @@ from collections.abc import Collection, Sequence
 
 from gap.diagnosis import Cause, Diagnosis, NextTest, Verdict
 from gap.hypotheses import SURE
-from gap.phrases import part, place
-from rotor.effects.library import EFFECTS
+from gap.phrases import effects_at, part, place, supports
 from rotor.rig import Rig, load_rig
-from sim.campaign import Campaign, Run
+from sim.campaign import SUPPORTS, Campaign
 
 
 def named(cause: Cause) -> str:
     """Effects of a cause, each with its place, and where else they may be if that is not sure."""
-    locations = cause.locations or (cause.location,)
-    words = " and ".join(
-        f"{EFFECTS[effect].title.lower()} {place(where)}".strip()
-        for effect, where in zip(cause.effects, locations, strict=False)
-    )
+    words = effects_at(cause.effects, cause.locations or (cause.location,))
     if cause.place_probability >= SURE or not cause.other_places:
         return words
     others = ", or ".join(" and ".join(map(place, each)) for each in cause.other_places)
@@ -85,11 +80,11 @@ def next_test(
         "excitation_node": run.excitation_node,
         "force_amplitude_N": run.force_amplitude_N or 1.0,
     }
-    if missing := {"rigid", "bearing"} - {run.support for run in campaign.runs}:
-        support = missing.pop()
-        where = "its bearings" if support == "bearing" else "rigid supports"
-        words = f"Measure the rotor on {where} too: what acts in the bearings shows on them alone."
-        return NextTest(words, settings | {"support": support})
+    there = {run.support for run in campaign.runs}
+    for support in SUPPORTS:
+        if support not in there:
+            words = f"Measure the rotor on {supports(support)} too: what acts in the bearings shows on them alone."
+            return NextTest(words, settings | {"support": support})
     structure = load_rig(campaign.rig)
     sensors = {channel.node for run in campaign.runs for channel in run.channels}
     if more := _spread(structure, sensors, max(_SENSORS - len(sensors), 0)):
@@ -98,11 +93,12 @@ def next_test(
         return NextTest(f"{words}: with few accelerometers several places explain the same gap.", settings)
     levels = {run.force_amplitude_N for run in runs}
     if len(levels) < 2 and verdict == "unknown":
-        words = f"Repeat the run {_on(run)} at a third and at three times the force"
+        words = f"Repeat the run on {supports(run.support)} at a third and at three times the force"
         words += ": a nonlinear cause changes with level."
         return NextTest(words, settings | {"force_amplitude_N": 3 * settings["force_amplitude_N"]})
     (node,) = _spread(structure, {r.excitation_node for r in runs}, 1) or (run.excitation_node,)
-    words = f"Drive the rotor {_on(run)} at node {node} instead of {run.excitation_node}, accelerometers as they are"
+    words = f"Drive the rotor on {supports(run.support)} at node {node} instead of {run.excitation_node}"
+    words += ", accelerometers as they are"
     if verdict == "cause" and causes:
         words += f": a model with {named(causes[0])} should predict that run."
     elif equivalent:
@@ -114,10 +110,6 @@ def next_test(
 
 # Accelerometers that tell most places apart.
 _SENSORS = 3
-
-
-def _on(run: Run) -> str:
-    return "on bearings" if run.support == "bearing" else "on rigid supports"
 
 
 def _spread(rig: Rig, taken: Collection[int], count: int) -> list[int]:

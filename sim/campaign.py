@@ -15,6 +15,7 @@ FloatArray = NDArray[np.floating[Any]]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 SupportKind = Literal["rigid", "bearing"]
+SUPPORTS: tuple[SupportKind, ...] = ("rigid", "bearing")
 Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
 Plane = Literal["y", "z"]
 SweepDirection = Literal["up", "down"]

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from gap.diagnosis import Location
-from gap.phrases import listed, part, place
+from gap.phrases import effects_at, listed, part, place
 
 
 @pytest.mark.parametrize(
@@ -35,6 +35,14 @@ def test_a_place_is_named():
     assert place(Location("position", x_m=0.2134)) == "at x = 213 mm"
     assert place(Location("bearings")) == "at the bearings"
     assert place(Location("somewhere")) == ""
+
+
+def test_effects_are_named_with_their_places():
+    places = (Location("node", node=3), Location("bearings"))
+    assert (
+        effects_at(("attached_mass", "bearing_damping"), places)
+        == "attached mass at node 3 and bearing damping at the bearings"
+    )
 
 
 def test_a_list_ends_with_and():

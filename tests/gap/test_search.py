@@ -82,7 +82,7 @@ def test_the_first_order_gain_is_what_a_fit_gains():
 
 
 def test_gains_of_many_changes_are_the_gain_of_each():
-    problem = problem_with(FastSweep(dwell=2.0)).without_images()
+    problem = problem_with(FastSweep(dwell=2.0)).made(images=False)
     score = problem.score(recalibrate(problem), settled=True)
     dwells = np.array([1.0, 2.0, 5.0])
     together = zip(*score.gains(problem.change_by_dwells(score.fit, dwells)), strict=True)
@@ -102,7 +102,7 @@ def test_costs_of_many_dwells_are_the_cost_of_each():
 
 
 def test_transients_that_have_died_away_promise_nothing():
-    problem = problem_with().without_images()
+    problem = problem_with().made(images=False)
     gain, moved = _gains(problem, problem.score(recalibrate(problem)), np.array([120.0, 150.0]))
     assert_allclose(gain, 0.0, atol=1e-6)
     assert_allclose(moved, 0.0, atol=1e-6)

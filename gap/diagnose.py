@@ -25,7 +25,7 @@ from gap.helpers import helped_by
 from gap.hypotheses import NO_GAP_PRIOR, SURE, Hypothesis, candidates
 from gap.likelihood import Fit, Problem, observe
 from gap.next_test import best_next_test
-from gap.nonlinear_search import robust_fit, search_nonlinear
+from gap.nonlinear_search import most_promised, robust_fit, search_nonlinear
 from gap.search import (
     POLISHED,
     Progress,
@@ -214,7 +214,7 @@ def _explained(
 
     laws = _not_ruled_out(problem, library.laws)
     found = None if dependent and laws else singles()
-    if found and not (laws and _differ_by_level(problem, found.best)):
+    if found and not (laws and _differ_by_level(problem, found.best, laws)):
         problem, fits = _finished(problem, found, library.linear, progress, clock)
         return problem, nominal, fits
     coarser, linear, bent = search_nonlinear(problem, laws, progress)
@@ -241,8 +241,11 @@ def _not_ruled_out(problem: Problem, laws: Sequence[Hypothesis]) -> Sequence[Hyp
     return [law for law in laws if law.terms[0].effect.location != "bearings"]
 
 
-def _differ_by_level(problem: Problem, fit: Fit) -> bool:
-    """Whether levels differ in what a linear fit leaves: where each may have resonances of its own, misfit goes."""
+def _differ_by_level(problem: Problem, fit: Fit, laws: Sequence[Hypothesis]) -> bool:
+    """Whether levels differ in what a linear fit leaves.
+
+    Misfit goes where each level may have resonances of its own, or, in a smaller gap, where a law moves them.
+    """
     levels: dict[str, set[float | None]] = {}
     for run in problem.runs:
         levels.setdefault(run.support, set()).add(run.force_amplitude_N)
@@ -252,7 +255,9 @@ def _differ_by_level(problem: Problem, fit: Fit) -> bool:
     quality = judge(problem, fit)
     gain, numbers = problem.score(fit, settled=True).apart(runs)
     gain /= _scale(quality) ** 2
-    return gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or _excess(problem, fit, quality) >= 1
+    if gain > numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers) or _excess(problem, fit, quality) >= 1:
+        return True
+    return most_promised(problem, fit, laws) > 2 * PAIR_GAIN * _scale(quality) ** 2
 
 
 def _finished(

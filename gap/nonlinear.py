@@ -36,8 +36,9 @@ _FAR, _FARTHER = 0.05, 4.0
 # A measured displacement is changed by such a share (of its logarithm) at most, in so many rounds, to suit the force.
 _WIDEST, _ROUNDS = 0.7, 5
 
-# Parameters this near to those of the known motion: it is the start, and no other is tried.
-_NEAR = 2e-3
+# Parameters this near to those of the known motion: it is the start, and no other is tried. And as near as this to
+# those at which no start brought a line to the data: none is tried again for that line.
+_NEAR, _IN_VAIN = 2e-3, 0.03
 
 # Step of a tolerance for a derivative.
 _STEP = 1e-7
@@ -74,6 +75,12 @@ class Known:
 
     numbers: FloatArray  # k_b and the effects' parameters
     joints: ComplexArray  # (n_freq, K, n_joints)
+    lost: BoolArray  # (n_freq,) lines that no start brought to the data
+    tried: FloatArray  # the numbers at which that was
+
+    def given_up(self, numbers: FloatArray) -> BoolArray:
+        """(n_freq,) lines that are not worth another start."""
+        return self.lost & bool(np.allclose(self.tried, numbers, rtol=_IN_VAIN))
 
 
 @dataclass(frozen=True)
@@ -160,18 +167,28 @@ class NonlinearModal:
             best = self._solve(balance, self._measured_motion(balance))
         else:
             best = self._solve(balance, known.joints)
+        none = np.zeros(len(run.frequency_hz), dtype=bool)
+        lost, tried = (none, self.numbers) if known is None else (known.lost, known.tried)
         if not near:
-            best = self._nearer(balance, best)
+            given_up = none if known is None else known.given_up(self.numbers)
+            best = self._nearer(balance, best, given_up)
+            tried = tried if given_up.any() else self.numbers
+            lost = self._far(best)
         good = np.isfinite(best.joints).all(axis=(1, 2)) & best.converged
         start = best.joints if known is None else known.joints
-        self.known[kind] = Known(self.numbers, np.where(good[:, None, None], best.joints, start))
+        self.known[kind] = Known(self.numbers, np.where(good[:, None, None], best.joints, start), lost, tried)
         return best
 
-    def _nearer(self, balance: Balance, best: Solved) -> Solved:
+    def _far(self, solved: Solved) -> BoolArray:
+        """(n_freq,) lines far from the data, and farther than most; or without a motion."""
+        miss = self._miss(solved)
+        return (miss > max(_FAR, _FARTHER * float(np.median(miss)))) | ~solved.converged
+
+    def _nearer(self, balance: Balance, best: Solved, given_up: BoolArray) -> Solved:
         """Start lines that are far from the data again: from the data, without the law, and from their neighbours."""
         for start in ("data", "force", "linear", "left", "right"):
             miss = self._miss(best)
-            far = np.flatnonzero((miss > max(_FAR, _FARTHER * float(np.median(miss)))) | ~best.converged)
+            far = np.flatnonzero(self._far(best) & ~given_up)
             if not len(far):
                 break
             if start == "data":

@@ -8,6 +8,7 @@ logarithm, so they cannot decide.
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,6 +26,12 @@ from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
 _GRID_LINES, _DESCENT_LINES, _FIT_LINES = 8, 6, 4
+
+# The last where the gap is small: it takes more lines to be seen.
+_FIT_LINES_SMALL = 2
+
+# The same where a law's promise is told from noise.
+_PROMISE_LINES = 2
 
 # What coarsely computed motions leave of the response.
 _ROUGH_ERROR, _MIDDLE_ERROR = 0.05, 0.01
@@ -63,6 +70,9 @@ NEAR = 5.0
 # more of the misfit than the best one's a candidate may leave after that.
 _SHARES_STIFFNESS = ("bearing_friction",)
 _NEAR_STARTS, _AHEAD = 6, 60.0
+
+# Where the gap is small, places of a law that are carried on: they hardly differ there.
+_PLACES_SMALL = 2
 
 # Of every effect, so many points of the grid are descended from; of one with places, so many places.
 _STARTS, _PLACES = 2, 3
@@ -113,16 +123,19 @@ def search_nonlinear(
     a line far from the data counts by the logarithm of its misfit; and the search: candidates that explain more
     """
     calm, nu = _calm(problem)
-    loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
-    rest = _Rest(calm, loud, _seen_motion(problem, calm.k_b), held)
+    rest = _rest(problem, calm)
     final = problem.made(resolution=FINAL, refined=True)
     every = _thinned(final, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
+    small = nominal.chi2 < NEAR * nominal.n_data
+    if small:
+        every = _thinned(final, _FIT_LINES_SMALL, calm.k_b, MODEL_ERROR)
+        nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
     uneven = [hypothesis for hypothesis in hypotheses if hypothesis.ids == ("bilinear_support",)]
     others = [hypothesis for hypothesis in hypotheses if hypothesis not in uneven]
-    left = [] if nominal.chi2 < NEAR * nominal.n_data else _far(problem, others, rest, linear, nu, tell)
+    left = [] if small else _far(problem, others, rest, linear, nu, tell)
     left = left or _near(problem, others, rest, nominal, tell)
     tell("bilinear_support")
     left = [start for start in left if start.cost < _WITHIN * left[0].cost]
@@ -149,6 +162,32 @@ class _Rest:
     def force(self) -> float:
         """Largest force of a bearing as soft as the lowest level's [N]."""
         return self.calm.k_b * float(self.motion[np.array(self.held) - 1].max())
+
+
+def _rest(problem: Problem, calm: Fit) -> _Rest:
+    """What the linear rotors say before any law is tried; ``calm`` suits the lowest level."""
+    loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
+    return _Rest(calm, loud, _seen_motion(problem, calm.k_b), held)
+
+
+def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> float:
+    """Misfit that a weak law could take away beside a linear fit, to first order: the most of all points of the grids.
+
+    A law moves the resonances of each level by what its own motions make of it, so its promise is told from noise where
+    shifts that are free of each other are not.
+    """
+    calm, _ = _calm(problem)
+    rest = _rest(problem, calm)
+    some = _thinned(problem.made(resolution=ROUGH), _PROMISE_LINES, calm.k_b, MODEL_ERROR)
+    score = some.score(some.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
+    gridded = [hypothesis for hypothesis in hypotheses if hypothesis.ids != ("bilinear_support",)]
+    return max(each(partial(_promise, score, rest), gridded), default=0.0)
+
+
+def _promise(score: Score, rest: _Rest, hypothesis: Hypothesis) -> float:
+    """The most that a law takes away to first order, at any point of its grid."""
+    gains = (score.gain(hypothesis.effects(u[1:]))[0] for u in _grid(hypothesis, rest))
+    return max(gains, default=0.0)
 
 
 class _Teller:
@@ -212,22 +251,25 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
 
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
-    some = _thinned(problem.made(resolution=ROUGH), _DESCENT_LINES, rest.calm.k_b, MODEL_ERROR)
-    nominal = some.fit(NOMINAL, nominal.u, nominal.nu)
+    many, some = (
+        _thinned(problem.made(resolution=how), lines, rest.calm.k_b, MODEL_ERROR)
+        for how, lines in ((ROUGH, _PROMISE_LINES), (MIDDLE, _FIT_LINES))
+    )
+    nominal = many.fit(NOMINAL, nominal.u, nominal.nu)
     grid: dict[str, list[_Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
     beside: list[_Start] = []
-    gains = each(partial(_by_score, some.score(nominal), rest), hypotheses)
+    gains = each(partial(_by_score, many.score(nominal), rest), hypotheses)
     for hypothesis, points in zip(hypotheses, gains, strict=True):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
         if hypothesis.ids[0] in _SHARES_STIFFNESS:
-            beside += sorted(_by_distance(some, hypothesis, rest, nu), key=_cost)[:1]
+            few = _thinned(problem.made(resolution=ROUGH), _DESCENT_LINES, rest.calm.k_b, MODEL_ERROR)
+            beside += sorted(_by_distance(few, hypothesis, rest, nu), key=_cost)[:1]
     tell("descents")
-    chosen = sorted((start for points in grid.values() for start in _promising(points)), key=_cost)[:_NEAR_STARTS]
-    some = some.made(resolution=MIDDLE)
+    chosen = _few_of_each([start for points in grid.values() for start in _promising(points)])[:_NEAR_STARTS]
     left = _descend(some, [*chosen, *beside], (0.0,))
-    left = _best_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), (0.0,))])[:_LEFT]
+    left = _few_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), (0.0,))])[:_LEFT]
     return [start for start in left if start.cost < left[0].cost + _AHEAD]
 
 
@@ -361,6 +403,17 @@ def _best_of_each(starts: Sequence[_Start]) -> list[_Start]:
     for start in sorted(starts, key=_cost):
         best.setdefault(start.hypothesis, start)
     return list(best.values())
+
+
+def _few_of_each(starts: Sequence[_Start]) -> list[_Start]:
+    """The best candidates, best first, of each law not more than two places."""
+    seen: Counter[str] = Counter()
+    kept = []
+    for start in _best_of_each(starts):
+        seen[start.hypothesis.ids[0]] += 1
+        if seen[start.hypothesis.ids[0]] <= _PLACES_SMALL:
+            kept.append(start)
+    return kept
 
 
 def _at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:

@@ -36,9 +36,11 @@ _FAR, _FARTHER = 0.05, 4.0
 # A measured displacement is changed by such a share (of its logarithm) at most, in so many rounds, to suit the force.
 _WIDEST, _ROUNDS = 0.7, 5
 
-# Parameters this near to those of the known motion: it is the start, and no other is tried. And as near as this to
-# those at which no start brought a line to the data: none is tried again for that line.
-_NEAR, _IN_VAIN = 2e-3, 0.03
+# Parameters this near to those of the known motion: it is the start, and no other is tried.
+_NEAR = 2e-3
+
+# Candidates in a row that no start brings to the data at a line, after which none is tried there in the same fit.
+_IN_VAIN = 3
 
 # Step of a tolerance for a derivative.
 _STEP = 1e-7
@@ -75,12 +77,7 @@ class Known:
 
     numbers: FloatArray  # k_b and the effects' parameters
     joints: ComplexArray  # (n_freq, K, n_joints)
-    lost: BoolArray  # (n_freq,) lines that no start brought to the data
-    tried: FloatArray  # the numbers at which that was
-
-    def given_up(self, numbers: FloatArray) -> BoolArray:
-        """(n_freq,) lines that are not worth another start."""
-        return self.lost & bool(np.allclose(self.tried, numbers, rtol=_IN_VAIN))
+    lost: IntArray  # (n_freq,) candidates in a row that no start brought to the data
 
 
 @dataclass(frozen=True)
@@ -167,16 +164,13 @@ class NonlinearModal:
             best = self._solve(balance, self._measured_motion(balance))
         else:
             best = self._solve(balance, known.joints)
-        none = np.zeros(len(run.frequency_hz), dtype=bool)
-        lost, tried = (none, self.numbers) if known is None else (known.lost, known.tried)
+        lost = np.zeros(len(run.frequency_hz), dtype=int) if known is None else known.lost
         if not near:
-            given_up = none if known is None else known.given_up(self.numbers)
-            best = self._nearer(balance, best, given_up)
-            tried = tried if given_up.any() else self.numbers
-            lost = self._far(best)
+            best = self._nearer(balance, best, lost >= _IN_VAIN)
+            lost = np.where(self._far(best), lost + 1, 0)
         good = np.isfinite(best.joints).all(axis=(1, 2)) & best.converged
         start = best.joints if known is None else known.joints
-        self.known[kind] = Known(self.numbers, np.where(good[:, None, None], best.joints, start), lost, tried)
+        self.known[kind] = Known(self.numbers, np.where(good[:, None, None], best.joints, start), lost)
         return best
 
     def _far(self, solved: Solved) -> BoolArray:

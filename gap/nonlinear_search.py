@@ -135,10 +135,12 @@ def search_nonlinear(
     tell = _Teller(progress, len(hypotheses) + 3)
     uneven = [hypothesis for hypothesis in hypotheses if hypothesis.ids == ("bilinear_support",)]
     others = [hypothesis for hypothesis in hypotheses if hypothesis not in uneven]
-    left = [] if small else _far(problem, others, rest, linear, nu, tell)
-    left = left or _near(problem, others, rest, nominal, tell)
+    plain, left = (False, []) if small else _far(problem, others, rest, linear, nu, tell)
+    beside = [] if plain else left[:1]  # told by other lines and errors than those near the nominal model
+    if not plain:
+        left = _near(problem, others, rest, nominal, tell)
     tell("bilinear_support")
-    left = [start for start in left if start.cost < _WITHIN * left[0].cost]
+    left = [*(start for start in left if start.cost < _WITHIN * left[0].cost), *beside]
     left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
     first = _fitted(every, left, rounds=1, steps=3)
@@ -204,11 +206,15 @@ class _Teller:
 
 def _far(
     problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, linear: Fit, nu: FloatArray, tell: _Teller
-) -> list[_Start]:
+) -> tuple[bool, list[_Start]]:
     """Where the gap is plain: a grid over all numbers by relative distance, then descents; best first.
 
-    Empty where the best explains hardly more than the linear rotor does: few lines hold the gap then, and errors as
+    It is not where the best explains hardly more than the linear rotor does: few lines hold the gap then, and errors as
     large as these descents begin with hide it.
+
+    Returns
+    -------
+    whether the gap is plain, and where the descents ended
     """
     calm = rest.calm
     few = _thinned(problem.made(resolution=ROUGH), _GRID_LINES, calm.k_b, _ROUGH_ERROR)
@@ -221,8 +227,8 @@ def _far(
     some = _thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     left = _settle(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost])
     if not left or left[0].cost > _GAINED * _loss(some, linear)[0]:
-        return []
-    return _best_of_each([*left, *_settle(some, _elsewhere(some, hypotheses, left))])[:_LEFT]
+        return False, left
+    return True, _best_of_each([*left, *_settle(some, _elsewhere(some, hypotheses, left))])[:_LEFT]
 
 
 def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[_Start]:

@@ -39,8 +39,9 @@ _WIDEST, _ROUNDS = 0.7, 5
 # Parameters this near to those of the known motion: it is the start, and no other is tried.
 _NEAR = 2e-3
 
-# Candidates in a row that no start brings to the data at a line, after which none is tried there in the same fit.
-_IN_VAIN = 3
+# Candidates in a row that no start brings to the data at a line, after which none is tried there in the same fit; with
+# memory, where a start costs many times as much, and the motions of a line are hardly ever several.
+_IN_VAIN, _IN_VAIN_WITH_MEMORY = 10, 3
 
 # Step of a tolerance for a derivative.
 _STEP = 1e-7
@@ -166,7 +167,8 @@ class NonlinearModal:
             best = self._solve(balance, known.joints)
         lost = np.zeros(len(run.frequency_hz), dtype=int) if known is None else known.lost
         if not near:
-            best = self._nearer(balance, best, lost >= _IN_VAIN)
+            enough = _IN_VAIN_WITH_MEMORY if balance.forces.memory else _IN_VAIN
+            best = self._nearer(balance, best, lost >= enough)
             lost = np.where(self._far(best), lost + 1, 0)
         good = np.isfinite(best.joints).all(axis=(1, 2)) & best.converged
         start = best.joints if known is None else known.joints

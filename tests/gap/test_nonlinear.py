@@ -7,16 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import gap.forward as forward_module
 from gap.curves import nrmse
+from gap.diagnose import LEVEL_SIGMAS, PAIR_GAIN
 from gap.diagnosis import SCHEMA
 from gap.forward import MODES, TOLERANCES, Forward
 from gap.hypotheses import NOMINAL, candidates
 from gap.likelihood import Problem, observe
-from gap.nonlinear import FINAL, FINE, ROUGH, NonlinearModal
+from gap.nonlinear import _IN_VAIN, FINAL, FINE, ROUGH, NonlinearModal
 from gap.nonlinear_search import (
     NEAR,
     _by_distance,
     _elsewhere,
+    _few_of_each,
     _grid,
     _loss,
     _Rest,
@@ -26,6 +29,7 @@ from gap.nonlinear_search import (
     _thinned,
     _uneven,
     _unfitted,
+    most_promised,
     robust_fit,
     search_nonlinear,
 )
@@ -235,6 +239,63 @@ def test_a_weak_law_is_named():
     assert best.hypothesis.ids == ("bearing_cubic",)
     assert best.log_weight > second.log_weight + 10
     assert best.effects[0].stiffness == pytest.approx(1e13, rel=0.3)
+
+
+def test_a_law_promises_more_than_noise_where_the_levels_own_resonances_tell_nothing():
+    promised = {}
+    for stiffness in (1e9, 4e12):
+        runs = runs_of(BearingCubic(stiffness=stiffness))
+        problem = problem_of(runs)
+        nominal = recalibrate(problem)
+        gain, numbers = problem.score(nominal, settled=True).apart([1, 2, 3])
+        assert gain < numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers)
+        laws = candidates(runs, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
+        promised[stiffness] = most_promised(problem, nominal, laws)
+    assert promised[1e9] < 12
+    assert promised[4e12] > 2 * PAIR_GAIN
+
+
+def test_many_places_of_a_law_do_not_crowd_out_the_others(hardening):
+    laws = candidates(hardening, STRUCTURE, all_but("bearing_cubic", "rub"), nonlinear=True)
+    rubs, (cubic,) = ([h for h in laws if h.ids == (name,)] for name in ("rub", "bearing_cubic"))
+    starts = [_Start(float(k), h, np.zeros(1), np.zeros(0)) for k, h in enumerate([*rubs, cubic, *rubs])]
+    kept = _few_of_each(starts)
+    assert len(rubs) > 2
+    assert [start.hypothesis for start in kept] == [*rubs[:2], cubic]
+    assert [start.cost for start in kept] == [0, 1, len(rubs)]
+
+
+def test_lines_that_no_start_brings_to_the_data_are_given_up(hardening, monkeypatch):
+    run = hardening[2]
+    strange = np.arange(len(run.frequency_hz)) == 20
+    run = replace(run, H=np.where(strange[:, None], 30 * run.H, run.H))
+    forward, given_up = Forward(STRUCTURE, BELIEF), []
+    nearer = NonlinearModal._nearer
+
+    def watched(self, balance, best, lost):
+        given_up.append(np.flatnonzero(lost).tolist())
+        return nearer(self, balance, best, lost)
+
+    monkeypatch.setattr(NonlinearModal, "_nearer", watched)
+    for k_b in K_B * (1 + 0.005 * np.arange(_IN_VAIN + 2)):
+        forward.modal(run, k_b, (CUBIC,)).response()
+    assert given_up[:_IN_VAIN] == [[]] * _IN_VAIN
+    assert all(20 in lost for lost in given_up[_IN_VAIN:])
+    forward.forget()
+    forward.modal(run, K_B, (CUBIC,)).response()
+    assert given_up[-1] == []
+
+
+def test_hysteresis_needs_no_more_samples_than_it_has(monkeypatch):
+    friction, H = BearingFriction(force=1.0, stiffness=5e5), {}
+    for samples in (forward_module._HYSTERESIS_SAMPLES, 1024):
+        monkeypatch.setattr(forward_module, "_HYSTERESIS_SAMPLES", samples)
+        run = blank("bearing", lines("bearing")[::16], force_amplitude_N=3.0, sweep="up")
+        forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=FINAL)
+        H[samples] = forward.modal(run, K_B, (friction,)).response()
+    few, many = H.values()
+    off = np.abs(few - many).max() / np.abs(many).max()
+    assert 0 < off < 1e-4
 
 
 def test_a_bilinear_support_starts_from_one_level():

@@ -123,7 +123,8 @@ def search_nonlinear(
     a line far from the data counts by the logarithm of its misfit; and the search: candidates that explain more
     """
     calm, nu = _calm(problem)
-    rest = _rest(problem, calm)
+    loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
+    rest = _Rest(calm, loud, _seen_motion(problem, calm.k_b), held)
     final = problem.made(resolution=FINAL, refined=True)
     every = _thinned(final, _FIT_LINES, calm.k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, calm.u, nu)
@@ -166,29 +167,22 @@ class _Rest:
         return self.calm.k_b * float(self.motion[np.array(self.held) - 1].max())
 
 
-def _rest(problem: Problem, calm: Fit) -> _Rest:
-    """What the linear rotors say before any law is tried; ``calm`` suits the lowest level."""
-    loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
-    return _Rest(calm, loud, _seen_motion(problem, calm.k_b), held)
-
-
 def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> float:
     """Misfit that a weak law could take away beside a linear fit, to first order: the most of all points of the grids.
 
     A law moves the resonances of each level by what its own motions make of it, so its promise is told from noise where
     shifts that are free of each other are not.
     """
-    calm, _ = _calm(problem)
-    rest = _rest(problem, calm)
-    some = _thinned(problem.made(resolution=ROUGH), _PROMISE_LINES, calm.k_b, MODEL_ERROR)
+    rest = _Rest(fit, fit.k_b, _seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
+    some = _thinned(problem.made(resolution=ROUGH), _PROMISE_LINES, fit.k_b, MODEL_ERROR)
     score = some.score(some.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     gridded = [hypothesis for hypothesis in hypotheses if hypothesis.ids != ("bilinear_support",)]
     return max(each(partial(_promise, score, rest), gridded), default=0.0)
 
 
 def _promise(score: Score, rest: _Rest, hypothesis: Hypothesis) -> float:
-    """The most that a law takes away to first order, at any point of its grid."""
-    gains = (score.gain(hypothesis.effects(u[1:]))[0] for u in _grid(hypothesis, rest))
+    """The most that a law takes away to first order, at every second point of its grid: its strength is scaled."""
+    gains = (score.gain(hypothesis.effects(u[1:]))[0] for u in itertools.islice(_grid(hypothesis, rest), 0, None, 2))
     return max(gains, default=0.0)
 
 

@@ -73,7 +73,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         s->converted = calloc((size_t)N_VARIABLES, sizeof *s->converted);
     }
     if (!s || !s->instance || !s->converted) {
-        say(host, name, "there is no memory for an instance");
+        say(host, name, "there is no memory for an instance, or its start values make no rotor");
         fmi2FreeInstance(s);
         return 0;
     }
@@ -147,8 +147,9 @@ static const double *read(fmi2Component c, int kind, const fmi2ValueReference *r
 {
     Slave *s = c;
     const double *values = 0;
-    *status = fmi2Error;
-    if (s && (!n || (references && to)))
+    if (!s || (n && (!references || !to)))
+        *status = refused(c, NULL_ARGUMENT);
+    else
         *status = result(s, instance_read(s->instance, kind, references, n, &values));
     return *status == fmi2OK ? values : 0;
 }
@@ -174,7 +175,7 @@ static fmi2Status write(Slave *s, int kind, const fmi2ValueReference *references
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2Real values[])
 {
-    return c && (!n || (references && values)) ? write(c, REAL, references, n, values) : fmi2Error;
+    return c && (!n || (references && values)) ? write(c, REAL, references, n, values) : refused(c, NULL_ARGUMENT);
 }
 
 #define SET(name, type, kind, as_double)                                                                              \
@@ -182,7 +183,7 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference references[], s
     {                                                                                                                 \
         Slave *s = c;                                                                                                 \
         if (!s || (n && (!references || !values)))                                                                    \
-            return fmi2Error;                                                                                         \
+            return refused(c, NULL_ARGUMENT);                                                                         \
         if (n > (size_t)N_VARIABLES)                                                                                  \
             return refused(c, "these are more values than there are variables");                                      \
         for (size_t k = 0; k < n; k++)                                                                                \
@@ -222,7 +223,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     Slave *s = c;
-    return s && state ? result(s, instance_keep(s->instance, state)) : fmi2Error;
+    return s && state ? result(s, instance_keep(s->instance, state)) : refused(c, NULL_ARGUMENT);
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)

@@ -70,7 +70,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
         s->converted = calloc((size_t)N_VARIABLES, sizeof *s->converted);
     }
     if (!s || !s->instance || !s->converted) {
-        say(log, environment, "there is no memory for an instance");
+        say(log, environment, "there is no memory for an instance, or its start values make no rotor");
         fmi3FreeInstance(s);
         return 0;
     }
@@ -171,7 +171,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference refere
     const double *found;
     size_t count, used = 0;
     if (!s || (n && !references) || (n_values && !to))
-        return fmi3Error;
+        return refused(s, NULL_ARGUMENT);
     for (size_t k = 0; k < n; k++) {
         const char *wrong = find(s, references[k], &found, &count);
         if (wrong)
@@ -190,7 +190,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference refere
         Slave *s = instance;                                                                                          \
         const double *values;                                                                                         \
         if (!s || (n && (!references || !to)))                                                                        \
-            return fmi3Error;                                                                                         \
+            return refused(s, NULL_ARGUMENT);                                                                         \
         if (n != m)                                                                                                   \
             return refused(s, WRONG_COUNT);                                                                           \
         const char *wrong = instance_read(s->instance, kind, references, n, &values);                                 \
@@ -205,7 +205,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference refere
     {                                                                                                                 \
         Slave *s = instance;                                                                                          \
         if (!s || (n && (!references || !values)))                                                                    \
-            return fmi3Error;                                                                                         \
+            return refused(s, NULL_ARGUMENT);                                                                         \
         if (n != m || n > (size_t)N_VARIABLES)                                                                        \
             return refused(s, WRONG_COUNT);                                                                           \
         for (size_t k = 0; k < n; k++)                                                                                \
@@ -235,7 +235,7 @@ fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state)
 fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state)
 {
     Slave *s = instance;
-    return s && state ? result(s, instance_keep(s->instance, state)) : fmi3Error;
+    return s && state ? result(s, instance_keep(s->instance, state)) : refused(s, NULL_ARGUMENT);
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state)

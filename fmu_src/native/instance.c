@@ -156,7 +156,9 @@ static const char *check_reference(Instance *s, int kind, unsigned reference)
 
 const char *instance_no_string(Instance *s, const unsigned *references, size_t n)
 {
-    return n && references ? refuse(s, "there is no String variable with value reference %u", references[0]) : 0;
+    if (n && !references)
+        return refuse(s, NULL_ARGUMENT);
+    return n ? refuse(s, "there is no String variable with value reference %u", references[0]) : 0;
 }
 
 const char *instance_read(Instance *s, int kind, const unsigned *references, size_t n, const double **values)

@@ -52,6 +52,8 @@ const char *instance_state_size(Instance *instance, const void *state, size_t *s
 const char *instance_state_bytes(Instance *instance, const void *state, void *bytes, size_t size);
 const char *instance_state_of(Instance *instance, const void *bytes, size_t size, void **state);
 
+#define NULL_ARGUMENT "an argument that is needed is a null pointer"
+
 /* Keep a sentence of one's own as the instance's. */
 const char *instance_refuse(Instance *instance, const char *sentence);
 

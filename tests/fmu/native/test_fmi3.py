@@ -25,6 +25,9 @@ def fmu3(request) -> Path:
     return request.getfixturevalue(request.param)
 
 
+NULL_ARGUMENT = "an argument that is needed is a null pointer"
+
+
 class Slave:
     """An instance, by the names of its variables."""
 
@@ -132,6 +135,10 @@ def test_a_state_replays_to_the_last_bit_also_when_serialised(rotor):
         (lambda r: r.fmu.doStep(1.0, 1e-3), "a step from 1 s was asked for, but the rotor stands at 0.005 s"),
         (lambda r: r.fmu.enterEventMode(), "there is no event mode"),
         (lambda r: r.fmu.getUInt8([0]), "there are no variables of this type"),
+        (lambda r: r.fmu.fmi3GetFloat64(r.fmu.component, None, 1, None, 1), NULL_ARGUMENT),
+        (lambda r: r.fmu.fmi3GetBoolean(r.fmu.component, None, 1, None, 1), NULL_ARGUMENT),
+        (lambda r: r.fmu.fmi3SetFloat64(r.fmu.component, None, 1, None, 1), NULL_ARGUMENT),
+        (lambda r: r.fmu.fmi3GetFMUState(r.fmu.component, None), NULL_ARGUMENT),
     ],
 )
 def test_a_bad_call_fails_with_a_sentence_and_has_no_effect(rotor, bad, sentence):

@@ -15,8 +15,13 @@ from sim.formats.atomic import replacing
 
 
 def build_fmus(source: str, out: Path, *, train: bool, native: bool) -> None:
-    """Build RotorRig.fmu of a rig, and the estimator FMU where there is a network for it."""
+    """Build RotorRig.fmu of a rig, and the estimator FMU where there is a network for it.
+
+    Raises UserError where the shipped rig is to be trained.
+    """
     rig = load_rig(source)
+    if is_shipped(rig) and train:
+        raise UserError(f"--train: the rig {SHIPPED_RIG} has its network already; rigtwin train makes another one")
     if is_shipped(rig):
         say(str(build_rotor(rig, out)))
         say(str(build_estimator_fmu(out)))

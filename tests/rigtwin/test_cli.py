@@ -179,6 +179,7 @@ def test_build_of_another_rig_says_that_no_network_knows_it(tmp_path):
         (("sweep", "--out", "run.txt"), "--out takes .csv, .uff"),
         (("sweep", "--out", "nosuch/run.csv"), "the folder nosuch does not exist"),
         (("build", "nosuch.toml"), "nosuch.toml: cannot be read"),
+        (("build", "--train"), "has its network already; rigtwin train makes another one"),
         (("estimate",), "give RIGID_FILE BEARING_FILE, a campaign folder, or numbers"),
         (("estimate", "a.csv", "b.csv", "c.csv"), "3 files given"),
         (("estimate", "nosuch.csv", "nosuch.uff"), "nosuch.csv: no such file"),

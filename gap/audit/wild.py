@@ -40,14 +40,14 @@ def wild_lines(run: Run) -> NDArray[np.bool_]:
 
 
 def without_wild_lines(campaign: Campaign) -> Campaign:
-    """The campaign without them."""
-    return replace(campaign, runs=tuple(_tamed(run) for run in campaign.runs))
+    """The campaign without their values; they were swept all the same, as a fast sweep's next lines tell."""
+    return replace(campaign, runs=tuple(_silenced(run) for run in campaign.runs))
 
 
 def tamed(p: Prepared) -> Prepared:
     """A run without its wild lines; itself where there are none."""
-    run = _tamed(p.run)
-    return p if run is p.run else Prepared(run, p.label)
+    wild = wild_lines(p.run)
+    return Prepared(p.run.on_lines(~wild), p.label) if wild.any() else p
 
 
 def check_wild_lines(p: Prepared, left: Prepared) -> Iterator[Finding]:
@@ -60,9 +60,10 @@ def check_wild_lines(p: Prepared, left: Prepared) -> Iterator[Finding]:
         yield p.finding("missing_lines", "warning", words, float(len(wild)), 0.0)
 
 
-def _tamed(run: Run) -> Run:
+def _silenced(run: Run) -> Run:
+    """A run without the values of its wild lines."""
     wild = wild_lines(run)
-    return run.on_lines(~wild) if wild.any() else run
+    return replace(run, H=np.where(wild[:, None], np.nan, run.H)) if wild.any() else run
 
 
 def _errors(run: Run) -> FloatArray:

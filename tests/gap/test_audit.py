@@ -280,7 +280,9 @@ def test_wild_lines_are_found_and_left_out(condition):
     (found,) = troubles(audit(in_campaign(odd)), "missing_lines")
     assert found.value == len(seen)
     (tamed,) = without_wild_lines(in_campaign(odd)).runs
-    assert_array_equal(tamed.frequency_hz, np.delete(run.frequency_hz, seen))
+    assert_array_equal(tamed.frequency_hz, run.frequency_hz)
+    assert np.flatnonzero(np.isnan(tamed.H).all(axis=1)).tolist() == seen
+    assert_array_equal(np.delete(tamed.H, seen, axis=0), np.delete(odd.H, seen, axis=0))
 
 
 def test_plain_wild_lines_are_found_in_magnitudes():

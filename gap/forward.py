@@ -404,8 +404,7 @@ class Forward:
             model = build_model(self._with(tolerance), condition, effects)
             if not model.forces:
                 return None
-            remembers = any(force.law.memory for force in model.forces)
-            samples = min(finely.samples, _HYSTERESIS_SAMPLES) if remembers else finely.samples
+            samples = min(finely.samples, _HYSTERESIS_SAMPLES) if model.memory else finely.samples
             made = Balance(model, condition, harmonics=finely.harmonics, samples=samples, corner=CORNER)
             if made.values.ndim > 1:
                 raise ValueError("a rotor without a full set of eigenvectors has no modal form")

@@ -167,24 +167,18 @@ class NonlinearModal:
             best = self._solve(balance, known.joints)
         lost = np.zeros(len(run.frequency_hz), dtype=int) if known is None else known.lost
         if not near:
-            enough = _IN_VAIN_WITH_MEMORY if balance.forces.memory else _IN_VAIN
-            best = self._nearer(balance, best, lost >= enough)
-            lost = np.where(self._far(best), lost + 1, 0)
+            best = self._nearer(balance, best, lost >= (_IN_VAIN_WITH_MEMORY if balance.memory else _IN_VAIN))
+            lost = np.where(_far(best, self._miss(best)), lost + 1, 0)
         good = np.isfinite(best.joints).all(axis=(1, 2)) & best.converged
         start = best.joints if known is None else known.joints
         self.known[kind] = Known(self.numbers, np.where(good[:, None, None], best.joints, start), lost)
         return best
 
-    def _far(self, solved: Solved) -> BoolArray:
-        """(n_freq,) lines far from the data, and farther than most; or without a motion."""
-        miss = self._miss(solved)
-        return (miss > max(_FAR, _FARTHER * float(np.median(miss)))) | ~solved.converged
-
     def _nearer(self, balance: Balance, best: Solved, given_up: BoolArray) -> Solved:
         """Start lines that are far from the data again: from the data, without the law, and from their neighbours."""
         for start in ("data", "force", "linear", "left", "right"):
             miss = self._miss(best)
-            far = np.flatnonzero(self._far(best) & ~given_up)
+            far = np.flatnonzero(_far(best, miss) & ~given_up)
             if not len(far):
                 break
             if start == "data":
@@ -378,6 +372,11 @@ class NonlinearModal:
         """(n_channels, n_states)"""
         planes = {c.plane: balance.read_out(1 if c.plane == "y" else 2) for c in self.run.channels}
         return np.stack([planes[c.plane][c.node - 1] for c in self.run.channels])
+
+
+def _far(solved: Solved, miss: FloatArray) -> BoolArray:
+    """(n_freq,) lines far from the data, and farther than most, by their distances; or without a motion."""
+    return (miss > max(_FAR, _FARTHER * float(np.median(miss)))) | ~solved.converged
 
 
 def _drifted(plain: Balance, mode: IntArray, drift: FloatArray) -> Balance:

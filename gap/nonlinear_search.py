@@ -8,7 +8,6 @@ logarithm, so they cannot decide.
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,18 +19,15 @@ from gap.helpers import Item, Result, each
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
 from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem, Score, residual
 from gap.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
-from gap.search import Progress, Search, best_first, recalibrate
+from gap.search import Progress, Search, best_first, first_of_each, recalibrate
 from rotor.measured import measured_response
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
 _GRID_LINES, _DESCENT_LINES, _FIT_LINES = 8, 6, 4
 
-# The last where the gap is small: it takes more lines to be seen.
-_FIT_LINES_SMALL = 2
-
-# The same where a law's promise is told from noise.
-_PROMISE_LINES = 2
+# The same where the gap is small, which takes more lines to be seen: of what a law promises, and of the fits.
+_SMALL_LINES = 2
 
 # What coarsely computed motions leave of the response.
 _ROUGH_ERROR, _MIDDLE_ERROR = 0.05, 0.01
@@ -130,12 +126,12 @@ def search_nonlinear(
     nominal = every.fit(NOMINAL, calm.u, nu)
     small = nominal.chi2 < NEAR * nominal.n_data
     if small:
-        every = _thinned(final, _FIT_LINES_SMALL, calm.k_b, MODEL_ERROR)
+        every = _thinned(final, _SMALL_LINES, calm.k_b, MODEL_ERROR)
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
-    uneven = [hypothesis for hypothesis in hypotheses if hypothesis.ids == ("bilinear_support",)]
-    others = [hypothesis for hypothesis in hypotheses if hypothesis not in uneven]
+    others = _gridded(hypotheses)
+    uneven = [hypothesis for hypothesis in hypotheses if hypothesis not in others]
     plain, left = (False, []) if small else _far(problem, others, rest, linear, nu, tell)
     beside = [] if plain else left[:1]  # told by other lines and errors than those near the nominal model
     if not plain:
@@ -174,16 +170,20 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     shifts that are free of each other are not.
     """
     rest = _Rest(fit, fit.k_b, _seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
-    some = _thinned(problem.made(resolution=ROUGH), _PROMISE_LINES, fit.k_b, MODEL_ERROR)
+    some = _thinned(problem.made(resolution=ROUGH), _SMALL_LINES, fit.k_b, MODEL_ERROR)
     score = some.score(some.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
-    gridded = [hypothesis for hypothesis in hypotheses if hypothesis.ids != ("bilinear_support",)]
-    return max(each(partial(_promise, score, rest), gridded), default=0.0)
+    return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 
 
 def _promise(score: Score, rest: _Rest, hypothesis: Hypothesis) -> float:
     """The most that a law takes away to first order, at every second point of its grid: its strength is scaled."""
     gains = (score.gain(hypothesis.effects(u[1:]))[0] for u in itertools.islice(_grid(hypothesis, rest), 0, None, 2))
     return max(gains, default=0.0)
+
+
+def _gridded(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The laws that a grid tells of; see ``_uneven`` for the other one."""
+    return [hypothesis for hypothesis in hypotheses if hypothesis.ids != ("bilinear_support",)]
 
 
 class _Teller:
@@ -251,10 +251,9 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
 
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
-    many, some = (
-        _thinned(problem.made(resolution=how), lines, rest.calm.k_b, MODEL_ERROR)
-        for how, lines in ((ROUGH, _PROMISE_LINES), (MIDDLE, _FIT_LINES))
-    )
+    k_b, rough = rest.calm.k_b, problem.made(resolution=ROUGH)
+    many = _thinned(rough, _SMALL_LINES, k_b, MODEL_ERROR)
+    some = _thinned(problem.made(resolution=MIDDLE), _FIT_LINES, k_b, MODEL_ERROR)
     nominal = many.fit(NOMINAL, nominal.u, nominal.nu)
     grid: dict[str, list[_Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
@@ -264,7 +263,7 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
         if hypothesis.ids[0] in _SHARES_STIFFNESS:
-            few = _thinned(problem.made(resolution=ROUGH), _DESCENT_LINES, rest.calm.k_b, MODEL_ERROR)
+            few = _thinned(rough, _DESCENT_LINES, k_b, MODEL_ERROR)
             beside += sorted(_by_distance(few, hypothesis, rest, nu), key=_cost)[:1]
     tell("descents")
     chosen = _few_of_each([start for points in grid.values() for start in _promising(points)])[:_NEAR_STARTS]
@@ -392,28 +391,18 @@ def _cost(start: _Start) -> float:
 
 def _promising(points: Sequence[_Start]) -> list[_Start]:
     """The best points of an effect: of each of its places one, of a single place several."""
-    best = sorted(points, key=_cost)
-    places = {start.hypothesis: start for start in reversed(best)}
-    return best[:_STARTS] if len(places) == 1 else sorted(places.values(), key=_cost)[:_PLACES]
+    places = _best_of_each(points)
+    return sorted(points, key=_cost)[:_STARTS] if len(places) == 1 else places[:_PLACES]
 
 
 def _best_of_each(starts: Sequence[_Start]) -> list[_Start]:
     """The best of every candidate, best first."""
-    best: dict[Hypothesis, _Start] = {}
-    for start in sorted(starts, key=_cost):
-        best.setdefault(start.hypothesis, start)
-    return list(best.values())
+    return first_of_each(sorted(starts, key=_cost), lambda start: start.hypothesis)
 
 
 def _few_of_each(starts: Sequence[_Start]) -> list[_Start]:
     """The best candidates, best first, of each law not more than two places."""
-    seen: Counter[str] = Counter()
-    kept = []
-    for start in _best_of_each(starts):
-        seen[start.hypothesis.ids[0]] += 1
-        if seen[start.hypothesis.ids[0]] <= _PLACES_SMALL:
-            kept.append(start)
-    return kept
+    return first_of_each(_best_of_each(starts), lambda start: start.hypothesis.ids[0], _PLACES_SMALL)
 
 
 def _at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:

@@ -10,9 +10,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis, Term
 from gap.likelihood import Fit, Problem, Score
 from rotor.condition import Condition
 from rotor.structure import FloatArray
+
+T = TypeVar("T")
 
 Progress = Callable[[int, int, str], None]
 
@@ -231,15 +234,20 @@ def all_polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     return made
 
 
+def first_of_each(items: Iterable[T], key: Callable[[T], Hashable], count: int = 1) -> list[T]:
+    """The first so many items of every key, in their order."""
+    seen: Counter[Hashable] = Counter()
+    kept = []
+    for item in items:
+        seen[key(item)] += 1
+        if seen[key(item)] <= count:
+            kept.append(item)
+    return kept
+
+
 def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
     """The first so many of every candidate."""
-    seen: Counter[frozenset[Term]] = Counter()
-    kept = []
-    for fit in fits:
-        seen[fit.hypothesis.rotor] += 1
-        if seen[fit.hypothesis.rotor] <= count:
-            kept.append(fit)
-    return kept
+    return first_of_each(fits, lambda fit: fit.hypothesis.rotor, count)
 
 
 def _begin(hypothesis: Hypothesis, u: FloatArray, like: Fit) -> Start:
@@ -559,7 +567,4 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
 
 def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:
     """The best fit of every effect."""
-    seen: dict[str, Fit] = {}
-    for fit in fits:
-        seen.setdefault(fit.hypothesis.ids[0], fit)
-    return list(seen.values())
+    return first_of_each(fits, lambda fit: fit.hypothesis.ids[0])

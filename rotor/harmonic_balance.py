@@ -75,7 +75,7 @@ class Balance:
         self.plane = _plane_of_motion(model, shape, condition.spin_speed)
         if self.plane is not None:
             shape, model = shape[model.system.plane == self.plane], model.in_plane(self.plane)
-        self.system, self.harmonics = model.system, harmonics
+        self.system, self.harmonics, self.memory = model.system, harmonics, model.memory
         self.forces = PeriodicForces(model.forces, self.plane, harmonics, self.samples, corner)
         self._linear(StateSpace(self.system, condition.spin_speed), shape)
 

@@ -42,6 +42,11 @@ class RotorModel:
     forces: tuple[LocalForce, ...] = ()
     unbalances: tuple[Unbalance, ...] = ()
 
+    @property
+    def memory(self) -> bool:
+        """Whether a law has memory: its samples follow from one another."""
+        return any(force.law.memory for force in self.forces)
+
     def in_plane(self, plane: int) -> RotorModel:
         """Motion in one plane, for planes that do not couple; spinning forces are left out."""
         keep = np.flatnonzero(self.system.plane == plane)

@@ -87,7 +87,6 @@ class PeriodicForces:
         for force in forces:
             self._place(force, plane, corner)
         self.patterns = np.array(self._rows)  # (n_joints, n) displacement at each coordinate
-        self.memory = any(force.law.memory for force in forces)  # of a law: costly, sample after sample
         self.n_unknowns = 2 * harmonics + 1  # per coordinate: real parts, then imaginary parts but of the mean
         self._fourier = _fourier(harmonics, samples)
 

@@ -73,7 +73,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         s->converted = calloc((size_t)N_VARIABLES, sizeof *s->converted);
     }
     if (!s || !s->instance || !s->converted) {
-        say(host, name, "there is no memory for an instance, or its start values make no rotor");
+        say(host, name, "there is no memory for an instance, or its start values make no model");
         fmi2FreeInstance(s);
         return 0;
     }

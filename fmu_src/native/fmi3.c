@@ -70,7 +70,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
         s->converted = calloc((size_t)N_VARIABLES, sizeof *s->converted);
     }
     if (!s || !s->instance || !s->converted) {
-        say(log, environment, "there is no memory for an instance, or its start values make no rotor");
+        say(log, environment, "there is no memory for an instance, or its start values make no model");
         fmi3FreeInstance(s);
         return 0;
     }

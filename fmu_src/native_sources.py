@@ -19,7 +19,7 @@ from fmu_src.model_description import Model, variability
 from fmu_src.rotor_variables import effects_in_fmu
 from fmu_src.variables import Variable
 from rotor import design, nonlinear_stepper, simulator, stepper, system
-from rotor.effects import nonlinear
+from rotor.effects import nonlinear, supports
 from rotor.effects.effect import SWITCH
 from rotor.structure import Structure
 
@@ -58,13 +58,18 @@ EFFECT_WORDS = {
     "bearing_offset": {"offset": "offset"},
     "compliant_rigid_support": {"stiffness": "rigid_stiffness"},
     "plane_anisotropy": {"anisotropy": "anisotropy", "angle": "anisotropy_angle"},
-    "viscoelastic_support": {SWITCH: "has_branch", "strength": "branch_strength", "relaxation_time": "branch_time"},
+    "viscoelastic_support": {
+        SWITCH: "has_branch",
+        "strength": "branch_strength",
+        "relaxation_time": "branch_time",
+        "spread": "branch_spread",
+    },
     "gyroscopic": {"factor": "gyroscopic_factor"},
     "sensor_position": {"offset": "sensor_offset", "node": "sensor_node"},
     "bearing_cubic": {"stiffness": "cubic_stiffness"},
     "bearing_hertz": {"preload": "hertz_preload"},
     "bearing_clearance": {"gap": "clearance_gap", "preload": "clearance_preload"},
-    "bearing_friction": {"force": "friction_force", "stiffness": "friction_stiffness"},
+    "bearing_friction": {"force": "friction_force", "stiffness": "friction_stiffness", "spread": "friction_spread"},
     "bilinear_support": {"ratio": "bilinear_ratio"},
     "rub": {"stiffness": "rub_stiffness", "gap": "rub_gap", "node": "rub_node"},
     "unbalance": {"node": "unbalance_node", "moment": "unbalance_moment", "phase": "unbalance_phase"},
@@ -73,7 +78,8 @@ EFFECT_WORDS = {
 # Numbers that decide what the core computes, where they are written in Python; C knows them without an underscore.
 _CONSTANTS: tuple[tuple[ModuleType, tuple[str, ...]], ...] = (
     (design, ("CRACK_LENGTH", "WEAKEST_BRANCH")),
-    (nonlinear, ("SHARP", "SHARP_LENGTH")),
+    (supports, ("BRANCHES",)),
+    (nonlinear, ("SHARP", "SHARP_LENGTH", "SEAT_PARTS")),
     (system, ("_RIGID_BODY", "_BUCKLED")),
     (stepper, ("_NO_STEADY_STATE",)),
     (simulator, ("TICKS_PER_SECOND", "_SAME_TIME", "_LAST_TIME")),

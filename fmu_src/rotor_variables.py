@@ -131,7 +131,8 @@ def _effect_parameter(effect: type[Effect], name: str, start: float, rig: RotorF
     role, full_name = effect.roles()[name], effect.full_name(name)
     if isinstance(role, Parameter):
         limits = role.minimum, role.maximum
-        return Variable(full_name, "parameter", role.meaning, role.unit, start, *limits, "tunable")
+        variability = "fixed" if role.form and effect.changes_size else "tunable"
+        return Variable(full_name, "parameter", role.meaning, role.unit, start, *limits, variability)
     if role.kind == "position":
         start = min(start, rig.length / 2)
         return Variable(full_name, "parameter", role.meaning, "m", start, 0.0, rig.length, "tunable")

@@ -25,7 +25,7 @@ from gap.helpers import helped_by
 from gap.hypotheses import NO_GAP_PRIOR, SURE, Hypothesis, candidates
 from gap.likelihood import Fit, Problem, observe
 from gap.next_test import best_next_test
-from gap.nonlinear_search import most_promised, robust_fit, search_nonlinear
+from gap.nonlinear_search import ADEQUATE_NONLINEAR, most_promised, robust_fit, search_nonlinear
 from gap.search import (
     POLISHED,
     Progress,
@@ -38,6 +38,7 @@ from gap.search import (
     recalibrate,
     search,
     strained,
+    with_best_bent,
 )
 from gap.where import locate
 from rotor.assembly import assemble
@@ -50,7 +51,6 @@ from sim.campaign import Campaign, MeasurementError
 ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
 ADEQUATE_SPREAD = 3.0  # the same of few values: beyond 1, in standard deviations of what noise alone leaves
 ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
-ADEQUATE_NONLINEAR = 1.5  # the same of a nonlinear candidate: see docs/diagnosis.md
 ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
 FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
 FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
@@ -270,6 +270,8 @@ def _finished(
     with_pairs: bool = True,
 ) -> tuple[Problem, list[Fit]]:
     """The problem on the finer mesh; linear effects, best first, and pairs where no single one is adequate."""
+    if found.fits and not _adequate(problem, found.best):
+        found = with_best_bent(problem, found)
     fits = list(found.fits) or [found.nominal]
     if with_pairs and found.fits and not _suffices(problem, found.best, hypotheses):
         fits = _with_pairs(problem, found, hypotheses, progress)

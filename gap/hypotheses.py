@@ -22,6 +22,9 @@ K_B_RANGE = (1e4, 1e10)
 # Share of a range that counts as its end.
 _EDGE = 1e-3
 
+# Shares of its range from which a number that bends a law is fitted.
+_BENT = (0.5, 0.9)
+
 # Starting points along a parameter's prior range.
 _STARTS = (0.15, 0.5, 0.85)
 _POSITIONS = 5  # starting points along the shaft
@@ -64,6 +67,14 @@ class Term:
         values = {free.name: free.value(x) for free, x in zip(self.free, u, strict=True)}
         return self.effect(**dict(self.fixed), **values)  # type: ignore[arg-type]
 
+    @property
+    def bent(self) -> Term:
+        """The same with the numbers free that bend its law."""
+        known = {free.name for free in self.free}
+        roles = self.effect.parameters().items()
+        more = (_free(name, role) for name, role in roles if role.form and name not in known)
+        return replace(self, free=(*self.free, *more))
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -96,6 +107,19 @@ class Hypothesis:
     def ends(self) -> FloatArray:
         """(1 + n_free, 2) ranges of the coordinates."""
         return np.array([free.ends for free in self.coordinates])
+
+    @property
+    def bent(self) -> Hypothesis:
+        """The same with the numbers free, after the others, that bend its law; of a single effect."""
+        return replace(self, terms=tuple(term.bent for term in self.terms))
+
+    def bent_from(self, u: FloatArray) -> list[FloatArray]:
+        """Starts of ``bent`` at these coordinates (1 + n_free,); none where nothing bends its law."""
+        more = self.bent.free[len(self.free) :]
+        shares = _BENT if more else ()
+        return [
+            np.array([*u, *(low + share * (high - low) for low, high in (f.ends for f in more))]) for share in shares
+        ]
 
     def clipped(self, u: FloatArray) -> FloatArray:
         """(1 + n_free,) coordinates within their ranges."""
@@ -201,7 +225,7 @@ def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
 
 
 def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> Iterator[Term]:
-    free = [_free(name, role) for name, role in effect.parameters().items()]
+    free = [_free(name, role) for name, role in effect.parameters().items() if not role.form]
     if effect.id == "plane_anisotropy" and not _across(runs):  # only the angle's size is seen
         free = [replace(number, low=0.0) if number.name == "angle" else number for number in free]
     sensors = sorted({channel.node for run in runs for channel in run.channels})

@@ -87,6 +87,9 @@ _ROUGHLY, _WITHIN = 3.0, 1.5
 # Share of the linear rotor's misfit that the best of these leaves at most.
 _GAINED = 0.7
 
+# Mean square misfit that a law's noise leaves at most; docs/diagnosis.md says why it is more than 1.
+ADEQUATE_NONLINEAR = 1.5
+
 # A misfit by so much above the best one's is not fitted further.
 _CLEAR = 400.0
 
@@ -144,6 +147,7 @@ def search_nonlinear(
     fits = sorted(first, key=lambda fit: fit.cost)[:_FINALISTS]
     near = [fit for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [*_fitted(every, near), *fits[len(near) :]]
+    fits += _bent(problem, every, fits)
     fits = [fit for fit in fits if fit.log_evidence() > linear.log_evidence()]
     return every, linear, Search(nominal, tuple(best_first(fits)))
 
@@ -270,6 +274,17 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
     left = _descend(some, [*chosen, *beside], (0.0,))
     left = _few_of_each([*left, *_descend(some, _elsewhere(some, hypotheses, left), (0.0,))])[:_LEFT]
     return [start for start in left if start.cost < left[0].cost + _AHEAD]
+
+
+def _bent(problem: Problem, every: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """The best law bent, if it can be, where it leaves more than noise: that number roughly first, then all finely."""
+    plain = min(fits, key=lambda fit: fit.cost, default=None)
+    if plain is None or plain.chi2 < ADEQUATE_NONLINEAR * plain.n_data:
+        return []
+    law = plain.hypothesis
+    starts = [_Start(np.inf, law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
+    some = _thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, plain.k_b, _MIDDLE_ERROR)
+    return _fitted(every, _settle(some, _descend(some, starts, _FIRST))[:1])
 
 
 def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequence[_Start]) -> list[_Start]:

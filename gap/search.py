@@ -215,6 +215,14 @@ def _not_hopeless(problem: Problem, starts: Sequence[Start], added: float) -> li
     return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit]
 
 
+def with_best_bent(problem: Problem, found: Search) -> Search:
+    """The search, and its best effect bent, where it can be."""
+    best = found.best
+    starts = [Start(best.hypothesis.bent, u, best.nu) for u in best.hypothesis.bent_from(best.u)]
+    tried = (problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(0.1, 0.0), steps=_PATIENCE) for s in starts)
+    return replace(found, fits=tuple(best_first([*found.fits, *(fit for fit in tried if fit is not None)])))
+
+
 def best_first(fits: Iterable[Fit]) -> list[Fit]:
     """By evidence and prior."""
     return sorted(fits, key=lambda fit: fit.log_weight, reverse=True)
@@ -493,8 +501,8 @@ def each_alone(problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis]) ->
     found = []
     for term, own in zip(pair.hypothesis.terms, pair.hypothesis.split(pair.u[1:]), strict=True):
         u = np.concatenate([pair.u[:1], own])
-        single = next(hypothesis for hypothesis in hypotheses if hypothesis.terms == (term,))
-        fit = _run(problem, CLOSE[0], Start(single, u, pair.nu))
+        single = next(hypothesis for hypothesis in hypotheses if hypothesis.bent.terms == (term.bent,))
+        fit = _run(problem, CLOSE[0], Start(replace(single, terms=(term,)), u, pair.nu))
         found += [fit] if fit else []
     return found
 

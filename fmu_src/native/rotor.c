@@ -7,8 +7,8 @@
 #include <string.h>
 
 #define DOF 4
-#define MOST_ENTRIES 8 /* of a pattern: a point between two mesh nodes, and a base */
-#define MOST_LAWS 5    /* at a bearing */
+#define MOST_ENTRIES 8              /* of a pattern: a point between two mesh nodes, and a base */
+#define MOST_LAWS (4 + SEAT_PARTS) /* at a bearing */
 
 /* Where a plane's (w, slope) at both ends of an element are among its eight degrees of freedom, with their signs. */
 static const int PLACES[2][4] = {{0, 3, 4, 7}, {1, 2, 5, 6}};
@@ -343,8 +343,13 @@ static void add_bearing_laws(Assembly *a, const Pattern joint[2], double k)
     if (d->clearance_gap != 0)
         add_force(a, joint, LAW_CLEARANCE, k, d->clearance_gap, SHARP * d->clearance_gap,
                   d->clearance_preload != 0 ? d->clearance_gap + d->clearance_preload / k : 0);
-    if (d->friction_force != 0)
-        add_force(a, joint, LAW_JENKINS, d->friction_stiffness, d->friction_force, 0, 0);
+    if (d->friction_force != 0) {
+        const int n = d->friction_spread != 0 ? SEAT_PARTS : 1;
+        for (int part = 0; part < n; part++) {
+            const double share = (1 + d->friction_spread * ((2.0 * part + 1) / n - 1)) / n;
+            add_force(a, joint, LAW_JENKINS, d->friction_stiffness / n, share * d->friction_force, 0, 0);
+        }
+    }
     if (d->bilinear_ratio != 1)
         add_force(a, joint, LAW_BILINEAR, k, d->bilinear_ratio, SHARP_LENGTH, 0);
 }
@@ -404,6 +409,11 @@ static void own_share(const Assembly *a, double x, double stiffness[4], double s
     memcpy(stiffness, product, sizeof product);
 }
 
+static int branches(const Design *d)
+{
+    return !d->has_branch ? 0 : d->branch_spread != 0 ? BRANCHES : 1;
+}
+
 static const char *add_bearing(Assembly *a, double x, int side, double tilt)
 {
     const Design *d = a->d;
@@ -433,8 +443,10 @@ static const char *add_bearing(Assembly *a, double x, int side, double tilt)
     own_share(a, at, stiffness, damping, d->bearing_damping);
     join(a, a->K, joint, stiffness);
     join(a, a->C, joint, damping);
-    if (d->has_branch) {
-        const double strength = fmax(d->branch_strength, WEAKEST_BRANCH);
+    for (int j = 1, n = branches(d); j <= n; j++) {
+        const double share = fmin(j, n + 1 - j) / ((n + 1) / 2.0 * ((n + 1) / 2.0));
+        const double strength = fmax(d->branch_strength, WEAKEST_BRANCH) * share;
+        const double decades = d->branch_spread * (2 * j - n - 1) / fmax(n - 1, 1);
         new_pair(a, end);
         for (int plane = 0; plane < 2; plane++) {
             spring[plane] = difference(&shaft[plane], &end[plane]);
@@ -442,7 +454,7 @@ static const char *add_bearing(Assembly *a, double x, int side, double tilt)
         }
         scaled(stiffness, strength, relative);
         join(a, a->K, spring, relative);
-        scaled(stiffness, strength * d->branch_time, relative);
+        scaled(stiffness, strength * (d->branch_time * pow(10, decades)), relative);
         join(a, a->C, dashpot, relative);
     }
     add_bearing_laws(a, joint, (stiffness[0] + stiffness[3]) / 2);
@@ -490,7 +502,7 @@ static void add_at_nodes(Assembly *a)
 
 int system_most(const Structure *structure)
 {
-    return DOF * structure->n_mesh + 4 * n_bearings(structure); /* a pedestal and a Maxwell branch each */
+    return DOF * structure->n_mesh + 2 * (1 + BRANCHES) * n_bearings(structure); /* a pedestal and branches */
 }
 
 void system_memory(const Structure *structure, int *doubles, int *ints, int *forces)
@@ -531,7 +543,7 @@ static void keep_free(System *system, Assembly *a)
 const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints)
 {
     const int bearings = design->rigid_support ? 0 : n_bearings(structure), n = DOF * structure->n_mesh;
-    const int size = n + 2 * bearings * ((design->has_pedestal != 0) + (design->has_branch != 0));
+    const int size = n + 2 * bearings * ((design->has_pedestal != 0) + branches(design));
     Assembly a = {structure, design, n, size, n, 0, 0, 0, 0, 0, 0, system->forces, 0, 0};
     memset(doubles, 0, 5 * (size_t)size * size * sizeof *doubles);
     a.M = system->M = doubles;

@@ -37,13 +37,13 @@ typedef struct {
     double pedestal_stiffness, pedestal_mass, pedestal_damping;
     double asymmetry, offset, anisotropy, anisotropy_angle;
     int has_branch;
-    double branch_strength, branch_time;
+    double branch_strength, branch_time, branch_spread;
     int unbalance_node;
     double unbalance_moment, unbalance_phase;
     double cubic_stiffness;
     double hertz_preload; /* inf: none */
     double clearance_gap, clearance_preload;
-    double friction_force, friction_stiffness;
+    double friction_force, friction_stiffness, friction_spread;
     double bilinear_ratio; /* 1: none */
     int rub_node;
     double rub_stiffness, rub_gap;

@@ -118,7 +118,10 @@ class ForceDropout(Effect):
     id = "force_dropout"
     title = "Force drop-out"
     meaning = "the exciter runs at constant current and the force is taken as constant; its armature moves along"
-    equation = r"F = \frac{F_0}{1 + Z_a Y_{dd}}, \quad Z_a v = (k_a - \omega^2 m_a + i\omega c_a)\, x"
+    equation = (
+        r"F = \frac{F_0}{1 + Z_a Y_{dd}}, \quad "
+        r"Z_a v = \left(k_a - \omega^2 m_a + \frac{i\omega c_a}{1 + i\omega\tau}\right) x"
+    )
     signature = "resonances are flattened and shifted when the response is referred to the nominal force"
     source = "ewins2000"
     location = "exciter"
@@ -134,11 +137,22 @@ class ForceDropout(Effect):
     damping: float = parameter(
         5.0, "N.s/m", "Damping of the exciter, back EMF included", 0.0, 50.0, null=0.0, minimum=0.0, maximum=1e6
     )
+    time_constant: float = parameter(
+        0.0,
+        "s",
+        "Time constant L/R of the coil, by which the braking of the back EMF lags",
+        0.0,
+        2e-3,
+        minimum=0.0,
+        maximum=1.0,
+        form=True,
+    )
 
     def force_factor(self, omega: FloatArray, drive_receptance: ComplexArray) -> ComplexArray:
-        """1 / (1 + (k_a + i omega c_a - omega^2 m_a) H_dd)."""
+        """1 / (1 + (k_a + i omega c_a / (1 + i omega tau) - omega^2 m_a) H_dd)."""
         w = np.asarray(omega, dtype=float)
-        return 1 / (1 + (self.stiffness + 1j * w * self.damping - w**2 * self.mass) * drive_receptance)
+        braking = 1j * w * self.damping / (1 + 1j * w * self.time_constant)
+        return 1 / (1 + (self.stiffness + braking - w**2 * self.mass) * drive_receptance)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ class Parameter:
     """A number that says how strong an effect is.
 
     ``low`` to ``high`` is the prior range for the paper's rotor, ``minimum`` and ``maximum`` what
-    is physically possible. ``null`` is where the effect does nothing: a value, a limit (inf), the
+    is physically possible. A diagnosis fits a number that bends a law (``form``) only where the plain
+    law is not enough. ``null`` is where the effect does nothing: a value, a limit (inf), the
     name of the test condition's entry it replaces, or None where another parameter decides.
     """
 
@@ -46,6 +47,7 @@ class Parameter:
     minimum: float | None = None
     maximum: float | None = None
     log: bool = False  # whether the prior is even in the logarithm
+    form: bool = False  # whether it bends the law, and may change the size of the equations where the effect does
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,9 @@ SHARP = 1e-6
 # The same for a law without a length of its own [m].
 SHARP_LENGTH = 1e-12
 
+# Parts of a bearing's seat that slip one after another [iwan1966].
+SEAT_PARTS = 5
+
 
 @dataclass(frozen=True)
 class BearingCubic(Effect):
@@ -110,8 +113,13 @@ class BearingFriction(Effect):
 
     id = "bearing_friction"
     title = "Dry friction at the bearing seat"
-    meaning = "a seat that sticks, with its stiffness, until the force reaches the friction limit (Jenkins element)"
-    equation = r"\dot f = k_t\,\dot x \;\text{ while } |f| < F_c, \qquad |f| \le F_c"
+    meaning = "a seat that sticks, with its stiffness, until the force reaches its limit, at once or part by part"
+    equation = (
+        r"\dot f = k_t\,\dot x \;\text{ while } |f| < F_c, \quad |f| \le F_c;"
+        r"\qquad s > 0: \; f = \textstyle\sum_{i=1}^{n} f_i, \; "
+        r"k_i = \tfrac{k_t}{n}, \; F_i = \tfrac{F_c}{n}\left[1 + s\left(\tfrac{2i-1}{n} - 1\right)\right], \; "
+        rf"n = {SEAT_PARTS}"
+    )
     signature = "stiffer and little damped at low level, most damped in between, damping falls again at high level"
     source = "iwan1966"
     location = "bearings"
@@ -123,13 +131,26 @@ class BearingFriction(Effect):
     stiffness: float = parameter(
         1e7, "N/m", "Stiffness of the sticking seat", 1e5, 1e8, minimum=1.0, maximum=1e12, log=True
     )
+    spread: float = parameter(
+        0.0,
+        "1",
+        "Spread s of the friction limits of the seat's parts about their mean",
+        0.0,
+        1.0,
+        minimum=0.0,
+        maximum=1.0,
+        form=True,
+    )
 
     def add_to(self, design: Design) -> None:
-        """A Jenkins element beside k_b at every bearing, in y and in z."""
+        """Jenkins elements beside k_b at every bearing, in y and in z: one, or several that slip one after another."""
         if not self.force:
             return
+        n = SEAT_PARTS if self.spread else 1
         for bearing in design.bearings:
-            bearing.laws.append(JointLaw(JENKINS, lambda _: (self.stiffness, self.force)))
+            for part in range(n):
+                share = (1 + self.spread * ((2 * part + 1) / n - 1)) / n
+                bearing.laws.append(JointLaw(JENKINS, lambda _, share=share: (self.stiffness / n, share * self.force)))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,9 @@ import numpy as np
 from rotor.design import WEAKEST_BRANCH, Design, Pedestal
 from rotor.effects.effect import Effect, parameter
 
+# Maxwell branches of a bearing's seat whose relaxation times differ: an odd number, the middle ones strongest.
+BRANCHES = 5
+
 
 @dataclass(frozen=True)
 class BearingDamping(Effect):
@@ -211,8 +214,13 @@ class ViscoelasticSupport(Effect):
 
     id = "viscoelastic_support"
     title = "Viscoelastic support"
-    meaning = "the bearings' seat relaxes: a Maxwell branch beside the stiffness"
-    equation = r"D_b(\omega) = k_b \left(1 + g\,\frac{i\omega\tau}{1 + i\omega\tau}\right)"
+    meaning = "the bearings' seat relaxes: a Maxwell branch beside the stiffness, or several"
+    equation = (
+        r"D_b(\omega) = k_b \left(1 + g\,\frac{i\omega\tau}{1 + i\omega\tau}\right); \qquad s > 0: \; "
+        r"D_b = k_b \left(1 + \sum_{j=1}^{n} g_j\,\frac{i\omega\tau_j}{1 + i\omega\tau_j}\right), \; "
+        rf"n = {BRANCHES}, \; \tau_j = \tau\, 10^{{s (2j - n - 1)/(n - 1)}}, \; "
+        r"g_j = g\, \frac{\min(j, n + 1 - j)}{((n + 1)/2)^2}"
+    )
     signature = "modes above 1/(2 pi tau) are stiffer than those below, damping is largest near it"
     source = "christensen1982"
     location = "bearings"
@@ -225,9 +233,23 @@ class ViscoelasticSupport(Effect):
     relaxation_time: float = parameter(
         1e-3, "s", "Relaxation time of the branch", 1e-4, 1e-2, minimum=1e-7, maximum=1e3, log=True
     )
+    spread: float = parameter(
+        0.0,
+        "1",
+        "Decades s by which relaxation times differ to either side",
+        0.0,
+        1.5,
+        minimum=0.0,
+        maximum=3.0,
+        form=True,
+    )
 
     def add_to(self, design: Design) -> None:
-        """A spring in series with a dashpot beside every bearing's stiffness; their joint has no mass."""
+        """Springs in series with dashpots beside the bearings' stiffness, one or several; their joints have no mass."""
         strength = max(self.strength, WEAKEST_BRANCH)  # tuned to zero while the rotor runs, the joint is still there
+        n = BRANCHES if self.spread else 1
+        j = np.arange(1, n + 1)
+        shares = np.minimum(j, n + 1 - j) / ((n + 1) / 2) ** 2
+        times = self.relaxation_time * 10.0 ** (self.spread * (2 * j - n - 1) / max(n - 1, 1))
         for bearing in design.bearings:
-            bearing.branches.append((strength, self.relaxation_time))
+            bearing.branches += zip(strength * shares, times, strict=True)

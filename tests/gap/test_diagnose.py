@@ -20,7 +20,15 @@ from gap.held_out import _figures, _held_out, lines_to_measure
 from gap.hypotheses import candidates
 from gap.predict import predict
 from gap.search import recalibrate
-from rotor.effects import AttachedMass, BearingCubic, CompliantRigidSupport, PlaneAnisotropy, SensorDelay
+from rotor.effects import (
+    AttachedMass,
+    BearingCubic,
+    CompliantRigidSupport,
+    ForceDropout,
+    PlaneAnisotropy,
+    SensorDelay,
+    ViscoelasticSupport,
+)
 from rotor.effects.library import EFFECTS
 from rotor.measured import measured_response
 from sim.campaign import Channel, MeasurementError
@@ -332,6 +340,33 @@ def test_without_that_effect_the_same_gap_is_unknown():
     found = diagnose(campaign, exclude=all_but("sensor_position", *RIVALS)).diagnosis
     assert found.verdict == "unknown"
     assert not [finding for finding in found.audit if finding.check == "form"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "settings"),
+    [
+        (ViscoelasticSupport(strength=0.5, relaxation_time=1e-3, spread=0.9), "spread", {}),
+        (
+            ForceDropout(mass=0.05, stiffness=1e4, damping=30.0, time_constant=7e-4),
+            "time_constant",
+            {"quantity": "acceleration"},
+        ),
+    ],
+    ids=lambda value: getattr(value, "id", None),
+)
+def test_the_form_of_a_law_is_fitted_where_the_plain_law_leaves_more_than_noise(effect, name, settings):
+    runs = both_supports(effect, seed=11, **settings)
+    found = diagnose(campaign_of(*runs), exclude=all_but(effect.id, "bearing_damping", *RIVALS)).diagnosis
+    assert (found.verdict, found.causes[0].effects) == ("cause", (effect.id,))
+    assert not [finding for finding in found.audit if finding.check == "form"]
+    form = found.causes[0].parameters[name]
+    assert abs(form.value - getattr(effect, name)) < 4 * form.std < getattr(effect, name)
+    plain = diagnose(
+        campaign_of(*both_supports(replace(effect, **{name: 0.0}), seed=11, **settings)),
+        exclude=all_but(effect.id, *RIVALS),
+    ).diagnosis
+    assert (plain.verdict, plain.causes[0].effects) == ("cause", (effect.id,))
+    assert name not in plain.causes[0].parameters
 
 
 def test_a_diagnosis_keeps_linear_algebra_on_one_thread(monkeypatch):

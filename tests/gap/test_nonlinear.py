@@ -13,10 +13,12 @@ from gap.diagnose import LEVEL_SIGMAS, PAIR_GAIN
 from gap.diagnosis import SCHEMA
 from gap.forward import MODES, TOLERANCES, Forward
 from gap.hypotheses import NOMINAL, candidates
-from gap.likelihood import Problem, observe
-from gap.nonlinear import _IN_VAIN, FINAL, FINE, ROUGH, NonlinearModal
+from gap.likelihood import MODEL_ERROR, Problem, observe
+from gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
 from gap.nonlinear_search import (
+    ADEQUATE_NONLINEAR,
     NEAR,
+    _bent,
     _by_distance,
     _elsewhere,
     _few_of_each,
@@ -356,6 +358,23 @@ def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):
     points = [u for u in _grid(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
     assert len(points) > 10
     assert np.allclose([np.exp(u[0]) + np.exp(u[2]) for u in points], rest.calm.k_b)
+
+
+def test_friction_whose_limits_differ_is_told_from_friction_that_slips_at_once():
+    seat = BearingFriction(force=0.5, stiffness=1e6, spread=0.85)
+    runs = [swept(seat, level, seed, resolution=MIDDLE) for seed, level in enumerate((0.1, 0.5))]
+    problem = problem_of(runs)
+    every = _thinned(problem.made(resolution=MIDDLE), 4, K_B, MODEL_ERROR)
+    (friction,) = candidates(runs, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
+    assert [free.name for free in friction.free] == ["force", "stiffness"]
+    plain = robust_fit(every, friction, np.log([K_B, 0.5, 1e6]))
+    assert plain is not None
+    assert plain.chi2 > 3 * plain.n_data
+    (bent,) = _bent(problem, every, [plain])
+    assert bent.chi2 < ADEQUATE_NONLINEAR * bent.n_data
+    assert bent.effects[0].spread == pytest.approx(0.85, abs=0.05)
+    assert bent.effects[0].force == pytest.approx(0.5, rel=0.05)
+    assert _bent(problem, every, [bent]) == []
 
 
 def test_a_far_start_is_not_held_by_its_worst_lines(hardening):

@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from rotor.condition import Condition
-from rotor.effects import EFFECTS, CompliantRigidSupport, Effect, OpenCrack, PlaneAnisotropy
+from rotor.effects import EFFECTS, BearingFriction, CompliantRigidSupport, Effect, OpenCrack, PlaneAnisotropy
+from rotor.effects.nonlinear import SEAT_PARTS
 from rotor.local_force import LocalForce
 from rotor.modal import damped_modes
 from rotor.model import build_model
+from rotor.printed_laws import SCALAR
 from rotor.simulator import RotorSimulator
 from rotor.state_space import StateSpace
 from rotor.structure import FloatArray
@@ -409,6 +411,28 @@ def test_an_effect_is_felt_somewhere_at_its_start_value(key):
     reach = max(EFFECTS[key]().gap * 2 if "gap" in EFFECTS[key].parameters() else 1e-5, 1e-5)  # type: ignore[attr-defined]
     pushed = any(f.law.memory or force_at(f, reach) > 1e-6 for f in model.forces)
     assert max(felt) > 0.01 or pushed or any(u.moment for u in model.unbalances)
+
+
+@pytest.mark.parametrize(("spread", "parts"), [(0.0, 1), (0.8, SEAT_PARTS)])
+def test_a_seat_is_stiff_until_its_parts_slip_and_loses_what_each_of_them_does(spread, parts):
+    """Energy of a cycle of amplitude X: sum of 4 F_i (X - F_i / k_i) over the parts that slip [iwan1966]."""
+    seat, X = BearingFriction(force=3.0, stiffness=1e6, spread=spread), 4e-6
+    left = build_model(paper(), BEARING, [seat]).forces[:parts]
+    assert len(build_model(paper(), BEARING, [seat]).forces) == 2 * parts
+    x = X * np.sin(np.linspace(0, 4 * np.pi, 4 * 5000 + 1))
+    pulls = np.zeros((parts, len(x)))
+    for part, force in enumerate(left):
+        for place in range(1, len(x)):
+            step = SCALAR["jenkins"](x[place], x[place - 1], pulls[part, place - 1], *force.coefficients)
+            pulls[part, place] = step[0]
+    total = pulls.sum(axis=0)
+    assert_allclose(total[1] / x[1], 1e6, rtol=1e-12)
+    cycle = slice(2 * 5000, None)
+    limits = 3.0 / parts * (1 + spread * np.linspace(-1, 1, parts) * (1 - 1 / parts))
+    expected = np.sum(4 * limits * np.maximum(X - limits * parts / 1e6, 0))
+    assert_allclose(limits.sum(), 3.0)
+    assert_allclose(np.trapezoid(total[cycle], x[cycle]), expected, rtol=1e-3)
+    assert 0 < np.sum(np.abs(pulls).max(axis=1) > limits * (1 - 1e-12)) <= parts
 
 
 def test_a_force_across_an_anisotropic_bearings_axes_moves_the_other_plane():

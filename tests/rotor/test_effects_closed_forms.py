@@ -116,6 +116,13 @@ def test_a_viscoelastic_support_has_the_dynamic_stiffness_of_its_formula(g, tau)
     assert_is_the_bearing(found, UNDAMPED.k_b * (1 + g * branch))
 
 
+def test_a_seat_of_several_relaxation_times_has_the_dynamic_stiffness_of_all_of_them():
+    times = {1e-4: 1 / 9, 10**-3.5: 2 / 9, 1e-3: 3 / 9, 10**-2.5: 2 / 9, 1e-2: 1 / 9}
+    branch = sum(share * 1j * WIDE * tau / (1 + 1j * WIDE * tau) for tau, share in times.items())
+    found = bearing_stiffness(ViscoelasticSupport(strength=0.7, relaxation_time=1e-3, spread=1.0))
+    assert_is_the_bearing(found, UNDAMPED.k_b * (1 + 0.7 * branch))
+
+
 def test_seat_damper_unequal_bearings_and_pedestal_combine_as_their_formulas_do():
     k_p, m_p, c_p, g, tau, c_b, a = 1e7, 1.5, 80.0, 0.5, 1e-3, 120.0, 0.2
     effects = (

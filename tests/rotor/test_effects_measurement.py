@@ -145,6 +145,16 @@ def test_at_constant_current_the_response_per_nominal_force_is_that_of_the_rotor
     assert_allclose(H * factor[:, None], together, rtol=0, atol=ROUND_OFF * np.abs(H).max())
 
 
+def test_behind_a_coil_the_back_emf_brakes_slow_motions_and_is_a_spring_to_fast_ones():
+    """i omega c / (1 + i omega tau) is i omega c far below 1/tau and c/tau far above."""
+    omega, H = np.array([1.0, 1e7]), np.array([3e-7 - 2e-8j, 1e-9j])
+    lagging = ForceDropout(mass=0.1, stiffness=1e4, damping=20.0, time_constant=1e-3).force_factor(omega, H)
+    slow = ForceDropout(mass=0.1, stiffness=1e4, damping=20.0).force_factor(omega[:1], H[:1])
+    fast = ForceDropout(mass=0.1, stiffness=1e4 + 20.0 / 1e-3, damping=0.0).force_factor(omega[1:], H[1:])
+    assert_allclose(1 / lagging - 1, 1 / np.concatenate([slow, fast]) - 1, rtol=1e-3)
+    assert not np.allclose(lagging[1] / ForceDropout(damping=20.0).force_factor(omega[1:], H[1:])[0], 1.0, rtol=1e-6)
+
+
 def test_the_force_drops_where_the_rotor_moves_much():
     f = natural_frequencies_hz(paper_with(BEARING))[0]
     omega = 2 * np.pi * np.array([f, 0.5 * f])

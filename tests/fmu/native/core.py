@@ -81,11 +81,11 @@ class Design(ct.Structure):
         *_fields(ct.c_double, "pedestal_stiffness pedestal_mass pedestal_damping"),
         *_fields(ct.c_double, "asymmetry offset anisotropy anisotropy_angle"),
         *_fields(ct.c_int, "has_branch"),
-        *_fields(ct.c_double, "branch_strength branch_time"),
+        *_fields(ct.c_double, "branch_strength branch_time branch_spread"),
         *_fields(ct.c_int, "unbalance_node"),
         *_fields(ct.c_double, "unbalance_moment unbalance_phase"),
         *_fields(ct.c_double, "cubic_stiffness hertz_preload clearance_gap clearance_preload"),
-        *_fields(ct.c_double, "friction_force friction_stiffness bilinear_ratio"),
+        *_fields(ct.c_double, "friction_force friction_stiffness friction_spread bilinear_ratio"),
         *_fields(ct.c_int, "rub_node"),
         *_fields(ct.c_double, "rub_stiffness rub_gap"),
     ]

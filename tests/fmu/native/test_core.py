@@ -11,7 +11,16 @@ from numpy.testing import assert_allclose
 from fmu_src.native_sources import EFFECT_WORDS
 from rotor.assembly import assemble
 from rotor.condition import Condition
-from rotor.effects import EFFECTS, AxialLoad, PedestalFlexibility, Rub
+from rotor.effects import (
+    EFFECTS,
+    AxialLoad,
+    BearingClearance,
+    BearingFriction,
+    PedestalFlexibility,
+    Rub,
+    ViscoelasticSupport,
+)
+from rotor.effects.nonlinear import SEAT_PARTS
 from rotor.force_laws import LAWS
 from rotor.model import build_model, build_system
 from rotor.rig import load_rig
@@ -25,6 +34,9 @@ COMBINATIONS = [(), *((name,) for name in LINEAR), ("unbalance", "gyroscopic", "
 STRUCTURE = assemble(load_rig("nit-rourkela"))
 
 NONLINEAR = tuple(sorted(set(KNOWN) - set(LINEAR)))
+
+# With numbers that do nothing at their start values.
+BENT = (BearingClearance(preload=20.0), BearingFriction(spread=0.8), ViscoelasticSupport(spread=0.6))
 
 # Of a channel's peak, over a simulation.
 SAME_MOTION, SAME_NONLINEAR_MOTION = 1e-9, 1e-6
@@ -45,7 +57,14 @@ def effects_of(names):
 @pytest.mark.parametrize("rigid", [False, True], ids=["bearings", "rigid"])
 @pytest.mark.parametrize("names", COMBINATIONS, ids="+".join)
 def test_the_matrices_are_those_of_the_python_rotor_to_the_last_digit(core, names, rigid):
-    condition, effects = replace(CONDITION, rigid_support=rigid), effects_of(names)
+    assert_same_matrices(core, replace(CONDITION, rigid_support=rigid), effects_of(names))
+
+
+def test_branches_of_several_relaxation_times_are_those_of_the_python_rotor(core):
+    assert_same_matrices(core, CONDITION, [ViscoelasticSupport(spread=0.6), PedestalFlexibility()])
+
+
+def assert_same_matrices(core, condition, effects):
     expected = build_system(STRUCTURE, condition, effects)
     found = core.system(core.design(condition, effects))
     assert np.array_equal(found["free"], expected.free)
@@ -63,12 +82,12 @@ def test_the_core_knows_every_effect_of_the_fmu():
 )
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_the_local_forces_are_those_of_the_python_rotor(core, name, beside):
-    preloaded = [EFFECTS[name](preload=20.0)] if name == "bearing_clearance" else []
-    for law in (EFFECTS[name](), *preloaded):
+    for law in (EFFECTS[name](), *(effect for effect in BENT if effect.id == name)):
         effects = [*effects_of(beside), law]
         expected = build_model(STRUCTURE, CONDITION, effects).forces
         found = core.system(core.design(CONDITION, effects))["forces"]
-        assert len(found) == len(expected) == (1 if name == "rub" else 2)
+        parts = SEAT_PARTS if getattr(law, "spread", 0) else 1
+        assert len(found) == len(expected) == (1 if name == "rub" else 2 * parts)
         for (number, coefficients, offset, patterns), force in zip(found, expected, strict=True):
             assert LAWS[number] is force.law
             assert_allclose(coefficients[: len(force.coefficients)], force.coefficients, rtol=1e-15)
@@ -123,13 +142,18 @@ def test_the_rotor_with_local_forces_moves_as_the_python_rotor_does(core, names)
     assert np.abs(found - still).max() > 1e-3 * np.abs(found).max()
 
 
-def test_a_bearing_with_a_preload_moves_as_the_python_rotor_does(core):
-    effects = [EFFECTS["bearing_clearance"](preload=20.0)]
-    found, expected = (
+@pytest.mark.parametrize("effect", BENT, ids=lambda effect: effect.id)
+def test_bearings_with_a_preload_or_a_spread_of_limits_move_as_the_python_rotor_does(core, effect):
+    found, expected, plain = (
         moved(rotor, [1e-3] * 200, amplitude=STRONG)
-        for rotor in (Rotor(core, CONDITION, effects), RotorSimulator(STRUCTURE, CONDITION, effects))
+        for rotor in (
+            Rotor(core, CONDITION, [effect]),
+            RotorSimulator(STRUCTURE, CONDITION, [effect]),
+            Rotor(core, CONDITION, [type(effect)()]),
+        )
     )
     assert_same_motion(found, expected, SAME_NONLINEAR_MOTION)
+    assert np.abs(found - plain).max() > 1e-3 * np.abs(found).max()
 
 
 @pytest.mark.parametrize("after", [("bearing_friction", "rub"), ("bearing_cubic",), ()], ids="+".join)

@@ -151,12 +151,12 @@ def refused(fmu, start: dict, late: dict) -> str:
         return "accepted"
 
 
-@pytest.mark.parametrize("effect", [e for e in IN_FMU if e.changes_size], ids=lambda e: e.id)
-def test_an_effect_that_changes_the_degrees_of_freedom_cannot_be_switched_late(rotor_fmu, effect):
-    switch = {f"{effect.id}.enabled": True}
-    assert f"{effect.id}.enabled can only be set before the simulation starts" in in_child(
-        refused, rotor_fmu, DRIVE, switch
-    )
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [*((f"{e.id}.enabled", True) for e in IN_FMU if e.changes_size), ("viscoelastic_support.spread", 0.5)],
+)
+def test_what_changes_the_degrees_of_freedom_cannot_be_set_late(rotor_fmu, name, value):
+    assert f"{name} can only be set before the simulation starts" in in_child(refused, rotor_fmu, DRIVE, {name: value})
 
 
 @pytest.mark.parametrize(

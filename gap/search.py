@@ -220,7 +220,8 @@ def with_best_bent(problem: Problem, found: Search) -> Search:
     best = found.best
     starts = [Start(best.hypothesis.bent, u, best.nu) for u in best.hypothesis.bent_from(best.u)]
     tried = (problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(0.1, 0.0), steps=_PATIENCE) for s in starts)
-    return replace(found, fits=tuple(best_first([*found.fits, *(fit for fit in tried if fit is not None)])))
+    fits = best_first(fit for fit in tried if fit is not None)
+    return replace(found, fits=tuple(best_first([*found.fits, *fits[:1]])))
 
 
 def best_first(fits: Iterable[Fit]) -> list[Fit]:

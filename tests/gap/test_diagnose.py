@@ -359,6 +359,7 @@ def test_the_form_of_a_law_is_fitted_where_the_plain_law_leaves_more_than_noise(
     found = diagnose(campaign_of(*runs), exclude=all_but(effect.id, "bearing_damping", *RIVALS)).diagnosis
     assert (found.verdict, found.causes[0].effects) == ("cause", (effect.id,))
     assert not [finding for finding in found.audit if finding.check == "form"]
+    assert found.causes[0].place_probability > 0.99  # of one fit, not of several that are the same
     form = found.causes[0].parameters[name]
     assert abs(form.value - getattr(effect, name)) < 4 * form.std < getattr(effect, name)
     plain = diagnose(

@@ -86,8 +86,8 @@ _LEADERS, _ROUGH_LEADERS, _RIGID_LEADERS = 3, 2, 2
 _ROUGHLY, _NO_LEADER = 0.3, 30.0
 
 # Pairs that are raced: those that gain most to first order, shared by the leaders, each of which has at least some;
-# and those by a rough fit.
-_BY_SCORE, _OF_EACH, _BY_ROUGH, _PAIR_STEPS = 24, 6, 16, 5
+# and those by a rough fit, to which far from the data so many starts of each pair are tried.
+_BY_SCORE, _OF_EACH, _BY_ROUGH, _PAIR_STEPS, _OF_EACH_PAIR = 24, 6, 16, 5, 2
 
 
 @dataclass(frozen=True)
@@ -515,11 +515,11 @@ def pair_starts(
     starts: list[Start] = []
     beside: list[Start] = []
     leaders = _leaders(problem, found, hypotheses)
-    few = problem.thinned(_FIFTH)
+    near = not found.rough
     for number, leader in enumerate(leaders):
         by_score: list[_Promise] = []
         seconds = [second for second in hypotheses if second.ids != leader.hypothesis.ids]
-        promised = each(partial(_beside, problem.score(leader)), seconds)
+        promised = each(partial(_beside, problem.score(leader, settled=near)), seconds)
         for second, promises in zip(seconds, promised, strict=True):
             if progress:
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
@@ -528,9 +528,20 @@ def pair_starts(
             beside += [_begin(pair, pair.clipped(point), leader) for point in _points(leader.u, second)]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
         starts += [promise.start for promise in by_score[: max(_BY_SCORE // len(leaders), _OF_EACH)]]
-    costs = np.array(list(each(partial(_roughly, few), beside)))
-    chosen = [beside[k] for k in costs.argsort(kind="stable")[: 2 * _BY_ROUGH]]
-    return starts + list(each(partial(_nearer, few), chosen))
+    return starts + _by_logarithms(problem.thinned(_FIFTH), beside, near)
+
+
+def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[Start]:
+    """The best starts of pairs by rough descents.
+
+    Far from the data a start tells little of where it leads to: the best of each pair are taken a step down first.
+    """
+    tried = sorted(each(partial(_down_from, few, 0), starts), key=_rough_cost)
+    if not near:
+        tried = first_of_each(tried, lambda found: found[0].hypothesis, _OF_EACH_PAIR)
+        tried = sorted(each(partial(_down_from, few, 1), [start for start, _ in tried]), key=_rough_cost)
+    best = [start for start, _ in tried[: 2 * _BY_ROUGH]]
+    return [start for start, _ in each(partial(_down_from, few, _PAIR_STEPS), best)]
 
 
 def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
@@ -543,14 +554,14 @@ def _beside(score: Score, second: Hypothesis) -> list[_Promise]:
     return _promises(score, second, _paired(score.fit.hypothesis, second))
 
 
-def _roughly(few: Problem, start: Start) -> float:
-    """Rough cost of a start."""
-    return few.rough(start.hypothesis, start.u, 0)[1]
+def _down_from(few: Problem, steps: int, start: Start) -> tuple[Start, float]:
+    """A start after so many steps of a rough descent, and its rough cost."""
+    u, cost = few.rough(start.hypothesis, start.u, steps)
+    return replace(start, u=u), cost
 
 
-def _nearer(few: Problem, start: Start) -> Start:
-    """A start after a rough descent."""
-    return replace(start, u=few.rough(start.hypothesis, start.u, _PAIR_STEPS)[0])
+def _rough_cost(found: tuple[Start, float]) -> float:
+    return found[1]
 
 
 def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:

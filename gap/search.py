@@ -86,7 +86,7 @@ _LEADERS, _ROUGH_LEADERS, _RIGID_LEADERS = 3, 2, 2
 _ROUGHLY, _NO_LEADER = 0.3, 30.0
 
 # Pairs that are raced: those that gain most to first order, shared by the leaders, each of which has at least some;
-# and those by a rough fit, to which far from the data so many starts of each pair are tried.
+# and those by a rough fit, twice as many, and once more after a step of so many starts of each pair.
 _BY_SCORE, _OF_EACH, _BY_ROUGH, _PAIR_STEPS, _OF_EACH_PAIR = 24, 6, 16, 5, 2
 
 
@@ -534,13 +534,14 @@ def pair_starts(
 def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[Start]:
     """The best starts of pairs by rough descents.
 
-    Far from the data a start tells little of where it leads to: the best of each pair are taken a step down first.
+    Far from the data a start tells little of where it leads to: of each pair some are taken a step down before as well.
     """
     tried = sorted(each(partial(_down_from, few, 0), starts), key=_rough_cost)
-    if not near:
-        tried = first_of_each(tried, lambda found: found[0].hypothesis, _OF_EACH_PAIR)
-        tried = sorted(each(partial(_down_from, few, 1), [start for start, _ in tried]), key=_rough_cost)
     best = [start for start, _ in tried[: 2 * _BY_ROUGH]]
+    if not near:
+        some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, _OF_EACH_PAIR)]
+        stepped = sorted(each(partial(_down_from, few, 1), some), key=_rough_cost)
+        best += [start for start, _ in stepped[:_BY_ROUGH]]
     return [start for start, _ in each(partial(_down_from, few, _PAIR_STEPS), best)]
 
 

@@ -15,7 +15,10 @@ from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem, observe
 from gap.search import (
     Search,
+    Start,
+    _by_logarithms,
     _of_each,
+    _paired,
     each_alone,
     most_left,
     pair_starts,
@@ -30,6 +33,7 @@ from rotor.assembly import assemble
 from rotor.effects import (
     AttachedMass,
     BearingDamping,
+    BearingTiltStiffness,
     CompliantRigidSupport,
     DiskInertia,
     FastSweep,
@@ -248,6 +252,24 @@ def test_pairs_are_started_beside_what_logarithms_see():
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
     starts = pair_starts(problem, replace(found, fits=others), hypotheses)
     assert "shaft_modulus" in {start.hypothesis.ids[0] for start in starts}
+
+
+def test_far_from_the_data_a_step_down_brings_a_pair_that_begins_like_others(monkeypatch):
+    """A seat that holds the shaft's tilt, and a mass: beside the seat weak second effects begin nearly alike."""
+    problem = problem_of(*both_supports(BearingTiltStiffness(stiffness=1300.0), AttachedMass(mass=0.2, node=2)))
+    (seat,) = of(problem.runs, "bearing_tilt_stiffness")
+    lead = np.log([K_B, 1450.0])
+    starts = []
+    for second in of(problem.runs, "attached_mass", "sensor_gain", "sensor_delay", "bearing_damping"):
+        pair = _paired(seat, second)
+        starts.append(Start(pair, pair.clipped(np.append(lead, second.starts()[0])), np.zeros(problem.nuisances.n)))
+    monkeypatch.setattr("gap.search._BY_ROUGH", 1)
+    few = problem.thinned(5)
+    by_start, all_of_them = (_by_logarithms(few, starts, near) for near in (True, False))
+    assert (len(by_start), len(all_of_them)) == (2, 3)
+    costs = [few.rough(start.hypothesis, start.u, 0)[1] for start in all_of_them]
+    assert costs[2] < 0.01 * min(costs[:2])
+    assert dict(all_of_them[2].hypothesis.terms[1].fixed) == {"node": 2}
 
 
 def test_a_pair_found_from_either_of_its_effects_is_one_pair():

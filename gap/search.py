@@ -81,7 +81,7 @@ POLISHED, _PATIENCE = 4, 60
 _HOPELESS, _FROM_THE_START = 400.0, 20.0
 
 # Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
-# logarithms, and the cost over the best one's from which none is one.
+# logarithms, and the cost over the best one's from which none of the others is one.
 _LEADERS, _ROUGH_LEADERS, _RIGID_LEADERS = 3, 2, 2
 _ROUGHLY, _NO_LEADER = 0.3, 30.0
 
@@ -569,21 +569,22 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
     """Effects that others are tried beside: the best of all runs, and those of a part of what there is to see.
 
     The latter are the best by logarithms, which far misfits do not rule, and the best of the rigid runs, in which fewer
-    effects can act. What leaves many times as much as the best is no leader.
+    effects can act. What leaves many times as much as the best is no leader, but for those by logarithms.
     """
     leaders = _of_each_effect(found.fits)[:_LEADERS]
     there = {fit.hypothesis.ids for fit in leaders}
     rough = [start for start in found.rough[:_ROUGH_LEADERS] if start.hypothesis.ids not in there]
-    tried = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(_ROUGHLY,), steps=2) for s in rough]
+    by_logarithms = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(_ROUGHLY,), steps=2) for s in rough]
     rigid = problem.only("rigid")
     if rigid is not None and problem.with_k_b:
         acting = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
         for fit in _of_each_effect(search(rigid, acting).fits)[:_RIGID_LEADERS]:
             u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
-            tried.append(problem.try_fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6))
-    leaders += [fit for fit in tried if fit]
+            made = problem.try_fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6)
+            leaders += [made] if made else []
     costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
-    return [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= _NO_LEADER * min(costs)]
+    kept = [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= _NO_LEADER * min(costs)]
+    return [*kept, *(fit for fit in by_logarithms if fit)]
 
 
 def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:

@@ -115,11 +115,8 @@ class Hypothesis:
 
     def bent_from(self, u: FloatArray) -> list[FloatArray]:
         """Starts of ``bent`` at these coordinates (1 + n_free,); none where nothing bends its law."""
-        more = self.bent.free[len(self.free) :]
-        shares = _BENT if more else ()
-        return [
-            np.array([*u, *(low + share * (high - low) for low, high in (f.ends for f in more))]) for share in shares
-        ]
+        low, high = self.bent.ends[len(u) :].T
+        return [np.concatenate([u, low + share * (high - low)]) for share in _BENT] if len(low) else []
 
     def clipped(self, u: FloatArray) -> FloatArray:
         """(1 + n_free,) coordinates within their ranges."""

@@ -283,6 +283,8 @@ def _bent(problem: Problem, every: Problem, fits: Sequence[Fit]) -> list[Fit]:
         return []
     law = plain.hypothesis
     starts = [_Start(np.inf, law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
+    if not starts:
+        return []
     some = _thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, plain.k_b, _MIDDLE_ERROR)
     return _fitted(every, _settle(some, _descend(some, starts, _FIRST))[:1])
 

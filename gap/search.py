@@ -357,7 +357,7 @@ def _best(found: list[tuple[FloatArray, float]]) -> list[tuple[FloatArray, float
     return sorted(found, key=_cost)
 
 
-def _cost(found: tuple[FloatArray, float]) -> float:
+def _cost(found: tuple[object, float]) -> float:
     return found[1]
 
 
@@ -536,11 +536,11 @@ def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[St
 
     Far from the data a start tells little of where it leads to: of each pair some are taken a step down before as well.
     """
-    tried = sorted(each(partial(_down_from, few, 0), starts), key=_rough_cost)
+    tried = sorted(each(partial(_down_from, few, 0), starts), key=_cost)
     best = [start for start, _ in tried[: 2 * _BY_ROUGH]]
     if not near:
         some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, _OF_EACH_PAIR)]
-        stepped = sorted(each(partial(_down_from, few, 1), some), key=_rough_cost)
+        stepped = sorted(each(partial(_down_from, few, 1), some), key=_cost)
         best += [start for start, _ in stepped[:_BY_ROUGH]]
     return [start for start, _ in each(partial(_down_from, few, _PAIR_STEPS), best)]
 
@@ -559,10 +559,6 @@ def _down_from(few: Problem, steps: int, start: Start) -> tuple[Start, float]:
     """A start after so many steps of a rough descent, and its rough cost."""
     u, cost = few.rough(start.hypothesis, start.u, steps)
     return replace(start, u=u), cost
-
-
-def _rough_cost(found: tuple[Start, float]) -> float:
-    return found[1]
 
 
 def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:

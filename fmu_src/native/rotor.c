@@ -7,7 +7,7 @@
 #include <string.h>
 
 #define DOF 4
-#define MOST_ENTRIES 8              /* of a pattern: a point between two mesh nodes, and a base */
+#define MOST_ENTRIES 8             /* of a pattern: a point between two mesh nodes, and a base */
 #define MOST_LAWS (4 + SEAT_PARTS) /* at a bearing */
 
 /* Where a plane's (w, slope) at both ends of an element are among its eight degrees of freedom, with their signs. */

@@ -143,7 +143,7 @@ def test_the_rotor_with_local_forces_moves_as_the_python_rotor_does(core, names)
 
 
 @pytest.mark.parametrize("effect", BENT, ids=lambda effect: effect.id)
-def test_bearings_with_a_preload_or_a_spread_of_limits_move_as_the_python_rotor_does(core, effect):
+def test_bearings_whose_laws_are_bent_move_as_the_python_rotor_does(core, effect):
     found, expected, plain = (
         moved(rotor, [1e-3] * 200, amplitude=STRONG)
         for rotor in (

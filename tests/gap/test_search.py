@@ -17,6 +17,7 @@ from gap.search import (
     Search,
     Start,
     _by_logarithms,
+    _leaders,
     _of_each,
     _paired,
     each_alone,
@@ -252,6 +253,16 @@ def test_pairs_are_started_beside_what_logarithms_see():
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
     starts = pair_starts(problem, replace(found, fits=others), hypotheses)
     assert "shaft_modulus" in {start.hypothesis.ids[0] for start in starts}
+
+
+def test_leaders_by_logarithms_are_not_judged_by_far_misfits(monkeypatch):
+    problem = problem_of(measure("bearing", (ShaftModulus(factor=1.025), PlaneAnisotropy(anisotropy=0.25, angle=0.37))))
+    hypotheses = of(problem.runs, "shaft_modulus", "sensor_delay", "bearing_damping")
+    found = search(problem, hypotheses)
+    others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
+    monkeypatch.setattr("gap.search._NO_LEADER", 1e-9)
+    leaders = _leaders(problem, replace(found, fits=others), hypotheses)
+    assert "shaft_modulus" in {fit.hypothesis.ids[0] for fit in leaders}
 
 
 def test_far_from_the_data_a_step_down_brings_a_pair_that_begins_like_others(monkeypatch):

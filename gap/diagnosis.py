@@ -126,6 +126,7 @@ class Shrink:
     ci90: tuple[float, float]  # of what it explains of noise-free data with another node driven; nan: not known
     verified_by: Literal["fmu", "rig", "model"]
     after_model: float | None = None  # the same after-figure by the fitting model
+    without_effect: float | None = None  # NRMSE with gains and tolerances strained in its place
 
 
 @dataclass(frozen=True)

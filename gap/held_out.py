@@ -64,6 +64,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
         ci90=transfer_interval(problem, nominal, best, scale),
         verified_by=verified,  # type: ignore[arg-type]
         after_model=_figures(problem, masks, before, model_after, scale)[1],
+        without_effect=_figures(problem, masks, before, problem.calibrated(without), scale)[1],
     )
 
 

@@ -277,10 +277,21 @@ class Problem:
 
     def bare(self, fit: Fit) -> list[ComplexArray]:
         """Response of every run, nuisances left out; an arbitrary unit is not one."""
+        return self.predict(replace(fit, nu=self._units(fit)))
+
+    def calibrated(self, fit: Fit) -> list[ComplexArray]:
+        """Response of every run, of the nuisances only those that all runs of the rig share: sensors, tolerances."""
+        nu = self._units(fit)
+        for shared in (self.nuisances.sensor, self.nuisances.tolerance):
+            nu[shared] = fit.nu[shared]
+        return self.predict(replace(fit, nu=nu))
+
+    def _units(self, fit: Fit) -> FloatArray:
+        """Nuisances that are zero but for the gains of runs in an arbitrary unit."""
         nu = np.zeros_like(fit.nu)
         gain = self.nuisances.gain
         nu[gain] = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[gain], 0.0)
-        return self.predict(replace(fit, nu=nu))
+        return nu
 
     def in_si(self, fit: Fit) -> tuple[Problem, Fit]:
         """The same, and the fit to it, with runs brought to SI where it says that their unit is far from it.

@@ -54,7 +54,7 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
 def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predicted]:
     effects, k_b = corrected_rotor(document)
     nominal_k_b = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
-    calibration = (document.get("calibration") if effects else None) or {}
+    calibration = (document.get("calibration") if _explains(document) else None) or {}
     belief = {key: value for key in DAMPING if (value := document["nominal"].get(key)) is not None}
     forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **belief)))
     forward = forward.made(refined=True, resolution=FINAL, with_data=False)
@@ -74,7 +74,7 @@ def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predic
 def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], float]:
     """Effects and bearing stiffness [N/m] of the corrected model; no effect where none is named."""
     nominal = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
-    if document["verdict"] not in ("cause", "ambiguous") or not document["causes"]:
+    if not _explains(document):
         return (), nominal
     cause = document["causes"][0]
     effects = []
@@ -85,6 +85,10 @@ def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], fl
             values["node"] = int(values["node"])
         effects.append(EFFECTS[name](**values))
     return tuple(effects), (cause["k_b"] or {}).get("value", nominal)
+
+
+def _explains(document: Mapping[str, Any]) -> bool:
+    return document["verdict"] in ("cause", "ambiguous") and bool(document["causes"])
 
 
 def _of_effect(table: Mapping[str, Any], effect: str, *, alone: bool) -> dict[str, Any]:

@@ -181,14 +181,17 @@ def _answer(campaign: Path, answer: Path, exclude: Sequence[str]) -> dict[str, f
     write_prediction(path, campaign / "held_out", answer)
     draw = zlib.crc32(campaign.name.encode())
     if outcome.diagnosis.verdict in ("cause", "ambiguous") and draw % _CONTROL_EVERY == 0:
-        _write_control(measured, outcome.diagnosis, exclude, draw, campaign / "held_out", answer / "control")
+        write_controls(measured, outcome.diagnosis, exclude, draw, campaign / "held_out", answer)
     return seconds
 
 
-def _write_control(
-    measured: Any, diagnosis: Any, exclude: Sequence[str], draw: int, held_out: Path, folder: Path
+def write_controls(
+    measured: Any, diagnosis: Any, exclude: Sequence[str], draw: int, held_out: Path, answer: Path
 ) -> None:
-    """Fit a random linear effect that was not answered, and predict what was held out."""
+    """Fit a random linear effect that was not answered, and no effect at all; predict what was held out.
+
+    Gains and tolerances are free in both, as they are in every fit: what they explain is no credit of the effect.
+    """
     from gap.diagnose import forward_of
     from gap.hypotheses import candidates
     from rigtwin.diagnose import write_prediction
@@ -197,22 +200,29 @@ def _write_control(
     hypotheses = candidates(measured.runs, forward_of(measured).structure, exclude)
     names = sorted({h.ids[0] for h in hypotheses} - answered)
     chosen = str(np.random.default_rng(draw).choice(names))
-    document = control_document(measured, [h for h in hypotheses if h.ids == (chosen,)])
-    folder.mkdir(parents=True, exist_ok=True)
-    _write(folder / "diagnosis.json", json.dumps(document))
-    write_prediction(folder / "diagnosis.json", held_out, folder)
+    for folder, tried in (("control", [h for h in hypotheses if h.ids == (chosen,)]), ("no_effect", [])):
+        path = answer / folder / "diagnosis.json"
+        _write(path, json.dumps(control_document(measured, tried)))
+        write_prediction(path, held_out, path.parent)
 
 
 def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]:
-    """What a diagnosis.json has to say for a prediction: these candidates alone, the best of them as the cause."""
+    """What a diagnosis.json has to say for a prediction: the best of these candidates, if any, as the cause."""
     from gap.diagnose import calibration, prepared
     from gap.diagnosis import SCHEMA as OF_DIAGNOSIS
     from gap.search import search
 
     problem, nominal = prepared(measured)
-    best = search(problem, hypotheses, nominal).fits[0]
-    (term,) = best.hypothesis.terms
-    free = {f.name: f.value(u) for f, u in zip(term.free, best.u[1:], strict=True)}
+    best = search(problem, hypotheses, nominal).fits[0] if hypotheses else nominal
+    values = best.hypothesis.split(best.u[1:])
+    numbers = {
+        f"{term.effect.id}.{name}": value
+        for term, own in zip(best.hypothesis.terms, values, strict=True)
+        for name, value in (
+            *term.fixed,
+            *((free.name, free.value(u)) for free, u in zip(term.free, own, strict=True)),
+        )
+    }
     return {
         "schema": OF_DIAGNOSIS,
         "verdict": "cause",
@@ -221,9 +231,9 @@ def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]
         "nominal": {"k_b": {"value": nominal.k_b}},
         "causes": [
             {
-                "effects": [term.effect.id],
+                "effects": list(best.hypothesis.ids),
                 "parameters": {},
-                "places": {f"{term.effect.id}.{key}": value for key, value in (dict(term.fixed) | free).items()},
+                "places": numbers,
                 "k_b": {"value": best.k_b},
             }
         ],

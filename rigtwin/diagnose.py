@@ -261,9 +261,10 @@ def _row(cause: Cause) -> tuple[str, ...]:
 
 def _shrink_line(s: Shrink) -> str:
     """The gap before and after, in one line."""
+    alone = f", gains and tolerances alone {share(s.without_effect)}" if finite(s.without_effect) else ""
     floor = f", noise alone {share(s.floor)}" if finite(s.floor) else ""
     return (
-        f"gap on {s.held_out}: {share(s.before)} before, {share(s.after)} after{floor}; "
+        f"gap on {s.held_out}: {share(s.before)} before, {share(s.after)} after{alone}{floor}; "
         f"{explained(s)}; {_VERIFIED[s.verified_by]}"
     )
 

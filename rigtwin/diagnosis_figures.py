@@ -438,13 +438,14 @@ def _bulk(values: Sequence[float]) -> list[float] | None:
 
 
 def shrink_figure(shrink: Shrink) -> go.Figure:
-    """The gap before, after and of noise alone, on data that were held out."""
+    """The gap on data that were held out: before, with gains and tolerances alone, after, and of noise alone."""
     bars = [
         ("nominal model", shrink.before, VERMILION),
+        ("gains, tolerances alone", shrink.without_effect, ORANGE),
         ("with the effect", shrink.after, BLUE),
         ("noise alone", shrink.floor, GREY),
     ]
-    names, values, colours = zip(*((n, v, c) for n, v, c in bars if finite(v)), strict=True)
+    names, values, colours = zip(*((n, v, c) for n, v, c in bars if v is not None and finite(v)), strict=True)
     figure = go.Figure(
         go.Bar(
             x=[100 * value for value in values],

@@ -169,14 +169,15 @@ def _shrinks(outcomes: Sequence[Outcome]) -> Iterator[Bar]:
     yield number_bar(f"{what}, small: median", median(small), len(small), Limit(low=0.8))
     hits = [bool(o.shrink.covered) for o in named if o.shrink is not None and o.shrink.covered is not None]
     yield share_bar("90 % interval of the shrink covers the one free of noise on the held-out transfer", hits, COVERAGE)
-    controls = [o.control.explainable for o in named if o.control is not None]
-    controls = [c for c in controls if not math.isnan(c)]
-    yield number_bar(
-        "explainable shrink by a random effect outside the answered set: median",
-        median(controls),
-        len(controls),
-        Limit(high=0.3),
-    )
+    controls = [(o.control.explainable, o.no_effect) for o in named if o.control is not None]
+    controls = [(share, alone) for share, alone in controls if not math.isnan(share)]
+    alone = [without.explainable for _, without in controls if without is not None]
+    beside = f" (by gains and tolerances alone, without any effect: {median(alone):.3g})" if alone else ""
+    what, limit = "explainable shrink by a random effect outside the answered set", Limit(high=0.3)
+    yield number_bar(f"{what}: median", median([share for share, _ in controls]), len(controls), limit, beside)
+    beyond = [share - without.explainable for share, without in controls if without is not None]
+    words = f"{what}, beyond what gains and tolerances explain without any: median"
+    yield number_bar(words, median(beyond), len(beyond), limit)
 
 
 def _explainable(outcomes: Sequence[Outcome]) -> list[float]:

@@ -24,7 +24,7 @@ def to_row(outcome: Outcome) -> dict[str, Any]:
 
 def from_row(row: Mapping[str, Any]) -> Outcome:
     values = {key: _number(key, value) for key, value in row.items() if key != "label"}
-    values |= {key: _shrink(row.get(key)) for key in ("shrink", "control")}
+    values |= {key: _shrink(row.get(key)) for key in ("shrink", "control", "no_effect")}
     values["top"] = frozenset(row["top"])
     values["answered"] = tuple(frozenset(names) for names in row["answered"])
     values["parameters_inside"] = tuple(row["parameters_inside"])

@@ -9,6 +9,7 @@ DIAGNOSES_DIR/<campaign>/
     failure.txt                               why there is none
     nominal/<run>.csv, corrected/<run>.csv    predictions on the held-out runs' own lines
     control/corrected/<run>.csv               the same with a random effect outside the answered set
+    no_effect/corrected/<run>.csv             the same with gains and tolerances alone
 
 Right answers: a cause with the label's effects, ``no_gap`` where the label has none, ``unknown`` where the effect was
 excluded or is in nobody's library. A campaign without an answer counts as answered wrongly.
@@ -122,6 +123,7 @@ class Outcome:
     seconds: float
     shrink: Shrink | None = None  # on the held-out transfer
     control: Shrink | None = None  # as shrink, of a random effect outside the answered set
+    no_effect: Shrink | None = None  # as shrink, of gains and tolerances alone
     processor_seconds: float = math.nan
     failure: str = ""
 
@@ -441,6 +443,7 @@ def _read_outcome(label: Label, campaign: Path, answer: Path) -> Outcome:
     found = replace(
         outcome(label, diagnosis, read_shrink(campaign, nominal, answer / "corrected", diagnosis)),
         control=read_shrink(campaign, nominal, answer / "control" / "corrected", diagnosis),
+        no_effect=read_shrink(campaign, nominal, answer / "no_effect" / "corrected", diagnosis),
     )
     if seconds.exists():
         taken = json.loads(seconds.read_text(encoding="utf-8"))

@@ -89,6 +89,14 @@ def test_what_was_calibrated_is_put_in():
     assert np.array_equal(stiffer.nominal.H, plain.nominal.H)
 
 
+def test_a_cause_without_effects_is_gains_and_tolerances_alone():
+    run = elsewhere()
+    alone = {"effects": [], "parameters": {}, "places": {}, "k_b": {"value": 1.9e6}}
+    calibration = {"sensor_gain": {"node4": 1.1}}
+    (predicted,) = predict(by_hand(causes=[alone], calibration=calibration), campaign_of(run))
+    assert np.allclose(predicted.corrected.H / predicted.nominal.H, [1.0, 1.1, 1.0])
+
+
 def test_magnitudes_are_predicted_as_magnitudes():
     run = blank("bearing", lines("bearing"), magnitude_only=True)
     (predicted,) = predict(by_hand(), campaign_of(run))

@@ -125,6 +125,7 @@ SHRINK = Shrink(
     ci90=(0.981, 0.999),
     verified_by="fmu",
     after_model=0.0128,
+    without_effect=0.207,
 )
 AUDIT = (
     Finding("noise", "ok", "Noise was given with the lines.", value=0.01),
@@ -496,13 +497,13 @@ def test_bars_and_curves_are_those_of_the_diagnosis(curves):
     real, imag = joint_figure(JOINT).data[:2]
     assert_allclose((real.y, imag.y), (JOINT.real, JOINT.imag))
     bars, model = shrink_figure(SHRINK).data
-    assert_allclose(bars.x, [31.4, 1.31, 1.1])
+    assert_allclose(bars.x, [31.4, 20.7, 1.31, 1.1])
     assert_allclose(model.x, [1.28])
 
 
 def test_a_gap_that_grew_is_drawn_as_it_is():
     worse = replace(SHRINK, after=0.4, shrink=-0.27, explainable=-0.28, ci90=(-0.4, -0.1), after_model=None)
-    assert_allclose(shrink_figure(worse).data[0].x, [31.4, 40.0, 1.1])
+    assert_allclose(shrink_figure(worse).data[0].x, [31.4, 20.7, 40.0, 1.1])
 
 
 # --- words -------------------------------------------------------------------------------------------

@@ -91,8 +91,13 @@ def test_shrink_bars():
     assert bar(covered, shrunk(*[0.95] * 8, 0.5, 0.5)).held is False
     assert bar(covered, shrunk(*[0.95] * 10)).held is False
     other = [replace(o, control=Shrink(1.0, 0.6, 0.0)) for o in shrunk(1.0)]
-    assert bar("explainable shrink by a random effect", other).held is False
-    assert bar("explainable shrink by a random effect", shrunk(1.0)).held is None
+    control = "explainable shrink by a random effect outside the answered set"
+    assert bar(f"{control}: median", other).held is False
+    assert bar(f"{control}: median", shrunk(1.0)).held is None
+    assert bar(f"{control}, beyond", other).held is None
+    most_without = [replace(o, no_effect=Shrink(1.0, 0.7, 0.0)) for o in other]
+    assert bar(f"{control}, beyond", most_without).measured == "0.1"
+    assert "without any effect: 0.3" in bar(f"{control}: median", most_without).measured
 
 
 def test_bars_on_numbers():

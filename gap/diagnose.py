@@ -450,7 +450,8 @@ def _report(
     clock: _Clock,
 ) -> Outcome:
     scale, excess = _scale(standing.quality), standing.excess
-    raster = _coarse_raster(findings, exclude, ranked.no_gap) if verdict == "no_gap" else None
+    named = verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings)
+    raster = _raster(ranked.no_gap) if named else None
     doubt = excess**2 / (1 + excess**2)  # 0 where nothing but noise is left, 1/2 at the threshold
     causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
     if raster is not None:
@@ -560,11 +561,14 @@ def _regime(verdict: Verdict, causes: Sequence[Cause], findings: Sequence[Findin
     return "measurement_chain" if families == {"chain"} else "linear"
 
 
-def _coarse_raster(findings: Sequence[Finding], exclude: Sequence[str], no_gap: float) -> Cause | None:
-    """The raster as the cause, as surely as the model is right, where peaks lie between the lines."""
-    coarse = [f for f in findings if f.check == "raster" and f.severity in ("warning", "error")]
-    if not coarse or "coarse_grid" in exclude:
-        return None
+def _is_coarse(campaign: Campaign, findings: Sequence[Finding]) -> bool:
+    """Whether peaks lie between the lines in half of the runs or more; in fewer, their lines are missing there."""
+    coarse = {f.run for f in findings if f.check == "raster" and f.severity in ("warning", "error")}
+    return bool(coarse) and 2 * len(coarse) >= len(campaign.runs)
+
+
+def _raster(no_gap: float) -> Cause:
+    """The raster as the cause, as surely as the model is right."""
     return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, math.nan, locations=(Location("raster"),))
 
 

@@ -489,3 +489,14 @@ def test_a_raster_that_is_too_coarse_is_named_in_its_own_words():
     assert found.diagnosis.causes[0].effects == ("coarse_grid",)
     assert found.diagnosis.verdict == "cause"
     assert "agree line by line" in found.diagnosis.sentence
+
+
+def test_one_coarse_run_among_finer_ones_is_no_cause():
+    settings = {"channels": (Channel(2), Channel(4))}
+    coarse = measure("bearing", seed=7, frequency_hz=np.arange(20.0, 401.0, 2.0), **settings)
+    found = diagnose(
+        campaign_of(*both_supports(**settings), coarse),
+        exclude=[name for name in EFFECTS if name not in ("attached_mass", "coarse_grid")],
+    ).diagnosis
+    assert found.verdict == "no_gap"
+    assert coarse.name in {f.run for f in found.audit if f.check == "raster" and f.severity == "warning"}

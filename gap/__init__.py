@@ -8,6 +8,7 @@ module                what it holds                                             
 ``hypotheses``        candidates: which effect, where, with which free numbers      ``candidates``
 ``forward``           the model of a measured run, resonance by resonance           ``Forward``
 ``likelihood``        residuals, nuisances and their joint fit                      ``Problem``
+``evidence``          how far Laplace's approximation is to be believed             ``sample``
 ``search``            linear effects and pairs of them                              ``search``
 ``dwell``             the one number with thousands of minima: a fast sweep's       ``dwell_fits``
 ``transients``        what a fast sweep leaves of a rotor's transients              ``transients``

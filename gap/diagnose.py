@@ -19,6 +19,7 @@ from gap.audit import audit, believed_errors, usable
 from gap.causes import cause_of, locations
 from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
+from gap.evidence import sample
 from gap.forward import TOLERANCES, Forward, nonlinear
 from gap.held_out import Confirm, measure_shrink
 from gap.helpers import helped_by
@@ -69,6 +70,9 @@ _ELEMENTS, _FINE_ELEMENTS = 2, 8
 
 # Pairs whose effects are tried alone.
 _TAKEN_APART = 3
+
+# Candidates of such a probability, of the most probable ones, have their evidence sampled.
+_WORTH_SAMPLING, _SAMPLED = 1e-4, 4
 
 # Mean square misfit of the nominal model from which levels that differ are not asked for a linear cause.
 _PLAIN = 20.0
@@ -170,7 +174,7 @@ def diagnose(
         problem, nominal, fits = _explained(problem, nominal, library, _amplitude_dependent(findings), progress, clock)
     standing = _standing(problem, nominal, fits)
     clock.lap("form")
-    ranked = _rank(nominal, standing)
+    ranked = _rank(problem, nominal, standing)
     verdict = _verdict(problem, nominal, ranked, standing) if enough else "not_enough_data"
     if standing.other_form and verdict in ("cause", "ambiguous"):
         findings = (*findings, _form_finding(ranked.fits[0], standing))
@@ -384,9 +388,20 @@ def _left(fit: Fit) -> float:
     return (max(fit.chi2 - fit.n_data, 0.0) + fit.penalty) / fit.n_data
 
 
-def _rank(nominal: Fit, standing: _Standing) -> _Ranked:
-    """Probabilities by evidence; the nominal model has its own prior."""
+def _rank(problem: Problem, nominal: Fit, standing: _Standing) -> _Ranked:
+    """Probabilities by evidence, which is sampled where it matters."""
     scale, fits = _scale(standing.quality), [fit for fit in standing.fits if fit.hypothesis.terms]
+    ranked = _by_evidence(nominal, fits, scale)
+    matters = [p >= _WORTH_SAMPLING and k < _SAMPLED for k, p in enumerate(ranked.probabilities)]
+    fits = [
+        replace(fit, sampled=sample(problem, fit, scale)) if one else fit
+        for fit, one in zip(ranked.fits, matters, strict=True)
+    ]
+    return _by_evidence(nominal, fits, scale)
+
+
+def _by_evidence(nominal: Fit, fits: Sequence[Fit], scale: float) -> _Ranked:
+    """Candidates by probability; the nominal model has its own prior."""
     single = [fit.log_evidence(scale) + np.log(fit.hypothesis.prior * (1 - NO_GAP_PRIOR)) for fit in fits]
     every = np.array([*single, nominal.log_evidence(scale) + np.log(NO_GAP_PRIOR)])
     share = np.exp(every - logsumexp(every))
@@ -537,7 +552,10 @@ def _causes(problem: Problem, ranked: _Ranked, scale: float, known: float) -> tu
 def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:
     std = np.sqrt(fit.covariance(scale).diagonal())[: len(fit.u)]
     k_b = _k_b(problem, fit, scale)
-    return cause_of(fit.hypothesis, fit.u, std, probability, k_b, fit.log_evidence(scale))
+    cause = cause_of(fit.hypothesis, fit.u, std, probability, k_b, fit.log_evidence(scale))
+    if fit.sampled is None:
+        return cause
+    return replace(cause, ess=fit.sampled.ess, log_evidence_error=fit.sampled.error)
 
 
 def _equivalent(causes: Sequence[Cause]) -> tuple[Cause, ...]:

@@ -50,6 +50,7 @@ class Cause:
     k_b: Estimate | None  # None: no run on bearings
     log_evidence: float
     ess: float | None = None  # effective sample size of the evidence, where it was sampled
+    log_evidence_error: float | None = None  # its standard error by the same draws
     locations: tuple[Location, ...] = ()  # of every effect
     places: dict[str, float] = field(default_factory=dict)  # "<effect>.<place>": node or position
     at_prior_edge: tuple[str, ...] = ()  # parameters at the end of their prior range

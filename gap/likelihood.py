@@ -130,6 +130,20 @@ class Nuisances:
 
 
 @dataclass(frozen=True)
+class Sampled:
+    """An evidence by importance sampling, beside Laplace's."""
+
+    correction: float  # logarithm of it over Laplace's
+    error: float  # standard error of that
+    ess: float  # effective number of draws
+
+    @property
+    def trusted(self) -> bool:
+        """Whether enough draws count."""
+        return self.ess >= _TRUSTED
+
+
+@dataclass(frozen=True)
 class Fit:
     """A candidate at its best."""
 
@@ -143,6 +157,7 @@ class Fit:
     prior_std: FloatArray  # of the nuisances
     with_k_b: bool
     added: float = 0.0  # relative error beside the data's own that it was fitted with at last
+    sampled: Sampled | None = None  # its evidence, where it was sampled
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -172,7 +187,7 @@ class Fit:
         return self.chi2 + self.penalty
 
     def log_evidence(self, scale: float = 1.0) -> float:
-        """Laplace's approximation, up to a constant of the data.
+        """Laplace's approximation, up to a constant of the data; corrected, where it was sampled with success.
 
         A number's volume is capped at its prior's: its precision is at least that of the even prior.
 
@@ -184,7 +199,8 @@ class Fit:
         prior = self._prior_precision[keep]
         posterior = self.precision[keep, keep] / scale**2 + np.diag(prior)
         _, logdet = np.linalg.slogdet(posterior)
-        return -(self.chi2 / scale**2 + self.penalty + logdet - np.sum(np.log(prior))) / 2
+        laplace = -(self.chi2 / scale**2 + self.penalty + logdet - np.sum(np.log(prior))) / 2
+        return laplace + (self.sampled.correction if self.sampled and self.sampled.trusted else 0.0)
 
     def covariance(self, scale: float = 1.0) -> FloatArray:
         """Of (u, nu)."""
@@ -674,6 +690,9 @@ class Score:
         slope = np.concatenate(slopes) - together.T @ self._covariance @ self._unsettled
         return float(slope @ np.linalg.pinv(told, rcond=_UNTOLD, hermitian=True) @ slope), len(slope)
 
+
+# Effective draws from which a sampled evidence is believed.
+_TRUSTED = 8.0
 
 # Share of an effect's change that nuisances must leave, for the change to tell anything.
 _UNTOLD = 1e-9

@@ -141,21 +141,41 @@ class Distance:
         return fit.chi
 
     def _start(self, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
-        """(q,) k_b whose resonances fall on the campaign's, where it is far away: resonances are narrow."""
-        zero = np.zeros(self.n_physical)
+        """(q,) parameters whose resonances fall on the campaign's: a fit that begins beside narrow ones stays there."""
+        zero, by_k_b = np.zeros(self.n_physical), np.eye(self.n_physical)[-1]
         if self._profile(zero, responses, weights).chi < 10 * THRESHOLD:
             return zero
+        peaks = [
+            run.omega[_tops(np.abs(H[:, self.channels]).sum(axis=1))]
+            for run, H in zip(self.runs, responses, strict=True)
+        ]
         shifts = np.exp(np.arange(-1.5, 1.5, 0.005)) - 1
-        misses = np.zeros(len(shifts))
-        for run, H in zip(self.runs, responses, strict=True):
-            peaks = run.omega[_tops(np.abs(H[:, self.channels]).sum(axis=1))]
-            for k, shift in enumerate(shifts):
-                modes = run.frequencies(shift * np.eye(self.n_physical)[-1])
-                modes = modes[(modes > run.omega[0]) & (modes < run.omega[-1])]
-                misses[k] += np.abs(np.log(modes[:, None] / peaks)).min(axis=1).sum() if len(modes) else 1.0
-        best = np.argsort(misses)[:4]
-        starts = [zero, *(shifts[k] * np.eye(self.n_physical)[-1] for k in best)]
+        misses = [np.abs(self._resonance_misses(shift * by_k_b, peaks)).sum() for shift in shifts]
+        starts = [zero, *(shifts[k] * by_k_b for k in np.argsort(misses)[:4])]
+        starts += [self._with_resonances(start, peaks) for start in starts]
         return min(starts, key=lambda theta: self._profile(theta, responses, weights).chi)
+
+    def _resonance_misses(self, theta: FloatArray, peaks: Sequence[FloatArray]) -> FloatArray:
+        """(n_peaks,) how far the nearest mode lies above each peak of each run, relative."""
+        misses = []
+        for run, at in zip(self.runs, peaks, strict=True):
+            modes = run.frequencies(theta)
+            modes = modes[(modes > run.omega[0]) & (modes < run.omega[-1])]
+            off = np.log(modes[:, None] / at)
+            misses.append(off[np.abs(off).argmin(axis=0), np.arange(len(at))] if len(modes) else np.ones(len(at)))
+        return np.concatenate(misses)
+
+    def _with_resonances(self, theta: FloatArray, peaks: Sequence[FloatArray], iterations: int = 4) -> FloatArray:
+        """(q,) parameters with the nearest modes on the peaks, as far as the priors and the drifts let them."""
+        prior = np.diag(self._physical_prior())
+        for _ in range(iterations):
+            misses = self._resonance_misses(theta, peaks)
+            slopes = [
+                (self._resonance_misses(theta + step, peaks) - misses) / 1e-6 for step in 1e-6 * np.eye(len(theta))
+            ]
+            J = np.vstack([np.transpose(slopes) / FREQUENCY_DRIFT, prior])
+            theta = theta - np.linalg.lstsq(J, np.concatenate([misses / FREQUENCY_DRIFT, prior @ theta]))[0]
+        return theta
 
     def _step(self, fit: _Fit, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
         """(q,) Gauss-Newton step of the physical parameters; the linear ones move along."""

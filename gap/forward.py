@@ -121,7 +121,11 @@ class Modal:
     @property
     def in_order(self) -> IntArray:
         """(n_freq,) places of the lines in the order in which they were swept."""
-        return np.arange(len(self.omega))[:: -1 if self.run.sweep == "down" else 1]
+        return np.arange(len(self.omega))[:: self._onward]
+
+    @property
+    def _onward(self) -> int:
+        return -1 if self.run.sweep == "down" else 1
 
     def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
         """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,), all relative."""
@@ -233,7 +237,9 @@ class Modal:
         The real signal is the imaginary part of what a force e^{i theta} makes, so the conjugate pole's transient is
         seen as well: an image that turns with twice the phase of all dwells so far, 1e5 radians for a second more.
         """
-        w, dwell = self.omega[self.in_order].reshape(-1, *(1,) * dwell.ndim, 1), dwell[..., None]
+        all_hz = self.run.frequency_hz if self.run.swept_hz is None else self.run.swept_hz
+        swept = 2 * np.pi * all_hz[:: self._onward]
+        w, dwell = swept.reshape(-1, *(1,) * dwell.ndim, 1), dwell[..., None]
         if self.images:
             left = transients(w, poles, dwell)
             twin = np.abs(poles[:, None] - poles.conj()).argmin(axis=1)
@@ -243,7 +249,7 @@ class Modal:
             near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
             read = np.zeros((len(w), *dwell.shape[:-1], len(poles)), dtype=complex)
             read[..., near] = as_read(transients(w, poles[near], dwell), w, poles[near])
-        return read[self.in_order]
+        return read[:: self._onward][np.searchsorted(all_hz, self.run.frequency_hz)]
 
     def change_by_dwells(self, dwells: FloatArray, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
         """(n_dwells, n_freq, n_channels) what the transients of a fast sweep change of a settled response.

@@ -187,7 +187,9 @@ def _template(runs: Sequence[Run], support: SupportKind, lines: FloatArray) -> R
     alike = [run for run in runs if run.support == support] or list(runs)
     run = max(alike, key=lambda r: (r.force_amplitude_N or 0.0, len(r.channels)))
     H = _no_response(lines, run.channels)
-    return replace(run, support=support, frequency_hz=lines, H=H, std=None, harmonics={}, name="proposed")
+    return replace(
+        run, support=support, frequency_hz=lines, H=H, std=None, harmonics={}, swept_hz=None, name="proposed"
+    )
 
 
 def _no_response(lines: FloatArray, channels: Sequence[Channel]) -> ComplexArray:

@@ -58,6 +58,7 @@ class Run:
     spin_rpm: float = 0.0
     sweep: SweepDirection | None = None
     name: str = ""
+    swept_hz: FloatArray | None = None  # all lines that were swept, increasing, where only some of them are here
 
     def __post_init__(self) -> None:
         n, shape = len(self.frequency_hz), (len(self.frequency_hz), len(self.channels))
@@ -68,9 +69,11 @@ class Run:
                 raise MeasurementError(f"run {self.name!r}: {label} has shape {array.shape}, expected {shape}")
 
     def on_lines(self, lines: NDArray[np.bool_] | slice) -> Run:
-        """The same run on some of its lines, without harmonics."""
+        """The same run on some of its lines, without harmonics; the others were swept all the same."""
         std = None if self.std is None else self.std[lines]
-        return replace(self, frequency_hz=self.frequency_hz[lines], H=self.H[lines], std=std, harmonics={})
+        swept = self.frequency_hz if self.swept_hz is None else self.swept_hz
+        some = self.frequency_hz[lines]
+        return replace(self, frequency_hz=some, H=self.H[lines], std=std, harmonics={}, swept_hz=swept)
 
     def as_recorded(self, H: ComplexArray) -> np.ndarray:
         """A model's response (n_freq, n_channels) as this run holds its own: magnitudes where no phase was recorded."""

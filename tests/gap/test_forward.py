@@ -312,6 +312,14 @@ def test_a_fast_sweep_is_what_integration_in_time_gives(forward):
     assert off(modal.response(), np.array(expected)) < 1e-3
 
 
+@pytest.mark.parametrize("sweep", ["up", "down"])
+def test_lines_left_out_of_a_fast_sweep_were_swept_all_the_same(forward, sweep):
+    run, effects = blank("rigid", np.linspace(90, 110, 41), sweep=sweep), [FastSweep(dwell=0.1)]
+    for lines in (slice(None, None, 3), np.abs(np.arange(41) - 20) > 1):
+        some = forward.modal(run.on_lines(lines).on_lines(slice(1, None, 2)), K_B, effects).response()
+        assert_allclose(some, forward.modal(run, K_B, effects).response()[lines][1::2])
+
+
 def test_a_fast_sweep_pulls_peaks_along(forward):
     run = blank("rigid", np.linspace(80.0, 120.0, 801), channels=(Channel(3),))
     H = {

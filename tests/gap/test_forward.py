@@ -315,9 +315,9 @@ def test_a_fast_sweep_is_what_integration_in_time_gives(forward):
 @pytest.mark.parametrize("sweep", ["up", "down"])
 def test_lines_left_out_of_a_fast_sweep_were_swept_all_the_same(forward, sweep):
     run, effects = blank("rigid", np.linspace(90, 110, 41), sweep=sweep), [FastSweep(dwell=0.1)]
-    for lines in (slice(None, None, 3), np.abs(np.arange(41) - 20) > 1):
-        some = forward.modal(run.on_lines(lines).on_lines(slice(1, None, 2)), K_B, effects).response()
-        assert_allclose(some, forward.modal(run, K_B, effects).response()[lines][1::2])
+    for some in (slice(None, None, 3), np.abs(np.arange(41) - 20) > 1):
+        kept = forward.modal(run.on_lines(some).on_lines(slice(1, None, 2)), K_B, effects).response()
+        assert_allclose(kept, forward.modal(run, K_B, effects).response()[some][1::2])
 
 
 def test_a_fast_sweep_pulls_peaks_along(forward):

@@ -76,8 +76,8 @@ def _only(run: Run, support: str) -> Run | None:
 LOSSES = (
     Loss("nothing", _whole),
     Loss("all phases", _magnitudes, hides=("sensor_delay",)),
-    Loss(f"{1 - LINES_LEFT:.0%} of the lines, at random", _uneven, hides=("fast_sweep",)),
-    Loss(f"{VALUES_LOST:.0%} of the values, at random", _with_holes),
+    Loss(f"{100 * (1 - LINES_LEFT):.0f} % of the lines, at random", _uneven, hides=("fast_sweep",)),
+    Loss(f"{100 * VALUES_LOST:.0f} % of the values, at random", _with_holes),
     Loss(f"all nodes but {', '.join(map(str, NODES_LEFT))}", _few_nodes),
     Loss("the standard errors", _without_errors),
     Loss("half of each standard error", partial(_scaled_errors, factor=0.5)),
@@ -101,6 +101,7 @@ def main() -> None:
         for done, future in enumerate(as_completed(asked), start=1):
             outcomes[asked[future]].append(future.result())
             print(f"{done} of {len(asked)} diagnoses", end="\r", flush=True)
+    print()
     page = _page(outcomes)
     (DOCS / "lab-data.md").write_text(page, encoding="utf-8")
     print(page)
@@ -160,7 +161,8 @@ def _row(words: str, of: Sequence[Outcome]) -> tuple[str, ...]:
         sum(o.verdict == "unknown" for o in of),
         sum(o.verdict == "cause" and not o.top_right for o in of),
     )
-    return words, str(len(of)), *map(str, counts), f"{np.median([o.k_b_error for o in of]):.1e}"
+    errors = [o.k_b_error for o in of if np.isfinite(o.k_b_error)]
+    return words, str(len(of)), *map(str, counts), f"{np.median(errors):.1e}" if errors else "–"
 
 
 if __name__ == "__main__":

@@ -46,6 +46,10 @@ _STIFFNESSES, _SHARES = 5, (0.97, 0.85, 0.7, 0.5, 0.3)
 # the contact closed.
 _GAPS, _LOADED = 7, (0.95, 0.75, 0.55, 0.35, 0.2, 0.1, 0.02)
 
+# Numbers that coarse motions hardly tell, and the points along their ranges that are tried on finer ones.
+_VAGUE = {"bearing_clearance": "gap"}
+_TRIED = 14
+
 # Of an even range the grid takes this share of it as the smallest point.
 _SMALL = 0.01
 
@@ -146,7 +150,7 @@ def search_nonlinear(
     first = _fitted(every, left, rounds=1, steps=3)
     fits = sorted(first, key=lambda fit: fit.cost)[:_FINALISTS]
     near = [fit for fit in fits if fit.cost < fits[0].cost + _CLEAR]
-    fits = [*_fitted(every, near), *fits[len(near) :]]
+    fits = [*_or_vaguer(every, _fitted(every, near)), *fits[len(near) :]]
     fits += _bent(problem, every, fits)
     fits = [fit for fit in fits if fit.log_evidence() > linear.log_evidence()]
     return every, linear, Search(nominal, tuple(best_first(fits)))
@@ -224,9 +228,55 @@ def _far(
     rough = _descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
     some = _thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     left = _settle(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost])
+    left = _best_of_each([*left, *_settle(some, _told(some, left))])
     if not left or left[0].cost > _GAINED * _loss(some, linear)[0]:
         return False, left
     return True, _best_of_each([*left, *_settle(some, _elsewhere(some, hypotheses, left))])[:_LEFT]
+
+
+def _told(problem: Problem, starts: Sequence[_Start]) -> list[_Start]:
+    """Of each start, the best points along the ranges of numbers that coarse motions hardly tell."""
+    found = []
+    for start in starts:
+        for points in _ranges(start):
+            problem.forget()
+            found.append(min((replace(start, u=u) for u in points), key=partial(_misfit, problem)))
+    return found
+
+
+def _or_vaguer(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """Fits, or where the evidence is with them, those begun elsewhere along the range of a number that is hardly told.
+
+    That is from the best point of the range, and from its end: a gap whose far side no motion reaches can have any
+    width, where a single line may seem to tell one that is reached.
+    """
+    chosen = []
+    for fit in fits:
+        start = _Start(fit.cost, fit.hypothesis, fit.u, fit.nu)
+        ends = [replace(start, u=points[-1]) for points in _ranges(start)]
+        others = _fitted(problem, [*_told(problem, [start]), *ends])
+        chosen.append(max([fit, *others], key=lambda each: each.log_evidence()))
+    return chosen
+
+
+def _ranges(start: _Start) -> list[FloatArray]:
+    """Points along the range of every number of the start that coarse motions hardly tell."""
+    vague = _VAGUE.get(start.hypothesis.ids[0])
+    found = []
+    for place, free in enumerate(start.hypothesis.free, start=1):
+        if free.name == vague:
+            points = np.tile(start.u, (_TRIED, 1))
+            points[:, place] = _axis(free, _TRIED)
+            found.append(points)
+    return found
+
+
+def _misfit(problem: Problem, start: _Start) -> float:
+    """Robust misfit of a start as it stands; infinite where it has no model."""
+    try:
+        return _loss(problem, _unfitted(problem, start.hypothesis, start.u, start.nu))[0]
+    except (ValueError, np.linalg.LinAlgError):
+        return np.inf
 
 
 def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[_Start]:

@@ -24,11 +24,13 @@ from gap.nonlinear_search import (
     _few_of_each,
     _grid,
     _loss,
+    _or_vaguer,
     _Rest,
     _seen_motion,
     _settle,
     _Start,
     _thinned,
+    _told,
     _uneven,
     _unfitted,
     most_promised,
@@ -205,6 +207,32 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     best = found.fits[0]
     assert best.chi2 < 1.2 * best.n_data
     assert best.effects[0].preload == pytest.approx(opening.preload, rel=0.05)
+
+
+@pytest.fixture(scope="module", params=[(1e-6, 10.0), (1e-5, 28.0)], ids=["reached", "out of reach"])
+def clearance(request):
+    """A gap and its campaign's problem, law and true numbers; no motion reaches across the wide one."""
+    gap, preload = request.param
+    runs = runs_of(BearingClearance(gap=gap, preload=preload))[1:]
+    (law,) = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
+    return gap, problem_of(runs), law, np.array([np.log(K_B), np.log(gap), preload])
+
+
+def test_a_gap_is_looked_for_along_its_range(clearance):
+    gap, problem, law, true = clearance
+    for away in (-9.0, 9.0):
+        lost = _Start(np.inf, law, law.clipped(true + np.array([0.0, away, 0.0])), np.zeros(problem.nuisances.n))
+        (found,) = _told(problem, [lost])
+        found_gap = np.exp(found.u[1])
+        assert found_gap > 1.2e-6 if gap == 1e-5 else found_gap == pytest.approx(gap, rel=0.3)
+
+
+def test_a_gap_out_of_reach_has_a_wide_error(clearance):
+    gap, problem, law, true = clearance
+    (kept,) = _or_vaguer(problem, [robust_fit(problem, law, true, rounds=1)])
+    error = np.sqrt(kept.covariance()[1, 1])
+    assert error > 0.5 if gap == 1e-5 else error < 0.05
+    assert kept.u[1] == pytest.approx(np.log(gap), abs=3 * error)
 
 
 def test_a_contact_is_carried_over_to_other_places():

@@ -34,6 +34,7 @@ from gap.search import (
     all_polished,
     best_first,
     each_alone,
+    exchanged,
     most_left,
     pairs,
     recalibrate,
@@ -313,6 +314,8 @@ def _with_pairs(
 ) -> list[Fit]:
     """Singles and pairs, best first; a pair counts only where it earns its evidence."""
     twos = pairs(problem, found, hypotheses, progress)
+    if twos and not any(_adequate(problem, fit) for fit in (found.best, twos[0])):
+        twos = best_first([*twos, *exchanged(problem, twos[0], hypotheses, not found.rough, progress)])
     alone = [fit for pair in twos[:_TAKEN_APART] for fit in each_alone(problem, pair, hypotheses)]
     singles = {fit.hypothesis: fit for fit in sorted((*found.fits, *alone), key=lambda fit: fit.log_weight)}
     scale = _scale(judge(problem, max([*singles.values(), *twos], key=lambda fit: fit.log_weight)))

@@ -494,28 +494,55 @@ def pairs(
     problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
 ) -> list[Fit]:
     """Pairs of effects that do not fall behind, best first by evidence and prior."""
-    return race(problem, pair_starts(problem, found, hypotheses, progress), FAR, progress)
+    leaders = _leaders(problem, found, hypotheses)
+    return race(problem, pair_starts(problem, leaders, hypotheses, not found.rough, progress), FAR, progress)
+
+
+def exchanged(
+    problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis], near: bool, progress: Progress | None = None
+) -> list[Fit]:
+    """Pairs of either effect of a pair, with the numbers it has there, and another; best first by evidence and prior.
+
+    Alone, an effect takes over what another one does: from there its partner may lie too far for a start of its own.
+    """
+    leaders = [fit for start in _halves(pair, hypotheses) if (fit := _as_it_is(problem, start))]
+    return race(problem, pair_starts(problem, leaders, hypotheses, near, progress), FAR, progress)
 
 
 def each_alone(problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
     """Each effect of a pair without the other, from where the pair ended: its own starts may have missed that place."""
+    return [fit for start in _halves(pair, hypotheses) if (fit := _run(problem, CLOSE[0], start))]
+
+
+def _halves(pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
+    """Each effect of a pair without the other, where the pair ended."""
     found = []
     for term, own in zip(pair.hypothesis.terms, pair.hypothesis.split(pair.u[1:]), strict=True):
-        u = np.concatenate([pair.u[:1], own])
         single = next(hypothesis for hypothesis in hypotheses if hypothesis.bent.terms == (term.bent,))
-        fit = _run(problem, CLOSE[0], Start(replace(single, terms=(term,)), u, pair.nu))
-        found += [fit] if fit else []
+        found.append(Start(replace(single, terms=(term,)), np.concatenate([pair.u[:1], own]), pair.nu))
     return found
 
 
+def _as_it_is(problem: Problem, start: Start) -> Fit | None:
+    """A start as a fit without a step; None where there is no model."""
+    return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(_ROUGHLY,), steps=0)
+
+
 def pair_starts(
-    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+    problem: Problem,
+    leaders: Sequence[Fit],
+    hypotheses: Sequence[Hypothesis],
+    near: bool,
+    progress: Progress | None = None,
 ) -> list[Start]:
-    """Every candidate beside each of the leaders, from the leader's fit; those of most gain first, leader by leader."""
+    """Every candidate beside each of the leaders, from the leader's fit; those of most gain first, leader by leader.
+
+    Parameters
+    ----------
+    near : whether the nominal model is close to the data
+    """
     starts: list[Start] = []
     beside: list[Start] = []
-    leaders = _leaders(problem, found, hypotheses)
-    near = not found.rough
     for number, leader in enumerate(leaders):
         by_score: list[_Promise] = []
         seconds = [second for second in hypotheses if second.ids != leader.hypothesis.ids]

@@ -21,6 +21,7 @@ from gap.search import (
     _of_each,
     _paired,
     each_alone,
+    exchanged,
     most_left,
     pair_starts,
     pairs,
@@ -37,6 +38,7 @@ from rotor.effects import (
     BearingTiltStiffness,
     CompliantRigidSupport,
     DiskInertia,
+    DiskMass,
     FastSweep,
     PedestalFlexibility,
     PlaneAnisotropy,
@@ -239,7 +241,8 @@ def test_pairs_are_started_beside_what_leaves_little():
         problem.fit(next(h for h in hypotheses if h.ids == (effect.id,)), np.append(nominal.u, u), anneal=(0.1, 0.0))
         for effect, u in zip(effects, (np.log(60.0), 0.1), strict=True)
     )
-    starts = pair_starts(problem, Search(nominal, (hopeless, near)), hypotheses)
+    leaders = _leaders(problem, Search(nominal, (hopeless, near)), hypotheses)
+    starts = pair_starts(problem, leaders, hypotheses, near=True)
     assert starts[0].hypothesis.ids == ("bearing_damping", "disk_inertia")
     assert {start.hypothesis.ids[0] for start in starts} == {"bearing_damping"}
 
@@ -251,7 +254,8 @@ def test_pairs_are_started_beside_what_logarithms_see():
     hypotheses = of(problem.runs, "shaft_modulus", "sensor_delay", "bearing_damping")
     found = search(problem, hypotheses)
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
-    starts = pair_starts(problem, replace(found, fits=others), hypotheses)
+    leaders = _leaders(problem, replace(found, fits=others), hypotheses)
+    starts = pair_starts(problem, leaders, hypotheses, near=False)
     assert "shaft_modulus" in {start.hypothesis.ids[0] for start in starts}
 
 
@@ -281,6 +285,18 @@ def test_far_from_the_data_a_step_down_brings_a_pair_that_begins_like_others(mon
     costs = [few.rough(start.hypothesis, start.u, 0)[1] for start in all_of_them]
     assert costs[2] < 0.01 * min(costs[:2])
     assert dict(all_of_them[2].hypothesis.terms[1].fixed) == {"node": 2}
+
+
+def test_a_wrong_partner_is_exchanged():
+    """Damped bearings and heavier disks: a damper alone is so strong, or so weak, that the disks begin too far away."""
+    problem = problem_of(*both_supports(DiskMass(change=0.047), BearingDamping(damping=10.0)))
+    hypotheses = of(problem.runs, "attached_mass", "bearing_damping", "disk_mass")
+    mass = next(h for h in hypotheses if dict(h.terms[0].fixed).get("node") == 5)
+    (damping,) = (h for h in hypotheses if h.ids == ("bearing_damping",))
+    wrong = problem.fit(_paired(mass, damping), np.log([K_B, 0.05, 9.0]))
+    right, *_ = exchanged(problem, wrong, hypotheses, near=False)
+    assert set(right.hypothesis.ids) == {"disk_mass", "bearing_damping"}
+    assert right.chi2 < 1.2 * right.n_data < wrong.chi2
 
 
 def test_a_pair_found_from_either_of_its_effects_is_one_pair():

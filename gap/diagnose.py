@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.special import logsumexp
+from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
 from gap import wording
@@ -54,6 +55,7 @@ ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
 ADEQUATE_SPREAD = 3.0  # the same of few values: beyond 1, in standard deviations of what noise alone leaves
 ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
 ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
+ADEQUATE_CHANCE = 1e-5  # of what resonances of their own, with shapes of their own, would take away if noise were left
 FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
 FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
 LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance
@@ -355,8 +357,21 @@ def _excess(problem: Problem, fit: Fit, quality: Adequacy) -> float:
         (quality.misfit - 1) / max(ADEQUATE_MISFIT - 1, ADEQUATE_SPREAD * quality.spread),
         quality.correlation / ADEQUATE_CORRELATION,
         nuisance_size(problem, fit) / ADEQUATE_NUISANCE,
+        _own_resonances(problem, fit, quality),
         0.0,
     )
+
+
+def _own_resonances(problem: Problem, fit: Fit, quality: Adequacy) -> float:
+    """What resonances and shapes of each run's own would take away beyond what they take of noise: 1 at the threshold.
+
+    Whatever acts on a linear rotor shows in these, also where no effect of the library resembles it.
+    """
+    score, runs = problem.score(fit, settled=True), range(len(problem.runs))
+    found = (score.apart(runs, shapes=shapes) for shapes in (False, True))
+    scale2 = max(quality.scale, 1.0) ** 2
+    excesses = ((gain / scale2 - n) / (chi2.isf(ADEQUATE_CHANCE, n) - n) for gain, n in found if n)
+    return float(max(excesses, default=0.0))
 
 
 def _standing(problem: Problem, nominal: Fit, fits: Sequence[Fit]) -> _Standing:

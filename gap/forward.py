@@ -165,6 +165,19 @@ class Modal:
                 D[MODES + t][:, group.columns] = _driven(Y, dY, force, slope) * group.chain
         return H, D
 
+    def of_resonances(self, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+        """(MODES, n_freq, n_channels) what each resonance that may drift adds to the response."""
+        parts = np.zeros((MODES, len(self.omega), len(self.run.channels)), dtype=complex)
+        shift = self._shift(drift, tolerance)
+        for group in self.groups:
+            shares = self._shares(group.poles * (1 + _of_poles(group, shift))) * _unshifted(group, drift)
+            Y, residues = self._motion(group, shares, tolerance)
+            force = self._force(Y[:, -1])
+            for m in range(MODES):
+                mine = group.mode == m
+                parts[m][:, group.columns] = shares[:, mine] @ residues[:-1, mine].T * group.chain * force[:, None]
+        return parts
+
     def _shares(self, poles: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) 1 / (i omega - lambda), and what transients add."""
         shares = 1 / (1j * self.omega[:, None] - poles)

@@ -665,30 +665,47 @@ class Score:
         left[:n_u][self._problem.held(fit.u, left[:n_u], fit.hypothesis.ends)] = 0.0
         return left
 
-    def apart(self, runs: Sequence[int]) -> tuple[float, int]:
+    def apart(self, runs: Sequence[int], *, shapes: bool = False) -> tuple[float, int]:
         """To first order, the misfit that goes where each resonance of these runs has its own shift and damping.
+
+        Parameters
+        ----------
+        shapes : whether it has its own height and phase in every channel, too
 
         Returns
         -------
         gain, and how many numbers it takes: without a cause the gain is chi-squared with so many degrees of freedom
         """
-        problem, fit = self._problem, self.fit
-        modals = problem.modals(fit.k_b, fit.effects)
         slopes, blocks, shared = [], [], []
         for r in runs:
-            observed, modal, (residual, J, where) = problem.observed[r], modals[r], self._parts[r]
-            inside = int(np.sum(modal.frequencies_hz < observed.run.frequency_hz[-1]))
-            shifts = modal.with_derivatives(*problem.nuisances.of_run(fit.nu, r))[1][:inside]
-            columns = np.concatenate([shifts, 1j * shifts]) * problem.nuisances.gains(fit.nu, r, modal)
-            X = _columns(observed, self._model[r], columns, self._weights[r])
+            residual, J, where = self._parts[r]
+            X = _columns(self._problem.observed[r], self._model[r], self._freed(r, shapes), self._weights[r])
             slopes.append(X @ residual)
             blocks.append(X @ X.T)
             shared.append(np.zeros((len(self._covariance), len(X))))
             shared[-1][where] = J @ X.T
         together = np.concatenate(shared, axis=1)
-        told = np.asarray(block_diag(*blocks)) - together.T @ self._covariance @ together
+        size = np.asarray(block_diag(*blocks))
+        told = size - together.T @ self._covariance @ together
         slope = np.concatenate(slopes) - together.T @ self._covariance @ self._unsettled
-        return float(slope @ np.linalg.pinv(told, rcond=_UNTOLD, hermitian=True) @ slope), len(slope)
+        unit = 1 / np.sqrt(np.maximum(size.diagonal(), 1e-30))
+        values, axes = np.linalg.eigh(told * unit * unit[:, None])
+        free = values > _UNTOLD * values.max(initial=0.0)
+        along = (axes.T @ (slope * unit))[free]
+        return float(np.sum(along**2 / values[free])), int(free.sum())
+
+    def _freed(self, r: int, shapes: bool) -> ComplexArray:
+        """(n_columns, n_freq, n_channels) change of a run's prediction by numbers that are each resonance's own."""
+        problem, fit = self._problem, self.fit
+        modal, own = problem.modals(fit.k_b, fit.effects)[r], problem.nuisances.of_run(fit.nu, r)
+        inside = int(np.sum(modal.frequencies_hz < problem.runs[r].frequency_hz[-1]))
+        freed = modal.with_derivatives(*own)[1][:inside]
+        if shapes:
+            assert isinstance(modal, Modal)
+            parts = modal.of_resonances(*own)[:inside, None]
+            each_channel = np.eye(parts.shape[-1])[:, None]
+            freed = np.concatenate([freed, (parts * each_channel).reshape(-1, *freed.shape[1:])])
+        return np.concatenate([freed, 1j * freed]) * problem.nuisances.gains(fit.nu, r, modal)
 
 
 # Effective draws from which a sampled evidence is believed.
@@ -758,11 +775,11 @@ def _weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatA
 
 def _columns(observed: Observed, H: ComplexArray, columns: ComplexArray, weight: FloatArray) -> FloatArray:
     """(n_columns, n_residuals) derivatives of the model in units of the residuals."""
-    J = columns * weight
+    J, n = columns * weight, weight.size
     if observed.run.magnitude_only:
         direction = np.where(np.abs(H) > 0, H.conj() / np.where(np.abs(H) > 0, np.abs(H), 1.0), 0.0)
-        return (J * direction * expected_magnitude(observed, H)[1]).real.reshape(len(J), -1)
-    flat = J.reshape(len(J), -1)
+        return (J * direction * expected_magnitude(observed, H)[1]).real.reshape(len(J), n)
+    flat = J.reshape(len(J), n)
     return np.concatenate([flat.real, flat.imag], axis=1)
 
 

@@ -23,6 +23,7 @@ from gap.search import recalibrate
 from rotor.effects import (
     AttachedMass,
     BearingCubic,
+    BearingOffset,
     CompliantRigidSupport,
     ForceDropout,
     PlaneAnisotropy,
@@ -155,6 +156,18 @@ def test_a_withheld_effect_is_not_blamed_on_another(withheld):
     assert all("attached_mass" not in cause.effects for cause in diagnosis.causes)
     assert diagnosis.shrink is None
     assert diagnosis.next_test is not None
+
+
+def test_a_small_withheld_effect_is_not_passed_over():
+    """Bearings 0.15 mm aside: no single line shows it, all lines of a resonance together do."""
+    campaign = campaign_of(*both_supports(BearingOffset(offset=1.5e-4), seed=1))
+    problem, nominal = prepared(campaign)
+    quality = judge(problem, nominal)
+    assert quality.misfit < 1 + 3 * quality.spread
+    assert abs(quality.correlation) < 3.5
+    diagnosis = diagnose(campaign, exclude=all_but("sensor_gain")).diagnosis
+    assert diagnosis.verdict == "unknown"
+    assert diagnosis.unknown_score > 0.5
 
 
 def test_a_known_effect_is_less_strange_than_a_withheld_one(weighed, healthy, withheld):

@@ -130,6 +130,28 @@ def test_a_fit_that_stopped_short_of_its_minimum_leaves_nothing_to_effects_like_
     assert_allclose(there.apart(every)[0], here.apart(every)[0], atol=3.0)
 
 
+def test_resonances_and_shapes_of_their_own_take_of_noise_what_chance_gives_them():
+    taken = []
+    for seed in range(4):
+        problem = problem_with(seed=seed)
+        score = problem.score(recalibrate(problem), settled=True)
+        taken += [score.apart([0, 1], shapes=shapes) for shapes in (False, True)]
+    gains, numbers = np.array(taken).reshape(4, 2, 2).sum(axis=0).T
+    assert numbers[1] > 5 * numbers[0] > 0
+    assert np.all(np.abs(gains - numbers) < 4 * np.sqrt(2 * numbers))
+
+
+def test_a_shape_of_its_own_takes_away_what_a_late_sensor_does():
+    """It turns one channel; all resonances stay where they are."""
+    problem = problem_with(SensorDelay(delay=5e-6, node=3))
+    nominal = recalibrate(problem)
+    late = problem.fit(candidate(problem.runs, "sensor_delay", 3), np.append(nominal.u, 5e-6), nominal.nu)
+    score = problem.score(nominal, settled=True)
+    (shifts, n), (shapes, n_shapes) = (score.apart([0, 1], shapes=each) for each in (False, True))
+    assert shifts < n + 3 * np.sqrt(2 * n)
+    assert nominal.cost - late.cost < shapes < nominal.cost - late.cost + n_shapes + 3 * np.sqrt(2 * n_shapes)
+
+
 def test_an_effect_on_the_wrong_side_gains_nothing():
     problem = problem_with(AttachedMass(mass=0.01, node=3))
     gain, scale, _ = problem.score(recalibrate(problem)).gain([ShaftModulus(factor=1.001)])

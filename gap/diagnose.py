@@ -55,7 +55,8 @@ ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
 ADEQUATE_SPREAD = 3.0  # the same of few values: beyond 1, in standard deviations of what noise alone leaves
 ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
 ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
-ADEQUATE_CHANCE = 1e-5  # of what resonances of their own, with shapes of their own, would take away if noise were left
+PASSED_OVER_CHANCE = 1e-4  # that noise gives resonances and shapes of their own as much as they would take away
+PASSED_OVER_SHARE = 0.1  # of what a cause takes away, that they would take away beside it, at most
 FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
 FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
 LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance
@@ -357,21 +358,27 @@ def _excess(problem: Problem, fit: Fit, quality: Adequacy) -> float:
         (quality.misfit - 1) / max(ADEQUATE_MISFIT - 1, ADEQUATE_SPREAD * quality.spread),
         quality.correlation / ADEQUATE_CORRELATION,
         nuisance_size(problem, fit) / ADEQUATE_NUISANCE,
-        _own_resonances(problem, fit, quality),
         0.0,
     )
 
 
-def _own_resonances(problem: Problem, fit: Fit, quality: Adequacy) -> float:
-    """What resonances and shapes of each run's own would take away beyond what they take of noise: 1 at the threshold.
+def _passed_over(problem: Problem, nominal: Fit, fit: Fit, quality: Adequacy) -> float:
+    """What resonances and shapes of each run's own would still take away beside a linear cause: 1 at the threshold.
 
-    Whatever acts on a linear rotor shows in these, also where no effect of the library resembles it.
+    Whatever acts on a linear rotor shows in these, also where no effect of the library resembles it. It counts where it
+    is more than noise gives them, and more than a small share of what the cause takes away.
     """
+    if nonlinear(fit.effects):
+        return 0.0
     score, runs = problem.score(fit, settled=True), range(len(problem.runs))
-    found = (score.apart(runs, shapes=shapes) for shapes in (False, True))
-    scale2 = max(quality.scale, 1.0) ** 2
-    excesses = ((gain / scale2 - n) / (chi2.isf(ADEQUATE_CHANCE, n) - n) for gain, n in found if n)
-    return float(max(excesses, default=0.0))
+    scale2, explained = max(quality.scale, 1.0) ** 2, max(nominal.cost - fit.cost, 1.0)
+    excesses = [0.0]
+    for shapes in (False, True):
+        gain, n = score.apart(runs, shapes=shapes)
+        if n:
+            chance = (gain / scale2 - n) / float(chi2.isf(PASSED_OVER_CHANCE, n) - n)
+            excesses.append(min(chance, (gain - n * scale2) / explained / PASSED_OVER_SHARE))
+    return max(excesses)
 
 
 def _standing(problem: Problem, nominal: Fit, fits: Sequence[Fit]) -> _Standing:
@@ -383,8 +390,10 @@ def _standing(problem: Problem, nominal: Fit, fits: Sequence[Fit]) -> _Standing:
     """
     quality = judge(problem, fits[0])
     excess = _excess(problem, fits[0], quality)
+    if excess < 1:
+        return _Standing(fits, quality, max(excess, _passed_over(problem, nominal, fits[0], quality)))
     singles = [fit for fit in fits if len(fit.hypothesis.terms) == 1]
-    if excess < 1 or not singles or singles[0].wants_more:
+    if not singles or singles[0].wants_more:
         return _Standing(fits, quality, excess)
     beside = _beside_rivals(problem, nominal, singles)
     if beside < 1:
@@ -429,7 +438,7 @@ def _by_evidence(nominal: Fit, fits: Sequence[Fit], scale: float) -> _Ranked:
 
 def _verdict(problem: Problem, nominal: Fit, ranked: _Ranked, standing: _Standing) -> Verdict:
     if ranked.no_gap > 0.5:
-        return "no_gap" if _adequate(problem, nominal) else "unknown"
+        return "no_gap" if _adequate(problem, nominal) and standing.excess < 1 else "unknown"
     if standing.excess >= 1:
         return "unknown"
     return "cause" if max(map(_together, _by_name(ranked).values())) >= SURE else "ambiguous"

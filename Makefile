@@ -11,7 +11,7 @@
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
 # Draw of the next report set; docs/blind.md says which one it shows.
-BLIND_SEED := 2
+BLIND_SEED := 3
 PYTHON := $(VENV)/bin/python
 # The matrices are small: one BLAS thread per process is several times faster than many.
 export OPENBLAS_NUM_THREADS := 1

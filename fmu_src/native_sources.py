@@ -53,6 +53,8 @@ EFFECT_WORDS = {
         "stiffness": "pedestal_stiffness",
         "mass": "pedestal_mass",
         "damping": "pedestal_damping",
+        "block_compliance": "block_compliance",
+        "block_mass": "block_mass",
     },
     "bearing_asymmetry": {"asymmetry": "asymmetry"},
     "bearing_offset": {"offset": "offset"},
@@ -77,7 +79,7 @@ EFFECT_WORDS = {
 
 # Numbers that decide what the core computes, where they are written in Python; C knows them without an underscore.
 _CONSTANTS: tuple[tuple[ModuleType, tuple[str, ...]], ...] = (
-    (design, ("CRACK_LENGTH", "WEAKEST_BRANCH")),
+    (design, ("CRACK_LENGTH", "WEAKEST_BRANCH", "GROUND_COMPLIANCE")),
     (supports, ("BRANCHES",)),
     (nonlinear, ("SHARP", "SHARP_LENGTH", "SEAT_PARTS")),
     (system, ("_RIGID_BODY", "_BUCKLED")),

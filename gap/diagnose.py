@@ -41,7 +41,7 @@ from gap.search import (
     recalibrate,
     search,
     strained,
-    with_best_bent,
+    with_bent,
 )
 from gap.where import locate
 from rotor.assembly import assemble
@@ -279,7 +279,7 @@ def _finished(
 ) -> tuple[Problem, list[Fit]]:
     """The problem on the finer mesh; linear effects, best first, and pairs where no single one is adequate."""
     if found.fits and not _adequate(problem, found.best):
-        found = with_best_bent(problem, found)
+        found = with_bent(problem, found, hypotheses)
     fits = list(found.fits) or [found.nominal]
     if with_pairs and found.fits and not _suffices(problem, found.best, hypotheses):
         fits = _with_pairs(problem, found, hypotheses, progress)

@@ -402,13 +402,13 @@ class Problem:
         steps : at each of them, at most
         """
         u = u.copy()
-        nu = self._unit(hypothesis, u) if nu is None else nu.copy()
+        nu = self.unit(hypothesis, u) if nu is None else nu.copy()
         for added in anneal:
             u, nu, chi2, penalty, precision = self._descend(hypothesis, u, nu, added, steps)
         n = sum(o.n_values for o in self.observed)
         return Fit(hypothesis, u, nu, chi2, penalty, precision, n, self.nuisances.std, self.with_k_b, anneal[-1])
 
-    def _unit(self, hypothesis: Hypothesis, u: FloatArray) -> FloatArray:
+    def unit(self, hypothesis: Hypothesis, u: FloatArray) -> FloatArray:
         """(n_nuisances,) nuisances at a start: none, but for the gain of a run whose unit is arbitrary."""
         nu = np.zeros(self.nuisances.n)
         for r, observed in enumerate(self.observed):

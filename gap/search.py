@@ -50,6 +50,9 @@ _THIRD, _FIFTH = 3, 5
 # candidate's by this factor.
 _DOWN, _CARRIED, _DROPPED = (2, 6), 3, 10.0
 
+# Steps of descents along the long valleys of laws that are bent.
+_LONG_WAY = 24
+
 # Starts of one candidate that run on.
 _RIVALS = 2
 
@@ -73,6 +76,7 @@ class Stage:
 
 FAR = (Stage(0.1, 1, 60, behind=5.0), Stage(0.1, 4, 30), Stage(0.02, 6, 16), Stage(0.0, 20, 12))
 CLOSE = (Stage(0.0, 20, 100),)
+BENT = (Stage(0.1, 60, 12), Stage(0.02, 60, 8), Stage(0.0, 60, 4))
 
 # Leading candidates that are fitted to the end: valleys of several numbers are long.
 POLISHED, _PATIENCE = 4, 60
@@ -215,13 +219,25 @@ def _not_hopeless(problem: Problem, starts: Sequence[Start], added: float) -> li
     return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit]
 
 
-def with_best_bent(problem: Problem, found: Search) -> Search:
-    """The search, and its best effect bent, where it can be."""
+def with_bent(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> Search:
+    """The search, and its best effect bent, where it can be; far from the data, the best of all that can be."""
     best = found.best
     starts = [Start(best.hypothesis.bent, u, best.nu) for u in best.hypothesis.bent_from(best.u)]
-    tried = (problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(0.1, 0.0), steps=_PATIENCE) for s in starts)
-    fits = best_first(fit for fit in tried if fit is not None)
-    return replace(found, fits=tuple(best_first([*found.fits, *fits[:1]])))
+    if found.rough:
+        few, base = problem.thinned(_THIRD), found.nominal.u[:1]
+        laws = [hypothesis.bent for hypothesis in hypotheses if hypothesis.bent != hypothesis]
+        ends = each(partial(_all_the_way_down, few, base), laws)
+        rough = [(law, u) for law, us in zip(laws, ends, strict=True) for u in us]
+        starts += [Start(law, u, problem.unit(law, u)) for law, u in rough]
+        starts += [_begin(law, u, found.nominal) for law, u in rough]
+    bent = race(problem, starts, BENT, None) if starts else []
+    return replace(found, fits=tuple(best_first([*found.fits, *bent[:1]])))
+
+
+def _all_the_way_down(few: Problem, base: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
+    """Where the best of a candidate's rough descents end."""
+    first = _down(few, base, hypothesis)[:_CARRIED]
+    return [few.rough(hypothesis, x, _LONG_WAY)[0] for x, _ in first]
 
 
 def best_first(fits: Iterable[Fit]) -> list[Fit]:

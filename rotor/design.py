@@ -23,6 +23,9 @@ CRACK_LENGTH = 0.8
 # A viscoelastic branch is at least so stiff, over its bearing: the joint of its spring and dashpot needs a stiffness.
 WEAKEST_BRANCH = 1e-9
 
+# A block whose mount has no more than this compliance, over its pedestal's, is the ground.
+GROUND_COMPLIANCE = 1e-6
+
 # Entries of a vector over all degrees of freedom that are not zero: where, and how much.
 Pattern = tuple[IntArray, FloatArray]
 
@@ -38,11 +41,26 @@ class JointLaw:
 
 @dataclass(frozen=True)
 class Pedestal:
-    """What a bearing stands on, in y and in z: mass [kg] on stiffness [N/m] and damping [N s/m]."""
+    """What a bearing stands on, in y and in z: mass [kg] on stiffness [N/m] and damping [N s/m].
+
+    Below it is the ground, or a block of so many times its mass on so many times its compliance.
+    """
 
     stiffness: float
     mass: float
     damping: float
+    block_compliance: float = 0.0
+    block_mass: float = 0.0
+
+    @property
+    def has_block(self) -> bool:
+        """Whether there is a block below, that the ground is not."""
+        return self.block_compliance > GROUND_COMPLIANCE
+
+    @property
+    def n_masses(self) -> int:
+        """The pedestal's, and its block's."""
+        return 2 if self.has_block else 1
 
 
 @dataclass

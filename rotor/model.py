@@ -79,7 +79,7 @@ class _Assembly:
     def __init__(self, design: Design):
         self.design, self.structure = design, design.structure
         n = self.structure.n
-        self.size = n + sum(2 * ((b.pedestal is not None) + len(b.branches)) for b in design.bearings)
+        self.size = n + sum(2 * ((b.pedestal.n_masses if b.pedestal else 0) + len(b.branches)) for b in design.bearings)
         self.used = n
         self.M, self.K, self.C, self.G, self.K_shaft = (np.zeros((self.size, self.size)) for _ in range(5))
         self.held = np.zeros(self.size, dtype=bool)
@@ -177,14 +177,19 @@ class _Assembly:
             self._local_force(joint, law, float(stiffness.trace() / 2))
 
     def _pedestal(self, bearing: Bearing) -> list[Pattern]:
-        """The bearing's base in y and z: its pedestal, or the ground."""
-        if bearing.pedestal is None:
+        """The bearing's base in y and z: its pedestal, on the ground or on a block, or the ground."""
+        pedestal = bearing.pedestal
+        if pedestal is None:
             return [_NOWHERE, _NOWHERE]
-        base = self._new_pair()
-        places = [int(where[0]) for where, _ in base]
-        self.M[places, places] += bearing.pedestal.mass
-        self.K[places, places] += bearing.pedestal.stiffness
-        self.C[places, places] += bearing.pedestal.damping
+        base, below = self._new_pair(), [_NOWHERE, _NOWHERE]
+        self._connect(self.M, base, pedestal.mass * np.eye(2))
+        if pedestal.has_block:
+            below = self._new_pair()
+            self._connect(self.M, below, pedestal.block_mass * pedestal.mass * np.eye(2))
+            self._connect(self.K, below, pedestal.stiffness / pedestal.block_compliance * np.eye(2))
+        leg = [_difference(a, b) for a, b in zip(base, below, strict=True)]
+        self._connect(self.K, leg, pedestal.stiffness * np.eye(2))
+        self._connect(self.C, leg, pedestal.damping * np.eye(2))
         return base
 
     def _new_pair(self) -> list[Pattern]:

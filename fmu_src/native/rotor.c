@@ -366,19 +366,41 @@ static const char *check_laws(const Design *d)
     return 0;
 }
 
+/* The same value in y and z. */
+static void alike(Assembly *a, double *matrix, const Pattern joint[2], double value)
+{
+    const double values[4] = {value, 0, 0, value};
+    join(a, matrix, joint, values);
+}
+
+static int has_block(const Design *d)
+{
+    return d->block_compliance > GROUND_COMPLIANCE;
+}
+
 static void add_pedestal(Assembly *a, Pattern base[2])
 {
     const Design *d = a->d;
-    base[0].count = base[1].count = 0;
+    Pattern below[2], leg[2];
+    base[0].count = base[1].count = below[0].count = below[1].count = 0;
     if (!d->has_pedestal)
         return;
     new_pair(a, base);
-    for (int plane = 0; plane < 2; plane++) {
-        const int place = base[plane].place[0];
-        add_at(a->M, a->size, place, d->pedestal_mass);
-        add_at(a->K, a->size, place, d->pedestal_stiffness);
-        add_at(a->C, a->size, place, d->pedestal_damping);
+    alike(a, a->M, base, d->pedestal_mass);
+    if (has_block(d)) {
+        new_pair(a, below);
+        alike(a, a->M, below, d->block_mass * d->pedestal_mass);
+        alike(a, a->K, below, d->pedestal_stiffness / d->block_compliance);
     }
+    for (int plane = 0; plane < 2; plane++)
+        leg[plane] = difference(&base[plane], &below[plane]);
+    alike(a, a->K, leg, d->pedestal_stiffness);
+    alike(a, a->C, leg, d->pedestal_damping);
+}
+
+static int pedestals(const Design *d)
+{
+    return !d->has_pedestal ? 0 : has_block(d) ? 2 : 1;
 }
 
 static void scaled(const double in[4], double factor, double out[4])
@@ -502,7 +524,7 @@ static void add_at_nodes(Assembly *a)
 
 int system_most(const Structure *structure)
 {
-    return DOF * structure->n_mesh + 2 * (1 + BRANCHES) * n_bearings(structure); /* a pedestal and branches */
+    return DOF * structure->n_mesh + 2 * (2 + BRANCHES) * n_bearings(structure); /* a pedestal, its block, branches */
 }
 
 void system_memory(const Structure *structure, int *doubles, int *ints, int *forces)
@@ -543,7 +565,7 @@ static void keep_free(System *system, Assembly *a)
 const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints)
 {
     const int bearings = design->rigid_support ? 0 : n_bearings(structure), n = DOF * structure->n_mesh;
-    const int size = n + 2 * bearings * ((design->has_pedestal != 0) + branches(design));
+    const int size = n + 2 * bearings * (pedestals(design) + branches(design));
     Assembly a = {structure, design, n, size, n, 0, 0, 0, 0, 0, 0, system->forces, 0, 0};
     memset(doubles, 0, 5 * (size_t)size * size * sizeof *doubles);
     a.M = system->M = doubles;

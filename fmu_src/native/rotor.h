@@ -35,6 +35,7 @@ typedef struct {
     double tilt_stiffness;                   /* added to every bearing's own */
     int has_pedestal;
     double pedestal_stiffness, pedestal_mass, pedestal_damping;
+    double block_compliance, block_mass; /* over the pedestal's; compliance 0: none */
     double asymmetry, offset, anisotropy, anisotropy_angle;
     int has_branch;
     double branch_strength, branch_time, branch_spread;

@@ -74,8 +74,12 @@ class PedestalFlexibility(Effect):
 
     id = "pedestal_flexibility"
     title = "Pedestal flexibility"
-    meaning = "every bearing stands on a pedestal with mass, stiffness and damping"
-    equation = r"D_b(\omega) = \frac{k_b\,(k_p - \omega^2 m_p + i\omega c_p)}{k_b + k_p - \omega^2 m_p + i\omega c_p}"
+    meaning = "every bearing stands on a pedestal with mass, stiffness and damping, which may stand on a block"
+    equation = (
+        r"D_b(\omega) = \frac{k_b D_p}{k_b + D_p}, \; D_p = k_p - \omega^2 m_p + i\omega c_p; \qquad \beta > 0: \; "
+        r"D_p = -\omega^2 m_p + \frac{(k_p + i\omega c_p) D_f}{k_p + i\omega c_p + D_f}, \; "
+        r"D_f = k_p/\beta - \omega^2 \mu m_p"
+    )
     signature = "softer bearings below the pedestal's resonance, an extra pole and antiresonance near it"
     source = "friswell2010"
     location = "bearings"
@@ -89,12 +93,34 @@ class PedestalFlexibility(Effect):
     damping: float = parameter(
         50.0, "N.s/m", "Damping of each pedestal", 1.0, 1000.0, minimum=0.0, maximum=1e6, log=True
     )
+    block_compliance: float = parameter(
+        0.0,
+        "1",
+        "Compliance beta of what a block under each pedestal stands on, over the pedestal's; 0: no block",
+        0.0,
+        0.5,
+        minimum=0.0,
+        maximum=1e3,
+        form=True,
+    )
+    block_mass: float = parameter(
+        8.0,
+        "1",
+        "Mass mu of that block over the pedestal's",
+        2.0,
+        30.0,
+        minimum=1e-3,
+        maximum=1e6,
+        log=True,
+        form=True,
+    )
 
     def add_to(self, design: Design) -> None:
-        """A mass on a spring and a damper, in y and z, under every bearing."""
+        """A mass on a spring and a damper, in y and z, under every bearing; below them the ground, or a block."""
         design.replace(self.id)
+        pedestal = Pedestal(self.stiffness, self.mass, self.damping, self.block_compliance, self.block_mass)
         for bearing in design.bearings:
-            bearing.pedestal = Pedestal(self.stiffness, self.mass, self.damping)
+            bearing.pedestal = pedestal
 
 
 @dataclass(frozen=True)

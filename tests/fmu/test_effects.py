@@ -153,7 +153,11 @@ def refused(fmu, start: dict, late: dict) -> str:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [*((f"{e.id}.enabled", True) for e in IN_FMU if e.changes_size), ("viscoelastic_support.spread", 0.5)],
+    [
+        *((f"{e.id}.enabled", True) for e in IN_FMU if e.changes_size),
+        ("viscoelastic_support.spread", 0.5),
+        ("pedestal_flexibility.block_compliance", 0.2),
+    ],
 )
 def test_what_changes_the_degrees_of_freedom_cannot_be_set_late(rotor_fmu, name, value):
     assert f"{name} can only be set before the simulation starts" in in_child(refused, rotor_fmu, DRIVE, {name: value})

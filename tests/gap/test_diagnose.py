@@ -26,6 +26,7 @@ from rotor.effects import (
     BearingOffset,
     CompliantRigidSupport,
     ForceDropout,
+    PedestalFlexibility,
     PlaneAnisotropy,
     SensorDelay,
     ViscoelasticSupport,
@@ -360,6 +361,11 @@ def test_without_that_effect_the_same_gap_is_unknown():
     ("effect", "name", "settings"),
     [
         (ViscoelasticSupport(strength=0.5, relaxation_time=1e-3, spread=0.9), "spread", {}),
+        (
+            PedestalFlexibility(stiffness=8e6, mass=3.0, damping=250.0, block_compliance=0.15, block_mass=8.0),
+            "block_compliance",
+            {},
+        ),
         (
             ForceDropout(mass=0.05, stiffness=1e4, damping=30.0, time_constant=7e-4),
             "time_constant",

@@ -57,7 +57,7 @@ def test_the_record_of_a_parameter_is_the_parameter():
         "name": "stiffness", "unit": "N/m", "meaning": "Stiffness of each pedestal", "start": 1e7,
         "prior": {"low": 1e6, "high": 5e7, "even_in": "log"}, "zero": "infinity", "minimum": 1.0, "maximum": 1e15,
     }  # fmt: skip
-    assert [p["zero"] for p in others] == [None, None]
+    assert [p["zero"] for p in others] == [None] * 4
     assert pedestal["changes_size"]
     place = {"name": "node", "start": 2, "meaning": "Node of the sensor, 0: every sensor"}
     assert run_json("effects", "sensor_gain")["places"] == [place | {"kind": "node", "all_nodes": True}]

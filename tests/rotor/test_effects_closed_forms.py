@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from rotor.assembly import assemble
 from rotor.condition import Condition
@@ -121,6 +121,25 @@ def test_a_seat_of_several_relaxation_times_has_the_dynamic_stiffness_of_all_of_
     branch = sum(share * 1j * WIDE * tau / (1 + 1j * WIDE * tau) for tau, share in times.items())
     found = bearing_stiffness(ViscoelasticSupport(strength=0.7, relaxation_time=1e-3, spread=1.0))
     assert_is_the_bearing(found, UNDAMPED.k_b * (1 + 0.7 * branch))
+
+
+def test_a_pedestal_on_a_block_has_the_dynamic_stiffness_of_both():
+    k_p, m_p, c_p, beta, mu = 1e7, 1.5, 80.0, 0.2, 6.0
+    block, leg = k_p / beta - WIDE**2 * mu * m_p, k_p + 1j * WIDE * c_p
+    base = leg * block / (leg + block) - WIDE**2 * m_p
+    found = bearing_stiffness(
+        PedestalFlexibility(stiffness=k_p, mass=m_p, damping=c_p, block_compliance=beta, block_mass=mu)
+    )
+    assert_is_the_bearing(found, UNDAMPED.k_b * base / (UNDAMPED.k_b + base))
+
+
+@pytest.mark.parametrize("compliance", [5e-324, 1e-6])
+def test_a_block_on_next_to_no_compliance_is_the_ground(compliance):
+    found, plain = (
+        build_system(paper(), UNDAMPED, [PedestalFlexibility(block_compliance=beta)]) for beta in (compliance, 0.0)
+    )
+    assert_array_equal(found.M, plain.M)
+    assert_array_equal(found.K, plain.K)
 
 
 def test_seat_damper_unequal_bearings_and_pedestal_combine_as_their_formulas_do():

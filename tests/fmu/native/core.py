@@ -78,7 +78,7 @@ class Design(ct.Structure):
         *_fields(ct.c_int, "sensor_node"),
         *_fields(ct.c_double, "sensor_offset ground_stiffness ground_damping rigid_stiffness tilt_stiffness"),
         *_fields(ct.c_int, "has_pedestal"),
-        *_fields(ct.c_double, "pedestal_stiffness pedestal_mass pedestal_damping"),
+        *_fields(ct.c_double, "pedestal_stiffness pedestal_mass pedestal_damping block_compliance block_mass"),
         *_fields(ct.c_double, "asymmetry offset anisotropy anisotropy_angle"),
         *_fields(ct.c_int, "has_branch"),
         *_fields(ct.c_double, "branch_strength branch_time branch_spread"),

@@ -60,6 +60,12 @@ def test_the_matrices_are_those_of_the_python_rotor_to_the_last_digit(core, name
     assert_same_matrices(core, replace(CONDITION, rigid_support=rigid), effects_of(names))
 
 
+@pytest.mark.parametrize("beside", [(), ("viscoelastic_support", "bearing_offset")], ids="+".join)
+@pytest.mark.parametrize("compliance", [0.2, 5e-324])
+def test_blocks_under_pedestals_are_those_of_the_python_rotor(core, beside, compliance):
+    assert_same_matrices(core, CONDITION, [PedestalFlexibility(block_compliance=compliance), *effects_of(beside)])
+
+
 def test_branches_of_several_relaxation_times_are_those_of_the_python_rotor(core):
     assert_same_matrices(core, CONDITION, [ViscoelasticSupport(spread=0.6), PedestalFlexibility()])
 

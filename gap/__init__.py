@@ -4,18 +4,29 @@
 module                what it holds                                                 start here
 ====================  ============================================================  =====================
 ``diagnose``          a campaign in, a diagnosis out: the order of everything       ``diagnose``
+``prepare``           a campaign's model, runs and recalibrated nominal model       ``prepared``
 ``audit``             is the measurement itself sound?                              ``audit``
 ``hypotheses``        candidates: which effect, where, with which free numbers      ``candidates``
-``forward``           the model of a measured run, resonance by resonance           ``Forward``
-``likelihood``        residuals, nuisances and their joint fit                      ``Problem``
+``forward``           rotors built and solved: the model of the measured runs       ``Forward``
+``modal``             the response of a run, resonance by resonance                 ``Modal``
+``tolerances``        how modulus, span and disk masses bend the modes              ``bend_of``
+``residuals``         measured runs with their errors, and what a model leaves      ``Observed``
+``likelihood``        the runs' models, nuisances, and their joint fit              ``Problem``
+``descent``           least squares by damped steps, within ranges                  ``minimise``
+``fit``               a candidate at its best, and its evidence                     ``Fit``
+``score``             what one more number could gain, to first order               ``Score``
 ``evidence``          how far Laplace's approximation is to be believed             ``sample``
-``search``            linear effects and pairs of them                              ``search``
+``search``            linear effects                                                ``search``
+``pair_search``       pairs of them                                                 ``pairs``
 ``dwell``             the one number with thousands of minima: a fast sweep's       ``dwell_fits``
 ``transients``        what a fast sweep leaves of a rotor's transients              ``transients``
 ``nonlinear``         the model of a run under a force law, by harmonic balance     ``NonlinearModal``
 ``nonlinear_search``  nonlinear effects                                             ``search_nonlinear``
 ``helpers``           fits that are shared with other processes                     ``helped_by``
 ``adequacy``          is a fit as good as the noise allows?                         ``judge``
+``standing``          how far the best fit is to be believed                        ``standing_of``
+``ranking``           candidates by probability, and the verdict                    ``rank``
+``report``            the answer as a diagnosis                                     ``report``
 ``where``             shares of the gap, and the joint stiffness of a place         ``locate``
 ``held_out``          how far the gap shrinks on lines that were left out           ``measure_shrink``
 ``transfer``          how far it will shrink where another node is driven           ``transfer_interval``

@@ -8,7 +8,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from gap.audit.noise import CREDIBLE
-from gap.likelihood import Fit, Observed, Problem
+from gap.fit import Fit
+from gap.likelihood import Problem
+from gap.residuals import Observed
 from rotor.structure import ComplexArray, FloatArray
 
 # Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.

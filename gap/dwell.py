@@ -14,10 +14,12 @@ from functools import partial
 
 import numpy as np
 
-from gap.forward import MODES, Modal
+from gap.fit import Fit
 from gap.helpers import each
 from gap.hypotheses import NOMINAL, Free, Hypothesis
-from gap.likelihood import Fit, Problem, Score
+from gap.likelihood import Problem
+from gap.modal import MODES, Modal
+from gap.score import Score
 from gap.transients import as_read, transients
 from rotor.structure import ComplexArray, FloatArray
 
@@ -126,7 +128,7 @@ def _promising(
     problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray
 ) -> list[tuple[float, FloatArray, FloatArray]]:
     """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
-    found = each(partial(_gains, problem, problem.score(nominal)), _in_blocks(dwells, _FEW))
+    found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, _FEW))
     gain, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
     chosen = _minima(dwells, (-gain).tolist(), 1.5 * _STEP_WEAK, _KEPT)
     places = [np.split(np.concatenate([nominal.u, nominal.nu]) + moved[k], [1]) for k in chosen]

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gap.fit import Fit, Sampled
 from gap.forward import nonlinear
-from gap.likelihood import Fit, Problem, Sampled
+from gap.likelihood import Problem
 from rotor.structure import FloatArray
 
 DRAWS = 64

@@ -8,9 +8,11 @@ import numpy as np
 
 from gap.curves import nrmse
 from gap.diagnosis import Shrink
+from gap.fit import Fit
 from gap.forward import acting, nonlinear
-from gap.likelihood import Fit, Observed, Problem
+from gap.likelihood import Problem
 from gap.nonlinear import BoolArray
+from gap.residuals import Observed
 from gap.transfer import transfer_interval
 from rotor.effects import Effect
 from rotor.structure import ComplexArray

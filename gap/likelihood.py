@@ -8,26 +8,24 @@ and are integrated over in the evidence (Laplace). What a nuisance takes is judg
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.special import i0e, i1e
 
-from gap.forward import MODES, TOLERANCE, TOLERANCES, Forward, Modal, acting, nonlinear, on_the_rotor
+from gap.descent import damped_step, minimise, tamed
+from gap.fit import Fit
+from gap.forward import Forward, acting, nonlinear, on_the_rotor
 from gap.hypotheses import K_B, Hypothesis
+from gap.modal import MODES, TOLERANCE, TOLERANCES, Modal
 from gap.nonlinear import BoolArray, NonlinearModal
-from rotor.condition import Condition
+from gap.residuals import Observed, derivatives, misfit, weighted
 from rotor.effects import Effect
 from rotor.rig import Rig
 from rotor.structure import ComplexArray, FloatArray, IntArray
 from sim.campaign import NominalBelief, Run
-
-# Errors below this share of a run's median response are not believed.
-_LEAST_STD = 1e-4
 
 # Values below this share of the run's largest say nothing about a logarithm.
 _SILENT = 1e-5
@@ -38,61 +36,16 @@ FEW_LINES = 32
 # Prior standard deviation of the logarithm of an arbitrary unit; and from which factor on a unit is none of SI.
 _ANY_SCALE, _NO_SI = 5.0, 3.0
 
+# Error of a rough start's logarithms that counts as one.
+_ROUGH = 0.3
+
 # What a linear model itself leaves at sharp places, relative to the response.
 MODEL_ERROR = 1e-3
 
+# Marquardt's damping, tried in turn.
+_DAMPING = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)
+
 _MEMORY = 64
-
-
-@dataclass(frozen=True)
-class Observed:
-    """A run with its errors."""
-
-    run: Run
-    std: FloatArray  # (n_freq, n_channels)
-
-    @property
-    def valid(self) -> BoolArray:
-        """(n_freq, n_channels) whether a value is there."""
-        return np.isfinite(self.run.H) & np.isfinite(self.std)
-
-    def less(self, H: ComplexArray) -> ComplexArray | FloatArray:
-        """(n_freq, n_channels) data less a model; magnitudes less their mean where only these were measured."""
-        y = self.run.H
-        return np.abs(y) - expected_magnitude(self, H)[0] if self.run.magnitude_only else y - H
-
-    @property
-    def error(self) -> FloatArray:
-        """(n_freq, n_channels) sqrt(E|data - truth|^2): a magnitude sees half of the noise's power."""
-        return self.std / np.sqrt(2) if self.run.magnitude_only else self.std
-
-    def divided(self, factor: float) -> Observed:
-        """The same in another unit."""
-        std = None if self.run.std is None else self.run.std / factor
-        return Observed(replace(self.run, H=self.run.H / factor, std=std, harmonics={}), self.std / factor)
-
-    @property
-    def n_values(self) -> int:
-        """Real numbers that were measured; a node that is held still tells none."""
-        moving = np.abs(np.nan_to_num(self.run.H)) > 0
-        return int((self.valid & moving).sum()) * (1 if self.run.magnitude_only else 2)
-
-
-def observe(run: Run, std: FloatArray) -> Observed:
-    """A run whose errors are at least what can be believed."""
-    size = np.abs(run.H[np.isfinite(run.H)])
-    least = _LEAST_STD * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
-    return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least))
-
-
-def middle_level(runs: Sequence[Run]) -> list[int]:
-    """Of every support the run at the middle level."""
-    places = {}
-    for support in sorted({run.support for run in runs}):
-        own = [r for r, run in enumerate(runs) if run.support == support]
-        own.sort(key=lambda r: runs[r].force_amplitude_N or 0.0)
-        places[support] = own[len(own) // 2]
-    return list(places.values())
 
 
 class Nuisances:
@@ -127,95 +80,6 @@ class Nuisances:
         """(n_channels,) factor of a run's channels."""
         places = [self.sensors.index(channel) for channel in modal.run.channels]
         return np.exp(nu[self.gain][run] + nu[self.sensor][places])
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """An evidence by importance sampling, beside Laplace's."""
-
-    correction: float  # logarithm of it over Laplace's
-    error: float  # standard error of that
-    ess: float  # effective number of draws
-
-    @property
-    def trusted(self) -> bool:
-        """Whether enough draws count."""
-        return self.ess >= _TRUSTED
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A candidate at its best."""
-
-    hypothesis: Hypothesis
-    u: FloatArray  # (1 + n_free,) ln k_b and the candidate's coordinates
-    nu: FloatArray  # (n_nuisances,)
-    chi2: float  # misfit of the data
-    penalty: float  # of the nuisances by their priors
-    precision: FloatArray  # of (u, nu) at the best point, scaled data
-    n_data: int
-    prior_std: FloatArray  # of the nuisances
-    with_k_b: bool
-    added: float = 0.0  # relative error beside the data's own that it was fitted with at last
-    sampled: Sampled | None = None  # its evidence, where it was sampled
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """The effects with their fitted numbers."""
-        return self.hypothesis.effects(self.u[1:])
-
-    @property
-    def k_b(self) -> float:
-        """Bearing stiffness [N/m]."""
-        return K_B.value(self.u[0])
-
-    @property
-    def at_edge(self) -> BoolArray:
-        """(1 + n_free, 2) which coordinates stand at the low or at the high end of their ranges."""
-        return self.hypothesis.at_edge(self.u)
-
-    @property
-    def wants_more(self) -> bool:
-        """Whether a number stands at an end of its range where its effect has not faded."""
-        fades = [free.fades for free in self.hypothesis.coordinates]
-        hard = np.array([[fade >= 0, fade <= 0] for fade in fades])
-        return bool((self.at_edge & hard)[1:].any())
-
-    @property
-    def cost(self) -> float:
-        """Misfit and penalty."""
-        return self.chi2 + self.penalty
-
-    def log_evidence(self, scale: float = 1.0) -> float:
-        """Laplace's approximation, up to a constant of the data; corrected, where it was sampled with success.
-
-        A number's volume is capped at its prior's: its precision is at least that of the even prior.
-
-        Parameters
-        ----------
-        scale : true over believed standard error of the data
-        """
-        keep = slice(0 if self.with_k_b else 1, None)
-        prior = self._prior_precision[keep]
-        posterior = self.precision[keep, keep] / scale**2 + np.diag(prior)
-        _, logdet = np.linalg.slogdet(posterior)
-        laplace = -(self.chi2 / scale**2 + self.penalty + logdet - np.sum(np.log(prior))) / 2
-        return laplace + (self.sampled.correction if self.sampled and self.sampled.trusted else 0.0)
-
-    def covariance(self, scale: float = 1.0) -> FloatArray:
-        """Of (u, nu)."""
-        return np.linalg.inv(self.precision / scale**2 + np.diag(self._prior_precision))
-
-    @property
-    def _prior_precision(self) -> FloatArray:
-        """Of (u, nu); an even prior counts by its variance."""
-        width = np.ptp(self.hypothesis.ends, axis=1)
-        return np.concatenate([12 / width**2, 1 / self.prior_std**2])
-
-    @property
-    def log_weight(self) -> float:
-        """Logarithm of evidence times prior: what candidates are ranked by."""
-        return self.log_evidence() + float(np.log(self.hypothesis.prior))
 
 
 class Problem:
@@ -379,7 +243,7 @@ class Problem:
             r = np.concatenate(parts)
             return r / np.sqrt(1 + np.abs(r))  # grows like the root of large errors
 
-        return _minimise(residual, u, hypothesis.ends, self.with_k_b, steps)
+        return minimise(residual, u, hypothesis.ends, self.with_k_b, steps)
 
     # -- fine: the data's own errors, nuisances included ---------------------------------------
 
@@ -447,8 +311,8 @@ class Problem:
             active = self.held(u, g[:n_u], ends)
             # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
             for mu in _DAMPING:
-                step = _damped_step(A, g, mu, active)
-                trial_u = np.clip(u + np.where(log, _tamed(step[:n_u]), step[:n_u]), ends[:, 0], ends[:, 1])
+                step = damped_step(A, g, mu, active)
+                trial_u = np.clip(u + np.where(log, tamed(step[:n_u]), step[:n_u]), ends[:, 0], ends[:, 1])
                 trial_nu = nu + step[n_u:]
                 value = self.cost(hypothesis, trial_u, trial_nu, added)
                 if value < cost:
@@ -545,8 +409,8 @@ class Problem:
         for t, column in enumerate(D[MODES:]):
             columns.append(column * gains)
             places.append(n_u + self.nuisances.tolerance.start + t)
-        weight, residual = _weighted(self.observed[r], H, added)
-        return residual, _columns(self.observed[r], H, np.array(columns), weight), np.array(places)
+        weight, residual = weighted(self.observed[r], H, added)
+        return residual, derivatives(self.observed[r], H, np.array(columns), weight), np.array(places)
 
     def change(self, fit: Fit, more: Sequence[Effect]) -> list[ComplexArray]:
         """What more effects change of a fit's prediction, to first order in the shifts of the resonances."""
@@ -568,13 +432,12 @@ class Problem:
             changes.append(change * self.nuisances.gains(fit.nu, r, modal))
         return changes
 
-    def score(self, fit: Fit, *, settled: bool = False) -> Score:
-        """What one more number could gain beside a fit, or, ``settled``, beside the minimum next to it; first order."""
+    def linear_parts(self, fit: Fit) -> list[tuple[FloatArray, FloatArray, IntArray]]:
+        """Of every run: residuals, their derivatives (n_columns, n_residuals), and which of (u, nu) each column is."""
         modals = self.modals(fit.k_b, fit.effects)
         moved = [self._moved(fit.hypothesis, fit.u, j) for j in range(len(fit.u))]
         error = self.total_error(fit.added)
-        parts = [self._slopes(r, modals[r], moved, fit.nu, error) for r in range(len(self.runs))]
-        return Score(self, fit, parts, settled)
+        return [self._slopes(r, modals[r], moved, fit.nu, error) for r in range(len(self.runs))]
 
     def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal | NonlinearModal]]:
         """A small step of one coordinate, into the range, and the models there."""
@@ -592,133 +455,14 @@ class Problem:
             return 0.0, []
 
 
-class Score:
-    """Rao's score test beside a fit: how much of the misfit a small effect explains, the fit's numbers refitted.
-
-    Of a rough fit it is the misfit with the relative error that it was fitted with.
-
-    A fit stops short of its minimum, and along a direction that an effect shares with the nuisances what is left there
-    passes for the effect's. Settled, slopes are those at the minimum, to first order (the efficient score): right where
-    the fit is good, and misleading where it is so bad that its minimum lies elsewhere.
-
-    Parameters
-    ----------
-    problem, fit : where the effect is added
-    parts : of every run its residuals, their derivatives, and which of (u, nu) each belongs to
-    settled : whether slopes are those at the minimum next to the fit
-    """
-
-    def __init__(self, problem: Problem, fit: Fit, parts: Sequence[tuple], settled: bool):
-        self._problem, self.fit, self._parts = problem, fit, parts
-        self._model = problem.predict(fit)
-        self._weights = [
-            _weighted(observed, H, problem.total_error(fit.added))[0]
-            for observed, H in zip(problem.observed, self._model, strict=True)
-        ]
-        self._covariance = fit.covariance()
-        self._unsettled = self._gradient() if settled else np.zeros(len(self._covariance))
-
-    @property
-    def condition(self) -> Condition:
-        """What the nominal model believes."""
-        return self._problem.forward.condition(self._problem.runs[0], self.fit.k_b)
-
-    def gain(self, effects: Sequence[Effect]) -> tuple[float, float, FloatArray]:
-        """To first order, the misfit that these small effects take away once they are scaled.
-
-        Returns
-        -------
-        gain and scale, both negative where the effects would have to be, and by how much the fit's (u, nu) move
-        """
-        try:
-            changes = self._problem.change(self.fit, effects)
-        except (ValueError, np.linalg.LinAlgError):
-            return 0.0, 0.0, np.zeros(len(self._covariance))
-        (gain,), (scale,), (moved,) = self.gains([change[None] for change in changes])
-        return float(gain), float(scale), moved
-
-    def gains(self, changes: Sequence[ComplexArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """``gain`` of k changes of the prediction, of every run (k, n_freq, n_channels); (k,), (k,), (k, n)."""
-        k, n = len(changes[0]), len(self._covariance)
-        slope, size, shared = np.zeros(k), np.zeros(k), np.zeros((k, n))
-        for observed, H, weight, change, (residual, J, where) in zip(
-            self._problem.observed, self._model, self._weights, changes, self._parts, strict=True
-        ):
-            columns = _columns(observed, H, change, weight)
-            slope += columns @ residual
-            size += np.sum(columns**2, axis=1)
-            shared[:, where] += columns @ J.T
-        answer = shared @ self._covariance
-        told = size - np.sum(shared * answer, axis=1)
-        told[told <= _UNTOLD * size] = np.inf
-        slope -= answer @ self._unsettled
-        scale = slope / told
-        return scale * np.abs(slope), scale, -scale[:, None] * answer
-
-    def _gradient(self) -> FloatArray:
-        """-gradient/2 of misfit and penalty by (u, nu): what a fit leaves that stopped short of its minimum."""
-        fit, left = self.fit, np.zeros(len(self._covariance))
-        for residual, J, where in self._parts:
-            left[where] += J @ residual
-        n_u = len(fit.u)
-        left[n_u:] -= fit.nu / fit.prior_std**2
-        left[:n_u][self._problem.held(fit.u, left[:n_u], fit.hypothesis.ends)] = 0.0
-        return left
-
-    def apart(self, runs: Sequence[int], *, shapes: bool = False) -> tuple[float, int]:
-        """To first order, the misfit that goes where each resonance of these runs has its own shift and damping.
-
-        Parameters
-        ----------
-        shapes : whether it has its own height and phase in every channel, too
-
-        Returns
-        -------
-        gain, and how many numbers it takes: without a cause the gain is chi-squared with so many degrees of freedom
-        """
-        slopes, blocks, shared = [], [], []
-        for r in runs:
-            residual, J, where = self._parts[r]
-            X = _columns(self._problem.observed[r], self._model[r], self._freed(r, shapes), self._weights[r])
-            slopes.append(X @ residual)
-            blocks.append(X @ X.T)
-            shared.append(np.zeros((len(self._covariance), len(X))))
-            shared[-1][where] = J @ X.T
-        together = np.concatenate(shared, axis=1)
-        size = np.asarray(block_diag(*blocks))
-        told = size - together.T @ self._covariance @ together
-        slope = np.concatenate(slopes) - together.T @ self._covariance @ self._unsettled
-        unit = 1 / np.sqrt(np.maximum(size.diagonal(), 1e-30))
-        values, axes = np.linalg.eigh(told * unit * unit[:, None])
-        free = values > _UNTOLD * values.max(initial=0.0)
-        along = (axes.T @ (slope * unit))[free]
-        return float(np.sum(along**2 / values[free])), int(free.sum())
-
-    def _freed(self, r: int, shapes: bool) -> ComplexArray:
-        """(n_columns, n_freq, n_channels) change of a run's prediction by numbers that are each resonance's own."""
-        problem, fit = self._problem, self.fit
-        modal, own = problem.modals(fit.k_b, fit.effects)[r], problem.nuisances.of_run(fit.nu, r)
-        inside = int(np.sum(modal.frequencies_hz < problem.runs[r].frequency_hz[-1]))
-        freed = modal.with_derivatives(*own)[1][:inside]
-        if shapes:
-            assert isinstance(modal, Modal)
-            parts = modal.of_resonances(*own)[:inside, None]
-            each_channel = np.eye(parts.shape[-1])[:, None]
-            freed = np.concatenate([freed, (parts * each_channel).reshape(-1, *freed.shape[1:])])
-        return np.concatenate([freed, 1j * freed]) * problem.nuisances.gains(fit.nu, r, modal)
-
-
-# Effective draws from which a sampled evidence is believed.
-_TRUSTED = 8.0
-
-# Share of an effect's change that nuisances must leave, for the change to tell anything.
-_UNTOLD = 1e-9
-
-# Error of a rough start's logarithms that counts as one.
-_ROUGH = 0.3
-
-# Marquardt's damping, tried in turn.
-_DAMPING = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)
+def middle_level(runs: Sequence[Run]) -> list[int]:
+    """Of every support the run at the middle level."""
+    places = {}
+    for support in sorted({run.support for run in runs}):
+        own = [r for r, run in enumerate(runs) if run.support == support]
+        own.sort(key=lambda r: runs[r].force_amplitude_N or 0.0)
+        places[support] = own[len(own) // 2]
+    return list(places.values())
 
 
 def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
@@ -726,128 +470,3 @@ def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own
     if isinstance(before, Modal) and isinstance(after, Modal):
         return before.change_to(after, *own)
     return after.response(*own) - before.response(*own)
-
-
-def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
-    """(data - model) over the standard error of a real component; what is not there is zero."""
-    return np.where(observed.valid, observed.less(H) * _weight(observed, added), 0.0)
-
-
-def _weight(observed: Observed, added: float) -> FloatArray:
-    """(n_freq, n_channels) 1 / standard error of a real component; 0 where nothing is there."""
-    variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(observed.run.H)) ** 2
-    return np.where(observed.valid, 1 / np.sqrt(variance / 2), 0.0)
-
-
-def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
-    """Sum of squared residuals (...) of responses (..., n_freq, n_channels)."""
-    return np.sum(np.abs(residual(observed, H, added)) ** 2, axis=(-2, -1))
-
-
-def expected_magnitude(observed: Observed, H: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Mean magnitude of a response with noise, and its slope by the magnitude without (mean of Rice's distribution).
-
-    With s the standard deviation of a real component and z = |H|^2 / (4 s^2),
-    mean = s sqrt(pi/2) e^-z ((1 + 2 z) I0(z) + 2 z I1(z)).
-
-    Where exactly nothing was measured there was no noise.
-
-    Returns
-    -------
-    (n_freq, n_channels) each
-    """
-    s, size = np.where(observed.valid, observed.std, 1.0) / np.sqrt(2), np.abs(H)
-    z = (size / (2 * s)) ** 2
-    zeroth, first = i0e(z), i1e(z)
-    mean = s * np.sqrt(np.pi / 2) * ((1 + 2 * z) * zeroth + 2 * z * first)
-    slope = size / (2 * s) * np.sqrt(np.pi / 2) * (zeroth + first)
-    noisy = np.abs(observed.run.H) > 0
-    return np.where(noisy, mean, size), np.where(noisy, slope, 1.0)
-
-
-def _weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
-    """Weights (n_freq, n_channels) and real residuals."""
-    weight, left = _weight(observed, added), residual(observed, H, added)
-    if observed.run.magnitude_only:
-        return weight, left.real.ravel()
-    return weight, np.concatenate([left.real.ravel(), left.imag.ravel()])
-
-
-def _columns(observed: Observed, H: ComplexArray, columns: ComplexArray, weight: FloatArray) -> FloatArray:
-    """(n_columns, n_residuals) derivatives of the model in units of the residuals."""
-    J, n = columns * weight, weight.size
-    if observed.run.magnitude_only:
-        direction = np.where(np.abs(H) > 0, H.conj() / np.where(np.abs(H) > 0, np.abs(H), 1.0), 0.0)
-        return (J * direction * expected_magnitude(observed, H)[1]).real.reshape(len(J), n)
-    flat = J.reshape(len(J), n)
-    return np.concatenate([flat.real, flat.imag], axis=1)
-
-
-def _tamed(step: FloatArray) -> FloatArray:
-    """Steps of logarithms: upwards by as many times the number itself, downwards likewise of its reciprocal."""
-    return np.sign(step) * np.log1p(np.abs(step))
-
-
-def _damped_step(A: FloatArray, g: FloatArray, mu: float, active: BoolArray) -> FloatArray:
-    """Marquardt's step; held coordinates do not move."""
-    held = np.concatenate([active, np.zeros(len(A) - len(active), dtype=bool)])
-    diagonal = A.diagonal()
-    held |= diagonal <= 0
-    free = np.flatnonzero(~held)
-    block = A[np.ix_(free, free)] + np.diag(mu * diagonal[free])
-    step = np.zeros(len(A))
-    step[free] = np.linalg.solve(block, g[free])
-    return step
-
-
-def _minimise(
-    residual: Callable[[FloatArray], FloatArray | None],
-    u: FloatArray,
-    ends: FloatArray,
-    with_k_b: bool,
-    steps: int,
-) -> tuple[FloatArray, float]:
-    """A few damped Gauss-Newton steps with forward differences; points without a model are walked round."""
-    x, scales = np.clip(u, ends[:, 0], ends[:, 1]), np.ptp(ends, axis=1)
-    r = residual(x)
-    if r is None:
-        return x, np.inf
-    mu = 1e-2
-    moving = [j for j in range(len(x)) if j or with_k_b]
-    for _ in range(steps):
-        J = np.zeros((len(r), len(x)))
-        for j in moving:
-            step = 1e-4 * scales[j] * (1 if x[j] + 1e-4 * scales[j] <= ends[j, 1] else -1)
-            y = x.copy()
-            y[j] += step
-            moved = residual(y)
-            if moved is not None:
-                J[:, j] = (moved - r) / step
-        found = _shorter(residual, x, r, J, ends, mu)
-        if found is None:
-            break
-        before = float(r @ r)
-        x, r, mu = found
-        if before - float(r @ r) < 1e-3 * before:
-            break
-    return x, float(r @ r) / len(r)
-
-
-def _shorter(
-    residual: Callable[[FloatArray], FloatArray | None],
-    x: FloatArray,
-    r: FloatArray,
-    J: FloatArray,
-    ends: FloatArray,
-    mu: float,
-) -> tuple[FloatArray, FloatArray, float] | None:
-    """A point with a smaller residual, the residual, and the next damping; None where none is found."""
-    A, g = J.T @ J, -J.T @ r
-    damping = np.diag(A.diagonal() + 1e-12)
-    for _ in range(6):
-        trial = np.clip(x + np.linalg.solve(A + mu * damping + 1e-12 * np.eye(len(x)), g), ends[:, 0], ends[:, 1])
-        moved = residual(trial)
-        if moved is not None and moved @ moved < r @ r:
-            return trial, moved, mu / 5
-        mu *= 6
-    return None

@@ -20,10 +20,13 @@ import numpy as np
 
 from gap.causes import locations
 from gap.diagnosis import NextTest
-from gap.forward import MODES, Forward, acting, nonlinear
+from gap.fit import Fit
+from gap.forward import Forward, acting, nonlinear
 from gap.hypotheses import K_B
-from gap.likelihood import Fit, Problem, change_of
+from gap.likelihood import Problem, change_of
+from gap.modal import MODES
 from gap.phrases import effects_at, supports
+from gap.residuals import as_real
 from rotor.effects import AttachedMass, Effect
 from rotor.structure import ComplexArray, FloatArray, Structure
 from sim.campaign import Channel, Run, SupportKind
@@ -230,8 +233,8 @@ class _View:
             std = np.hypot(relative * size, _FLOOR * np.median(size[size > 0]) if (size > 0).any() else 1.0)
             moving = size > 1e-9 * max(size.max(initial=0.0), 1e-300)
             weight = np.where(moving, np.sqrt(2) / std, 0.0)
-            flat.append(_real((truth.H[r] - self.H[r]) * weight, self.H[r], run))
-            J.append(np.array([_real(column * weight, self.H[r], run) for column in self.columns[r]]))
+            flat.append(as_real((truth.H[r] - self.H[r]) * weight, self.H[r], run))
+            J.append(as_real(np.array(self.columns[r]) * weight, self.H[r], run))
         residual, jacobian = np.concatenate(flat), np.concatenate(J, axis=1)
         g = jacobian @ residual
         return float(residual @ residual - g @ np.linalg.solve(jacobian @ jacobian.T + self.prior, g))
@@ -298,14 +301,6 @@ class _View:
 def _one_channel(H: ComplexArray, run: Run, channel: Channel) -> ComplexArray:
     """Derivative by a sensor's gain."""
     return np.where([own == channel for own in run.channels], H, 0.0)
-
-
-def _real(values: ComplexArray, H: ComplexArray, run: Run) -> FloatArray:
-    """Real residuals of a run; along the response where it has magnitudes only."""
-    if run.magnitude_only:
-        size = np.abs(H)
-        return (values * np.where(size > 0, H.conj() / np.where(size > 0, size, 1.0), 0.0)).real.ravel()
-    return np.concatenate([values.real.ravel(), values.imag.ravel()])
 
 
 def _round(value: float) -> str:

@@ -14,11 +14,14 @@ from functools import partial
 
 import numpy as np
 
-from gap.forward import over_receptance
+from gap.fit import Fit
 from gap.helpers import Item, Result, each
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis
-from gap.likelihood import MODEL_ERROR, Fit, Observed, Problem, Score, residual
+from gap.likelihood import MODEL_ERROR, Problem
+from gap.modal import over_receptance
 from gap.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
+from gap.residuals import Observed, residual
+from gap.score import Score
 from gap.search import Progress, Search, best_first, first_of_each, recalibrate
 from rotor.measured import measured_response
 from rotor.structure import FloatArray
@@ -179,7 +182,7 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     """
     rest = _Rest(fit, fit.k_b, _seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
     some = _thinned(problem.made(resolution=ROUGH), _SMALL_LINES, fit.k_b, MODEL_ERROR)
-    score = some.score(some.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
+    score = Score(some, some.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 
 
@@ -312,7 +315,7 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: _Rest, nomin
     grid: dict[str, list[_Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
     beside: list[_Start] = []
-    gains = each(partial(_by_score, many.score(nominal), rest), hypotheses)
+    gains = each(partial(_by_score, Score(many, nominal), rest), hypotheses)
     for hypothesis, points in zip(hypotheses, gains, strict=True):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)

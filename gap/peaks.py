@@ -28,6 +28,7 @@ from scipy.stats import chi2 as chi2_distribution
 from gap.causes import cause_of
 from gap.diagnosis import Band, Diagnosis, Estimate, Finding, NextTest, Where
 from gap.hypotheses import K_B, NO_GAP_PRIOR, SURE, Hypothesis, candidates
+from gap.prepare import structure_of
 from gap.resonances import Resonances, Rotor
 from rotor.rig import load_rig
 from rotor.structure import FloatArray
@@ -162,8 +163,6 @@ class Lists:
     """Resonance lists of one rig, and how probable they are under a model."""
 
     def __init__(self, campaign: Campaign, reading: Reading | None = None):
-        from gap.diagnose import structure_of
-
         self.campaign, self.lists, self.reading = campaign, campaign.peaks, reading or Reading()
         self.structure = structure_of(campaign.rig, 1)  # a list of peaks is far coarser than any mesh
         self.rotor = Rotor(self.structure, campaign.nominal, load_rig(campaign.rig).excitation_node)

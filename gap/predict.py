@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from gap.diagnose import forward_of
 from gap.diagnosis import DAMPING, SCHEMA
-from gap.forward import TOLERANCES, acting, nonlinear
+from gap.forward import acting, nonlinear
+from gap.modal import TOLERANCES
 from gap.nonlinear import FINAL
+from gap.prepare import forward_of
 from rotor.effects import Effect
 from rotor.effects.library import EFFECTS
 from rotor.rig import load_rig

@@ -13,14 +13,17 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 from typing import TypeVar
 
 import numpy as np
 
 from gap.dwell import dwell_fits
+from gap.fit import Fit
 from gap.helpers import each
 from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis, Term
-from gap.likelihood import Fit, Problem, Score
+from gap.likelihood import Problem
+from gap.score import Score
 from rotor.condition import Condition
 from rotor.structure import FloatArray
 
@@ -43,8 +46,8 @@ _ALL, _NOTHING = 0.9, 2.0
 # At least so many candidates are raced.
 _AT_LEAST = 12
 
-# Rough descents see every third line, those of pairs every fifth.
-_THIRD, _FIFTH = 3, 5
+# Rough descents see every so many lines.
+_THIRD = 3
 
 # Their steps from all points, and from so many points of every candidate, the lowest, unless these are behind the best
 # candidate's by this factor.
@@ -84,15 +87,6 @@ POLISHED, _PATIENCE = 4, 60
 # So much more misfit than the best one's can be made good anywhere; where a race of many begins, so many times as much.
 _HOPELESS, _FROM_THE_START = 400.0, 20.0
 
-# Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
-# logarithms, and the cost over the best one's from which none of the others is one.
-_LEADERS, _ROUGH_LEADERS, _RIGID_LEADERS = 3, 2, 2
-_ROUGHLY, _NO_LEADER = 0.3, 30.0
-
-# Pairs that are raced: those that gain most to first order, shared by the leaders, each of which has at least some;
-# and those by a rough fit, twice as many, and once more after a step of so many starts of each pair.
-_BY_SCORE, _OF_EACH, _BY_ROUGH, _PAIR_STEPS, _OF_EACH_PAIR = 24, 6, 16, 5, 2
-
 
 @dataclass(frozen=True)
 class Start:
@@ -118,7 +112,7 @@ class Search:
 
 
 @dataclass(frozen=True)
-class _Promise:
+class Promise:
     """What a candidate could take away from the misfit to first order, and the start that this suggests."""
 
     gain: float
@@ -134,7 +128,7 @@ def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
     starts = np.geomspace(*K_B_RANGE, _K_B_STARTS)
     few = problem.thinned(_THIRD)
     rough = [few.rough(NOMINAL, np.array([np.log(start)]), sum(_DOWN)) for start in starts]
-    best = min(rough, key=_cost)[0]
+    best = min(rough, key=itemgetter(1))[0]
     return problem.fit(NOMINAL, best)
 
 
@@ -194,7 +188,7 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
         starts = _not_hopeless(problem, starts, stages[0].added)
     for stage in stages:
         fits = []
-        for number, fit in enumerate(each(partial(_run, problem, stage), starts)):
+        for number, fit in enumerate(each(partial(fitted, problem, stage), starts)):
             if progress:
                 progress(number, len(starts), str(starts[number].hypothesis))
             if fit is not None:
@@ -207,7 +201,7 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
     return best_first([*all_polished(problem, fits[:POLISHED]), *fits[POLISHED:]])
 
 
-def _run(problem: Problem, stage: Stage, start: Start) -> Fit | None:
+def fitted(problem: Problem, stage: Stage, start: Start) -> Fit | None:
     """A stage of the race from one start; None where there is no model."""
     return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(stage.added,), steps=stage.steps)
 
@@ -229,7 +223,7 @@ def with_bent(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis])
         ends = each(partial(_all_the_way_down, few, base), laws)
         rough = [(law, u) for law, us in zip(laws, ends, strict=True) for u in us]
         starts += [Start(law, u, problem.unit(law, u)) for law, u in rough]
-        starts += [_begin(law, u, found.nominal) for law, u in rough]
+        starts += [begin(law, u, found.nominal) for law, u in rough]
     bent = race(problem, starts, BENT, None) if starts else []
     return replace(found, fits=tuple(best_first([*found.fits, *bent[:1]])))
 
@@ -275,7 +269,7 @@ def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
     return first_of_each(fits, lambda fit: fit.hypothesis.rotor, count)
 
 
-def _begin(hypothesis: Hypothesis, u: FloatArray, like: Fit) -> Start:
+def begin(hypothesis: Hypothesis, u: FloatArray, like: Fit) -> Start:
     """A start with the nuisances of another fit, as far as their priors allow."""
     return Start(hypothesis, u, np.clip(like.nu, -2 * like.prior_std, 2 * like.prior_std))
 
@@ -289,11 +283,11 @@ def _rough_starts(
     """
     few = problem.thinned(_THIRD)
     base = few.rough(NOMINAL, nominal.u[:1], sum(_DOWN))[0] if problem.with_k_b else nominal.u[:1]
-    score = problem.score(nominal)
+    score = Score(problem, nominal)
     by_grid = {h: _scanned(problem, h, nominal) for h in hypotheses}
     most = max(_ALL * nominal.cost, nominal.cost - _NOTHING * nominal.n_data)
     found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
-    weak = {h: (by_grid[h] or _promises(score, h))[0] for h in hypotheses}
+    weak = {h: (by_grid[h] or promises(score, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
     rough = [_Rough(h, found.get(h, []), weak[h]) for h in hypotheses]
     rough.sort(key=lambda entry: (entry.cost, -entry.weak.gain))
@@ -311,7 +305,7 @@ class _Rough:
 
     hypothesis: Hypothesis
     found: list[tuple[FloatArray, float]]  # coordinates and cost, best first; none were looked for where it is empty
-    weak: _Promise
+    weak: Promise
 
     @property
     def cost(self) -> float:
@@ -319,11 +313,11 @@ class _Rough:
 
     def starts(self, nominal: Fit) -> list[Start]:
         """Where its fits begin."""
-        chosen = [_begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
+        chosen = [begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
         return [*chosen, self.weak.start] if self.weak.gain > 0 else chosen
 
 
-def _points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
+def points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
     """A hypothesis' starts after the coordinates that are known, k_b the first of them.
 
     Bearings with two principal stiffnesses show two resonances for each of the nominal model's, whose k_b suits one of
@@ -357,7 +351,7 @@ def _descents(
 
 def _down(few: Problem, base: FloatArray, hypothesis: Hypothesis) -> list[tuple[FloatArray, float]]:
     """Short descents from all points of a candidate."""
-    return _best([few.rough(hypothesis, point, _DOWN[0]) for point in _points(base, hypothesis)])
+    return _best([few.rough(hypothesis, point, _DOWN[0]) for point in points(base, hypothesis)])
 
 
 def _further_down(
@@ -370,23 +364,19 @@ def _further_down(
 
 def _best(found: list[tuple[FloatArray, float]]) -> list[tuple[FloatArray, float]]:
     """By cost."""
-    return sorted(found, key=_cost)
-
-
-def _cost(found: tuple[object, float]) -> float:
-    return found[1]
+    return sorted(found, key=itemgetter(1))
 
 
 def weak_starts(
     problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None = None
 ) -> list[Start]:
     """Starts next to the nominal model of the candidates that could explain most to first order."""
-    score = problem.score(nominal)
+    score = Score(problem, nominal)
     found: list[tuple[float, list[Start]]] = []
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        tried = _scanned(problem, hypothesis, nominal) or _promises(score, hypothesis)
+        tried = _scanned(problem, hypothesis, nominal) or promises(score, hypothesis)
         found.append((tried[0].gain, [promise.start for promise in tried[:_RIVALS]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0
@@ -398,7 +388,7 @@ def weak_starts(
     ]
 
 
-def _promises(score: Score, hypothesis: Hypothesis, pair: Hypothesis | None = None) -> list[_Promise]:
+def promises(score: Score, hypothesis: Hypothesis, pair: Hypothesis | None = None) -> list[Promise]:
     """What an effect could gain beside a fit, to first order, and where its own fit should begin; best first."""
     (term,), fit = hypothesis.terms, score.fit
     found = []
@@ -408,17 +398,17 @@ def _promises(score: Score, hypothesis: Hypothesis, pair: Hypothesis | None = No
         u = fit.u if stronger is None else fit.hypothesis.clipped(fit.u + moved[: len(fit.u)])
         nu = fit.nu if stronger is None else fit.nu + moved[len(fit.u) :]
         start = Start(pair or hypothesis, np.concatenate([u, point[1:] if stronger is None else stronger]), nu)
-        found.append(_Promise(-np.inf if stronger is None else abs(gain), start))
+        found.append(Promise(-np.inf if stronger is None else abs(gain), start))
     return sorted(found, key=lambda promise: promise.gain, reverse=True)
 
 
-def _scanned(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[_Promise]:
+def _scanned(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[Promise]:
     """The same for an effect whose misfit has many minima along its number: by grids; empty for others."""
     if hypothesis.ids != ("fast_sweep",):
         return []
     before = problem.cost(NOMINAL, fit.u[:1], fit.nu)
     found = [Start(hypothesis, made.u, made.nu) for made in dwell_fits(problem, hypothesis, fit)[:_RIVALS]]
-    return [_Promise(before - problem.cost(hypothesis, start.u, start.nu), start) for start in found]
+    return [Promise(before - problem.cost(hypothesis, start.u, start.nu), start) for start in found]
 
 
 def _scaled(term: Term, point: FloatArray, scale: float, condition: Condition) -> FloatArray | None:
@@ -497,135 +487,3 @@ def _along_the_shaft(term: Term) -> list[FloatArray]:
         np.array([low + (share if here else 0.05) * (high - low) for (low, high), here in zip(ends, at, strict=True)])
         for share in shares
     ]
-
-
-def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> float:
-    """Misfit that one more effect could take away beside a fit, to first order: the most of all candidates."""
-    score = problem.score(fit, settled=True)
-    others = [h for h in hypotheses if h.ids[0] not in fit.hypothesis.ids]
-    return max((_promises(score, h)[0].gain for h in others), default=0.0)
-
-
-def pairs(
-    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
-) -> list[Fit]:
-    """Pairs of effects that do not fall behind, best first by evidence and prior."""
-    leaders = _leaders(problem, found, hypotheses)
-    return race(problem, pair_starts(problem, leaders, hypotheses, not found.rough, progress), FAR, progress)
-
-
-def exchanged(
-    problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis], near: bool, progress: Progress | None = None
-) -> list[Fit]:
-    """Pairs of either effect of a pair, with the numbers it has there, and another; best first by evidence and prior.
-
-    Alone, an effect takes over what another one does: from there its partner may lie too far for a start of its own.
-    """
-    leaders = [fit for start in _halves(pair, hypotheses) if (fit := _as_it_is(problem, start))]
-    return race(problem, pair_starts(problem, leaders, hypotheses, near, progress), FAR, progress)
-
-
-def each_alone(problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
-    """Each effect of a pair without the other, from where the pair ended: its own starts may have missed that place."""
-    return [fit for start in _halves(pair, hypotheses) if (fit := _run(problem, CLOSE[0], start))]
-
-
-def _halves(pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
-    """Each effect of a pair without the other, where the pair ended."""
-    found = []
-    for term, own in zip(pair.hypothesis.terms, pair.hypothesis.split(pair.u[1:]), strict=True):
-        single = next(hypothesis for hypothesis in hypotheses if hypothesis.bent.terms == (term.bent,))
-        found.append(Start(replace(single, terms=(term,)), np.concatenate([pair.u[:1], own]), pair.nu))
-    return found
-
-
-def _as_it_is(problem: Problem, start: Start) -> Fit | None:
-    """A start as a fit without a step; None where there is no model."""
-    return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(_ROUGHLY,), steps=0)
-
-
-def pair_starts(
-    problem: Problem,
-    leaders: Sequence[Fit],
-    hypotheses: Sequence[Hypothesis],
-    near: bool,
-    progress: Progress | None = None,
-) -> list[Start]:
-    """Every candidate beside each of the leaders, from the leader's fit; those of most gain first, leader by leader.
-
-    Parameters
-    ----------
-    near : whether the nominal model is close to the data
-    """
-    starts: list[Start] = []
-    beside: list[Start] = []
-    for number, leader in enumerate(leaders):
-        by_score: list[_Promise] = []
-        seconds = [second for second in hypotheses if second.ids != leader.hypothesis.ids]
-        promised = each(partial(_beside, problem.score(leader, settled=near)), seconds)
-        for second, promises in zip(seconds, promised, strict=True):
-            if progress:
-                progress(number, len(leaders), f"{leader.hypothesis} + {second}")
-            pair = _paired(leader.hypothesis, second)
-            by_score += promises
-            beside += [_begin(pair, pair.clipped(point), leader) for point in _points(leader.u, second)]
-        by_score.sort(key=lambda promise: promise.gain, reverse=True)
-        starts += [promise.start for promise in by_score[: max(_BY_SCORE // len(leaders), _OF_EACH)]]
-    return starts + _by_logarithms(problem.thinned(_FIFTH), beside, near)
-
-
-def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[Start]:
-    """The best starts of pairs by rough descents.
-
-    Far from the data a start tells little of where it leads to: of each pair some are taken a step down before as well.
-    """
-    tried = sorted(each(partial(_down_from, few, 0), starts), key=_cost)
-    best = [start for start, _ in tried[: 2 * _BY_ROUGH]]
-    if not near:
-        some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, _OF_EACH_PAIR)]
-        stepped = sorted(each(partial(_down_from, few, 1), some), key=_cost)
-        best += [start for start, _ in stepped[:_BY_ROUGH]]
-    return [start for start, _ in each(partial(_down_from, few, _PAIR_STEPS), best)]
-
-
-def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
-    """Both effects at once."""
-    return Hypothesis((*first.terms, *second.terms), first.prior * second.prior)
-
-
-def _beside(score: Score, second: Hypothesis) -> list[_Promise]:
-    """What a second effect promises beside a leader, whose score it is."""
-    return _promises(score, second, _paired(score.fit.hypothesis, second))
-
-
-def _down_from(few: Problem, steps: int, start: Start) -> tuple[Start, float]:
-    """A start after so many steps of a rough descent, and its rough cost."""
-    u, cost = few.rough(start.hypothesis, start.u, steps)
-    return replace(start, u=u), cost
-
-
-def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
-    """Effects that others are tried beside: the best of all runs, and those of a part of what there is to see.
-
-    The latter are the best by logarithms, which far misfits do not rule, and the best of the rigid runs, in which fewer
-    effects can act. What leaves many times as much as the best is no leader, but for those by logarithms.
-    """
-    leaders = _of_each_effect(found.fits)[:_LEADERS]
-    there = {fit.hypothesis.ids for fit in leaders}
-    rough = [start for start in found.rough[:_ROUGH_LEADERS] if start.hypothesis.ids not in there]
-    by_logarithms = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(_ROUGHLY,), steps=2) for s in rough]
-    rigid = problem.only("rigid")
-    if rigid is not None and problem.with_k_b:
-        acting = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
-        for fit in _of_each_effect(search(rigid, acting).fits)[:_RIGID_LEADERS]:
-            u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
-            made = problem.try_fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6)
-            leaders += [made] if made else []
-    costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
-    kept = [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= _NO_LEADER * min(costs)]
-    return [*kept, *(fit for fit in by_logarithms if fit)]
-
-
-def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:
-    """The best fit of every effect."""
-    return first_of_each(fits, lambda fit: fit.hypothesis.ids[0])

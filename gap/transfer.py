@@ -17,9 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gap.curves import nrmse
-from gap.forward import Modal, acting, nonlinear
+from gap.fit import Fit
+from gap.forward import acting, nonlinear
 from gap.hypotheses import K_B
-from gap.likelihood import Fit, Problem, middle_level
+from gap.likelihood import Problem, middle_level
+from gap.modal import Modal
 from gap.nonlinear import MIDDLE, NonlinearModal
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run

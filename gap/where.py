@@ -18,8 +18,11 @@ from itertools import pairwise
 import numpy as np
 
 from gap.diagnosis import Band, JointStiffness, NodeShare, Regime, Where
-from gap.forward import Forward, over_receptance
-from gap.likelihood import Fit, Observed, Problem
+from gap.fit import Fit
+from gap.forward import Forward
+from gap.likelihood import Problem
+from gap.modal import over_receptance
+from gap.residuals import Observed
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Channel, Run
 

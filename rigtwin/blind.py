@@ -192,8 +192,8 @@ def write_controls(
 
     Gains and tolerances are free in both, as they are in every fit: what they explain is no credit of the effect.
     """
-    from gap.diagnose import forward_of
     from gap.hypotheses import candidates
+    from gap.prepare import forward_of
     from rigtwin.diagnose import write_prediction
 
     answered = {name for cause in (*diagnosis.equivalent, *diagnosis.causes[:1]) for name in cause.effects}
@@ -208,8 +208,9 @@ def write_controls(
 
 def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]:
     """What a diagnosis.json has to say for a prediction: the best of these candidates, if any, as the cause."""
-    from gap.diagnose import calibration, prepared
     from gap.diagnosis import SCHEMA as OF_DIAGNOSIS
+    from gap.prepare import prepared
+    from gap.report import calibration
     from gap.search import search
 
     problem, nominal = prepared(measured)

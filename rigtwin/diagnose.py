@@ -187,7 +187,7 @@ def measured_on_the_virtual_rig(
     -------
     (n_freq, n_channels) of each run, and "fmu", or "rig" where an effect is none of the FMU's
     """
-    from gap.diagnose import elements_between_nodes
+    from gap.prepare import elements_between_nodes
 
     belief = campaign.nominal
     parameters = {

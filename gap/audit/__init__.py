@@ -17,7 +17,7 @@ module           what it looks at                                               
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +41,7 @@ from gap.audit.wild import check_wild_lines, tamed, without_wild_lines
 from gap.diagnosis import Finding
 from sim.campaign import Campaign, NominalBelief
 
-__all__ = ["NoiseEstimate", "audit", "believed_errors", "estimate_noise", "usable"]
+__all__ = ["NoiseEstimate", "amplitude_dependent", "audit", "believed_errors", "estimate_noise", "usable"]
 
 
 def audit(campaign: Campaign) -> tuple[Finding, ...]:
@@ -89,3 +89,9 @@ def _one_run(p: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator
     yield from check_delay(p, delays)
     yield from check_sign(p, geometry, delays)
     yield from check_units(p, geometry)
+
+
+def amplitude_dependent(findings: Sequence[Finding]) -> bool:
+    """Whether the audit saw runs at different levels differ by more than their noise; too few lines are no finding."""
+    seen = (finding for finding in findings if finding.check == "level" and finding.severity != "ok")
+    return any(finding.value is not None for finding in seen)

@@ -7,10 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from gap.diagnose import Outcome, diagnose, structure_of
+from gap.diagnose import diagnose
 from gap.forward import Forward
 from gap.hypotheses import Hypothesis, candidates
-from gap.likelihood import Problem, observe
+from gap.likelihood import Problem
+from gap.prepare import structure_of
+from gap.report import Outcome
+from gap.residuals import observe
 from rotor.condition import Condition
 from rotor.effects import EFFECTS, AttachedMass, Effect
 from rotor.measured import measured_response

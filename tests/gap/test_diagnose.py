@@ -14,12 +14,16 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from gap.adequacy import Adequacy, judge
 from gap.curves import nrmse
-from gap.diagnose import _equivalent, _excess, _not_ruled_out, _Ranked, _verdict, diagnose, prepared
+from gap.diagnose import _not_ruled_out, diagnose
 from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Location
 from gap.held_out import _figures, _held_out, lines_to_measure
 from gap.hypotheses import candidates
 from gap.predict import predict
+from gap.prepare import prepared
+from gap.ranking import Ranked, verdict_of
+from gap.report import _equivalent
 from gap.search import recalibrate
+from gap.standing import excess_of
 from rotor.effects import (
     AttachedMass,
     BearingCubic,
@@ -239,17 +243,17 @@ def test_a_misfit_that_scatters_is_still_a_misfit():
     """What a far nonlinear fit leaves at sharp resonances is no noise that its errors would have to be scaled by."""
     far = SimpleNamespace(effects=(BearingCubic(stiffness=1e15),), chi2=5000.0, n_data=1000)
     quality = Adequacy(scale=30.0, misfit=5.0, correlation=0.0, spread=0.03)
-    assert _excess(None, far, quality) > 1  # type: ignore[arg-type]
-    assert _excess(None, SimpleNamespace(**{**vars(far), "chi2": 1900.0}), quality) < 1  # type: ignore[arg-type]
+    assert excess_of(None, far, quality) > 1  # type: ignore[arg-type]
+    assert excess_of(None, SimpleNamespace(**{**vars(far), "chi2": 1900.0}), quality) < 1  # type: ignore[arg-type]
 
 
 def test_a_cause_is_named_only_where_it_is_sure():
     """No gap takes its share of the probability, and what is hopeless is in no set."""
     fits = tuple(SimpleNamespace(hypothesis=SimpleNamespace(ids=(name,))) for name in ("a", "b", "c"))
     for shares, no_gap, verdict in (((0.53, 0.01, 0.0), 0.46, "ambiguous"), ((0.95, 0.01, 0.0), 0.04, "cause")):
-        ranked = _Ranked(fits, shares, no_gap)  # type: ignore[arg-type]
+        ranked = Ranked(fits, shares, no_gap)  # type: ignore[arg-type]
         nominal, standing = SimpleNamespace(n_data=1000), SimpleNamespace(excess=0.5)
-        assert _verdict(None, nominal, ranked, standing) == verdict  # type: ignore[arg-type]
+        assert verdict_of(None, nominal, ranked, standing) == verdict  # type: ignore[arg-type]
     causes = [Cause((name,), Location("shaft"), p, {}, None, 0.0) for name, p in (("a", 0.5), ("b", 0.45), ("c", 1e-9))]
     assert [cause.effects for cause in _equivalent(causes)] == [("a",), ("b",)]
 

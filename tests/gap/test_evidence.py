@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
 from gap.evidence import sample
-from gap.likelihood import Sampled
+from gap.fit import Sampled
 from gap.search import recalibrate
 from rotor.effects import BearingCubic
 from tests.gap.conftest import MASS, both_supports, candidate, problem_of

@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
-from gap.forward import MODES, TOLERANCES, Forward
+from gap.forward import Forward
+from gap.modal import MODES, TOLERANCES
 from rotor.assembly import assemble
 from rotor.effects import (
     EFFECTS,

@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 
 from gap.adequacy import judge
 from gap.hypotheses import NOMINAL, Hypothesis
-from gap.likelihood import Observed, Problem, expected_magnitude, observe
+from gap.likelihood import Problem
+from gap.residuals import Observed, expected_magnitude, observe
 from gap.search import recalibrate
 from rotor.effects import AttachedMass, BearingDamping
 from rotor.rig import load_rig

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.likelihood import Problem, observe
+from gap.likelihood import Problem
 from gap.next_test import TOLD_APART, best_next_test, proposals, relative_noise, separations
+from gap.residuals import observe
 from rotor.effects import AttachedMass, BearingCubic
 from sim.campaign import Channel
 from tests.gap.conftest import K_B, NOISE, both_supports, candidate, measure, problem_of

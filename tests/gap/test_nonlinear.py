@@ -11,9 +11,10 @@ import gap.forward as forward_module
 from gap.curves import nrmse
 from gap.diagnose import LEVEL_SIGMAS, PAIR_GAIN
 from gap.diagnosis import SCHEMA
-from gap.forward import MODES, TOLERANCES, Forward
+from gap.forward import Forward
 from gap.hypotheses import NOMINAL, candidates
-from gap.likelihood import MODEL_ERROR, Problem, observe
+from gap.likelihood import MODEL_ERROR, Problem
+from gap.modal import MODES, TOLERANCES
 from gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
 from gap.nonlinear_search import (
     ADEQUATE_NONLINEAR,
@@ -38,6 +39,8 @@ from gap.nonlinear_search import (
     search_nonlinear,
 )
 from gap.predict import predict
+from gap.residuals import observe
+from gap.score import Score
 from gap.search import recalibrate
 from gap.transfer import transfer_interval
 from rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
@@ -277,7 +280,7 @@ def test_a_law_promises_more_than_noise_where_the_levels_own_resonances_tell_not
         runs = runs_of(BearingCubic(stiffness=stiffness))
         problem = problem_of(runs)
         nominal = recalibrate(problem)
-        gain, numbers = problem.score(nominal, settled=True).apart([1, 2, 3])
+        gain, numbers = Score(problem, nominal, settled=True).apart([1, 2, 3])
         assert gain < numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers)
         laws = candidates(runs, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
         promised[stiffness] = most_promised(problem, nominal, laws)

@@ -12,19 +12,23 @@ import gap.search
 from gap.dwell import _gains
 from gap.forward import Forward
 from gap.hypotheses import Hypothesis
-from gap.likelihood import Problem, observe
-from gap.search import (
-    Search,
-    Start,
+from gap.likelihood import Problem
+from gap.pair_search import (
     _by_logarithms,
     _leaders,
-    _of_each,
     _paired,
     each_alone,
     exchanged,
     most_left,
     pair_starts,
     pairs,
+)
+from gap.residuals import observe
+from gap.score import Score
+from gap.search import (
+    Search,
+    Start,
+    _of_each,
     polished,
     recalibrate,
     search,
@@ -81,7 +85,7 @@ def test_the_first_order_gain_is_what_a_fit_gains():
     """A small mass: the score beside the nominal model foresees the misfit that its own fit takes away."""
     problem = problem_with(AttachedMass(mass=0.018, node=3))
     nominal = recalibrate(problem)
-    gain, scale, moved = problem.score(nominal).gain([AttachedMass(mass=0.001, node=3)])
+    gain, scale, moved = Score(problem, nominal).gain([AttachedMass(mass=0.001, node=3)])
     fit = next(f for f in search(problem, of(problem.runs, "attached_mass"), nominal).fits if f.effects[0].node == 3)
     assert 0.3 < gain / (nominal.cost - fit.cost) < 1.1
     assert 0.3 < 0.001 * scale / fit.effects[0].mass < 1.1
@@ -90,7 +94,7 @@ def test_the_first_order_gain_is_what_a_fit_gains():
 
 def test_gains_of_many_changes_are_the_gain_of_each():
     problem = problem_with(FastSweep(dwell=2.0)).made(images=False)
-    score = problem.score(recalibrate(problem), settled=True)
+    score = Score(problem, recalibrate(problem), settled=True)
     dwells = np.array([1.0, 2.0, 5.0])
     together = zip(*score.gains(problem.change_by_dwells(score.fit, dwells)), strict=True)
     for dwell, (gain, scale, moved) in zip(dwells, together, strict=True):
@@ -110,7 +114,7 @@ def test_costs_of_many_dwells_are_the_cost_of_each():
 
 def test_transients_that_have_died_away_promise_nothing():
     problem = problem_with().made(images=False)
-    gain, moved = _gains(problem, problem.score(recalibrate(problem)), np.array([120.0, 150.0]))
+    gain, moved = _gains(problem, Score(problem, recalibrate(problem)), np.array([120.0, 150.0]))
     assert_allclose(gain, 0.0, atol=1e-6)
     assert_allclose(moved, 0.0, atol=1e-6)
 
@@ -123,7 +127,7 @@ def test_a_fit_that_stopped_short_of_its_minimum_leaves_nothing_to_effects_like_
     short[problem.nuisances.tolerance.start] += 0.1 * nominal.prior_std[problem.nuisances.tolerance.start]
     left = replace(nominal, nu=short)
     assert problem.cost(left.hypothesis, left.u, short) > nominal.cost + 10
-    here, there = problem.score(nominal, settled=True), problem.score(left, settled=True)
+    here, there = Score(problem, nominal, settled=True), Score(problem, left, settled=True)
     weak = [ShaftModulus(factor=0.9999)]
     assert_allclose(there.gain(weak)[0], here.gain(weak)[0], atol=1.0)
     every = range(len(problem.runs))
@@ -134,7 +138,7 @@ def test_resonances_and_shapes_of_their_own_take_of_noise_what_chance_gives_them
     taken = []
     for seed in range(4):
         problem = problem_with(seed=seed)
-        score = problem.score(recalibrate(problem), settled=True)
+        score = Score(problem, recalibrate(problem), settled=True)
         taken += [score.apart([0, 1], shapes=shapes) for shapes in (False, True)]
     gains, numbers = np.array(taken).reshape(4, 2, 2).sum(axis=0).T
     assert numbers[1] > 5 * numbers[0] > 0
@@ -146,7 +150,7 @@ def test_a_shape_of_its_own_takes_away_what_a_late_sensor_does():
     problem = problem_with(SensorDelay(delay=5e-6, node=3))
     nominal = recalibrate(problem)
     late = problem.fit(candidate(problem.runs, "sensor_delay", 3), np.append(nominal.u, 5e-6), nominal.nu)
-    score = problem.score(nominal, settled=True)
+    score = Score(problem, nominal, settled=True)
     (shifts, n), (shapes, n_shapes) = (score.apart([0, 1], shapes=each) for each in (False, True))
     assert shifts < n + 3 * np.sqrt(2 * n)
     assert nominal.cost - late.cost < shapes < nominal.cost - late.cost + n_shapes + 3 * np.sqrt(2 * n_shapes)
@@ -154,7 +158,7 @@ def test_a_shape_of_its_own_takes_away_what_a_late_sensor_does():
 
 def test_an_effect_on_the_wrong_side_gains_nothing():
     problem = problem_with(AttachedMass(mass=0.01, node=3))
-    gain, scale, _ = problem.score(recalibrate(problem)).gain([ShaftModulus(factor=1.001)])
+    gain, scale, _ = Score(problem, recalibrate(problem)).gain([ShaftModulus(factor=1.001)])
     assert gain < 0
     assert scale < 0
 
@@ -232,7 +236,7 @@ def test_a_grid_that_leaves_plenty_does_not_end_the_search(monkeypatch):
         if hypothesis.ids != ("fast_sweep",):
             return []
         u = np.append(fit.u[:1], np.log(0.5))
-        return [gap.search._Promise(0.95 * fit.cost, gap.search.Start(hypothesis, u, fit.nu))]
+        return [gap.search.Promise(0.95 * fit.cost, gap.search.Start(hypothesis, u, fit.nu))]
 
     monkeypatch.setattr(gap.search, "_scanned", much)
     found = search(problem, of(problem.runs, "attached_mass", "fast_sweep"), nominal)
@@ -286,7 +290,7 @@ def test_leaders_by_logarithms_are_not_judged_by_far_misfits(monkeypatch):
     hypotheses = of(problem.runs, "shaft_modulus", "sensor_delay", "bearing_damping")
     found = search(problem, hypotheses)
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
-    monkeypatch.setattr("gap.search._NO_LEADER", 1e-9)
+    monkeypatch.setattr("gap.pair_search._NO_LEADER", 1e-9)
     leaders = _leaders(problem, replace(found, fits=others), hypotheses)
     assert "shaft_modulus" in {fit.hypothesis.ids[0] for fit in leaders}
 
@@ -300,7 +304,7 @@ def test_far_from_the_data_a_step_down_brings_a_pair_that_begins_like_others(mon
     for second in of(problem.runs, "attached_mass", "sensor_gain", "sensor_delay", "bearing_damping"):
         pair = _paired(seat, second)
         starts.append(Start(pair, pair.clipped(np.append(lead, second.starts()[0])), np.zeros(problem.nuisances.n)))
-    monkeypatch.setattr("gap.search._BY_ROUGH", 1)
+    monkeypatch.setattr("gap.pair_search._BY_ROUGH", 1)
     few = problem.thinned(5)
     by_start, all_of_them = (_by_logarithms(few, starts, near) for near in (True, False))
     assert (len(by_start), len(all_of_them)) == (2, 3)

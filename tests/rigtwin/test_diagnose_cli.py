@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.diagnose import structure_of
 from gap.diagnosis import SCHEMA, Diagnosis
+from gap.prepare import structure_of
 from rigtwin.diagnose import load_document, measured_on_the_virtual_rig
 from rotor.condition import Condition
 from rotor.effects import EFFECTS

@@ -1,0 +1,104 @@
+"""A candidate at its best: its numbers, what it leaves, and its evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gap.hypotheses import K_B, Hypothesis
+from gap.nonlinear import BoolArray
+from rotor.effects import Effect
+from rotor.structure import FloatArray
+
+# Effective draws from which a sampled evidence is believed.
+_TRUSTED = 8.0
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """An evidence by importance sampling, beside Laplace's."""
+
+    correction: float  # logarithm of it over Laplace's
+    error: float  # standard error of that
+    ess: float  # effective number of draws
+
+    @property
+    def trusted(self) -> bool:
+        """Whether enough draws count."""
+        return self.ess >= _TRUSTED
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A candidate at its best."""
+
+    hypothesis: Hypothesis
+    u: FloatArray  # (1 + n_free,) ln k_b and the candidate's coordinates
+    nu: FloatArray  # (n_nuisances,)
+    chi2: float  # misfit of the data
+    penalty: float  # of the nuisances by their priors
+    precision: FloatArray  # of (u, nu) at the best point, scaled data
+    n_data: int
+    prior_std: FloatArray  # of the nuisances
+    with_k_b: bool
+    added: float = 0.0  # relative error beside the data's own that it was fitted with at last
+    sampled: Sampled | None = None  # its evidence, where it was sampled
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects with their fitted numbers."""
+        return self.hypothesis.effects(self.u[1:])
+
+    @property
+    def k_b(self) -> float:
+        """Bearing stiffness [N/m]."""
+        return K_B.value(self.u[0])
+
+    @property
+    def at_edge(self) -> BoolArray:
+        """(1 + n_free, 2) which coordinates stand at the low or at the high end of their ranges."""
+        return self.hypothesis.at_edge(self.u)
+
+    @property
+    def wants_more(self) -> bool:
+        """Whether a number stands at an end of its range where its effect has not faded."""
+        fades = [free.fades for free in self.hypothesis.coordinates]
+        hard = np.array([[fade >= 0, fade <= 0] for fade in fades])
+        return bool((self.at_edge & hard)[1:].any())
+
+    @property
+    def cost(self) -> float:
+        """Misfit and penalty."""
+        return self.chi2 + self.penalty
+
+    def log_evidence(self, scale: float = 1.0) -> float:
+        """Laplace's approximation, up to a constant of the data; corrected, where it was sampled with success.
+
+        A number's volume is capped at its prior's: its precision is at least that of the even prior.
+
+        Parameters
+        ----------
+        scale : true over believed standard error of the data
+        """
+        keep = slice(0 if self.with_k_b else 1, None)
+        prior = self._prior_precision[keep]
+        posterior = self.precision[keep, keep] / scale**2 + np.diag(prior)
+        _, logdet = np.linalg.slogdet(posterior)
+        laplace = -(self.chi2 / scale**2 + self.penalty + logdet - np.sum(np.log(prior))) / 2
+        return laplace + (self.sampled.correction if self.sampled and self.sampled.trusted else 0.0)
+
+    def covariance(self, scale: float = 1.0) -> FloatArray:
+        """Of (u, nu)."""
+        return np.linalg.inv(self.precision / scale**2 + np.diag(self._prior_precision))
+
+    @property
+    def _prior_precision(self) -> FloatArray:
+        """Of (u, nu); an even prior counts by its variance."""
+        width = np.ptp(self.hypothesis.ends, axis=1)
+        return np.concatenate([12 / width**2, 1 / self.prior_std**2])
+
+    @property
+    def log_weight(self) -> float:
+        """Logarithm of evidence times prior: what candidates are ranked by."""
+        return self.log_evidence() + float(np.log(self.hypothesis.prior))

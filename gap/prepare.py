@@ -1,0 +1,51 @@
+"""A campaign made ready: the model of its rig, its runs with their errors, and the recalibrated nominal model."""
+
+from __future__ import annotations
+
+from gap.audit import believed_errors
+from gap.fit import Fit
+from gap.forward import Forward
+from gap.likelihood import Problem
+from gap.residuals import observe
+from gap.search import recalibrate
+from rotor.assembly import assemble
+from rotor.rig import load_rig
+from rotor.structure import Structure
+from sim.campaign import Campaign, MeasurementError
+
+# Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
+# A crack or a hub inside an element needs more of them.
+_ELEMENTS, _FINE_ELEMENTS = 2, 8
+
+
+def elements_between_nodes(rig: str, least: int = _ELEMENTS) -> int:
+    """So many, or the rig's own number, if that is larger."""
+    return max(least, load_rig(rig).elements_between_nodes)
+
+
+def structure_of(rig: str, least: int = _ELEMENTS) -> Structure:
+    """The campaign's rig, with at least so many elements between two nodes."""
+    return assemble(load_rig(rig), elements_between_nodes=elements_between_nodes(rig, least))
+
+
+def forward_of(campaign: Campaign) -> Forward:
+    """The model of a campaign's rig, meshed finely enough for a diagnosis.
+
+    Raises MeasurementError where a run has a node that the rig lacks.
+    """
+    structure = structure_of(campaign.rig)
+    for run in campaign.runs:
+        last = max(run.excitation_node, *(channel.node for channel in run.channels))
+        if last > structure.n_nodes:
+            raise MeasurementError(
+                f"run {run.name!r}: node {last} does not exist, the rig has {structure.n_nodes}; correct one of them"
+            )
+    return Forward(structure, campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
+
+
+def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
+    """A campaign's runs with their errors and model, and the recalibrated nominal model."""
+    problem = Problem(forward_of(campaign), [observe(run, believed_errors(run)) for run in campaign.runs])
+    problem, first = problem.in_si(recalibrate(problem))
+    problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)
+    return problem, recalibrate(problem, first)

@@ -1,0 +1,241 @@
+"""A ranking as a diagnosis: causes, where, how far, what next."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gap import wording
+from gap.adequacy import Adequacy, judge
+from gap.audit import amplitude_dependent
+from gap.causes import cause_of, locations
+from gap.curves import Curve, log_distance_db, nrmse
+from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
+from gap.fit import Fit
+from gap.held_out import Confirm, measure_shrink
+from gap.hypotheses import SURE
+from gap.likelihood import Problem
+from gap.modal import TOLERANCES
+from gap.next_test import best_next_test
+from gap.ranking import ANSWERED, AT_MOST, Ranked, best_of, by_name, likely, name_of, together
+from gap.standing import ADEQUATE_MISFIT, BELIEVED_SCALE, Standing, scale_of
+from gap.where import locate
+from rotor.effects.library import EFFECTS
+from sim.campaign import Campaign
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A diagnosis and the curves that it rests on."""
+
+    diagnosis: Diagnosis
+    curves: tuple[Curve, ...]
+
+
+class Clock:
+    """Seconds of one step of the work after the other."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """A step has ended."""
+        now = time.perf_counter()
+        self.laps[name], self._last = now - self._last, now
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was found of a campaign, before it is put into words."""
+
+    whole: Problem  # of all lines
+    problem: Problem  # that the fits belong to
+    nominal: Fit
+    ranked: Ranked
+    standing: Standing
+    verdict: Verdict
+
+
+def report(
+    campaign: Campaign,
+    answer: Answer,
+    findings: tuple[Finding, ...],
+    exclude: Sequence[str],
+    confirm: Confirm | None,
+    clock: Clock,
+) -> Outcome:
+    """The diagnosis, and how far the gap shrinks.
+
+    Parameters
+    ----------
+    findings : of the audit
+    exclude : ids of effects that were withheld
+    confirm : measures the corrected rotor on the virtual rig; None: the model's figure stands
+    """
+    problem, nominal, ranked = answer.problem, answer.nominal, answer.ranked
+    standing, verdict = answer.standing, answer.verdict
+    scale, excess = scale_of(standing.quality), standing.excess
+    if standing.other_form and verdict in ("cause", "ambiguous"):
+        findings = (*findings, _form_finding(ranked.fits[0], standing))
+    named = verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings)
+    raster = _raster(ranked.no_gap) if named else None
+    doubt = excess**2 / (1 + excess**2)  # 0 where nothing but noise is left, 1/2 at the threshold
+    causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
+    if raster is not None:
+        verdict, causes = "cause", (raster, *causes)
+    best = nominal if verdict not in ("cause", "ambiguous") or raster is not None else best_of(ranked)
+    drawn = problem.on_all_lines_of(answer.whole)
+    believed = drawn.bare(nominal)
+    corrected = drawn.predict(best)
+    where = locate(drawn, nominal, believed, _regime(verdict, causes, findings))
+    clock.lap("where")
+    shrink: Shrink | None = None
+    if verdict in ("cause", "ambiguous") and raster is None:
+        shrink = measure_shrink(problem, nominal, best, scale, confirm)
+        clock.lap("held out")
+    equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
+    rivals = _rivals(ranked, causes, verdict, equivalent)
+    curves = tuple(
+        Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.error)
+        for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True)
+    )
+    gap = float(np.nanmean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]))
+    diagnosis = Diagnosis(
+        title=campaign.title,
+        rig=Path(campaign.rig).name,
+        verdict=verdict,
+        sentence="",
+        nominal={
+            "k_b": _k_b(problem, nominal, scale),
+            "gap": gap,
+            "gap_dB": float(np.mean([log_distance_db(c.run.H, c.nominal) for c in curves])),
+            "misfit": judge(problem, nominal).misfit,
+            "probability": ranked.no_gap,
+            **{key: getattr(campaign.nominal, key) for key in DAMPING},
+        },
+        where=where,
+        causes=causes,
+        equivalent=equivalent,
+        next_test=(best_next_test(problem, rivals) if len(rivals) > 1 else None)
+        or wording.next_test(verdict, campaign, causes, equivalent),
+        shrink=shrink,
+        audit=(*findings, *_noise_finding(problem, standing.quality)),
+        excluded=tuple(exclude),
+        unknown_score=doubt,
+        calibration=calibration(problem, best),
+        timing_s=clock.laps,
+    )
+    return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
+
+
+def _rivals(ranked: Ranked, causes: Sequence[Cause], verdict: Verdict, equivalent: Sequence[Cause]) -> list[Fit]:
+    """What the next test should tell apart: causes, or else the places of the one that is named."""
+    groups = by_name(ranked)
+    if equivalent:
+        return [groups[name_of(cause.effects)][0][0] for cause in equivalent]
+    if verdict == "cause" and causes[0].place_probability < SURE:
+        return [fit for fit, _ in likely(groups[name_of(causes[0].effects)])]
+    return []
+
+
+def _k_b(problem: Problem, fit: Fit, scale: float) -> Estimate | None:
+    if not problem.with_k_b:
+        return None
+    return Estimate(fit.k_b, fit.k_b * float(np.sqrt(fit.covariance(scale)[0, 0])), "N/m")
+
+
+def _causes(problem: Problem, ranked: Ranked, scale: float, known: float) -> tuple[Cause, ...]:
+    """One cause for every set of effects, at its most probable place, with the probability of all its places.
+
+    Parameters
+    ----------
+    known : probability that it is a known effect, or none, at all
+    """
+    causes = []
+    for places in by_name(ranked).values():
+        total = together(places)
+        (best, probability), *others = likely(places)
+        cause = _cause(problem, best, known * total, scale)
+        elsewhere = tuple(locations(fit.hypothesis, fit.u) for fit, _ in others)
+        causes.append(replace(cause, place_probability=probability / total if total else 1.0, other_places=elsewhere))
+    return tuple(causes)
+
+
+def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:
+    std = np.sqrt(fit.covariance(scale).diagonal())[: len(fit.u)]
+    k_b = _k_b(problem, fit, scale)
+    cause = cause_of(fit.hypothesis, fit.u, std, probability, k_b, fit.log_evidence(scale))
+    if fit.sampled is None:
+        return cause
+    return replace(cause, ess=fit.sampled.ess, log_evidence_error=fit.sampled.error)
+
+
+def _equivalent(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """The smallest set that holds nearly all of the causes' probability, of at most three."""
+    total = sum(cause.probability for cause in causes)
+    chosen: list[Cause] = []
+    for cause in causes:
+        if sum(c.probability for c in chosen) >= ANSWERED * total or len(chosen) == AT_MOST:
+            break
+        chosen.append(cause)
+    return tuple(chosen)
+
+
+def _regime(verdict: Verdict, causes: Sequence[Cause], findings: Sequence[Finding]) -> Regime:
+    """What kind of gap it is: by the family of a cause that is named, or else by whether levels differ."""
+    if verdict != "cause":
+        return "amplitude_dependent" if amplitude_dependent(findings) else "linear"
+    families = {EFFECTS[name].family for name in causes[0].effects}
+    if "nonlinear" in families:
+        return "amplitude_dependent"
+    return "measurement_chain" if families == {"chain"} else "linear"
+
+
+def _is_coarse(campaign: Campaign, findings: Sequence[Finding]) -> bool:
+    """Whether peaks lie between the lines in half of the runs or more; in fewer, their lines are missing there."""
+    coarse = {f.run for f in findings if f.check == "raster" and f.severity in ("warning", "error")}
+    return bool(coarse) and 2 * len(coarse) >= len(campaign.runs)
+
+
+def _raster(no_gap: float) -> Cause:
+    """The raster as the cause, as surely as the model is right."""
+    return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, math.nan, locations=(Location("raster"),))
+
+
+def _form_finding(fit: Fit, standing: Standing) -> Finding:
+    """That a cause leaves more than noise, though far less than anything else."""
+    words = (
+        f"{' and '.join(fit.hypothesis.ids)} leaves {standing.quality.misfit:.2g} times the noise, far less than "
+        "anything else leaves: on this rig it acts in a form that differs from the library's, or something small acts "
+        "beside it"
+    )
+    return Finding("form", "warning", words, "", standing.quality.misfit, ADEQUATE_MISFIT)
+
+
+def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:
+    low, high = BELIEVED_SCALE
+    if all(run.std is None for run in problem.runs) or low <= quality.scale <= high:
+        return ()
+    words = (
+        f"the values scatter {quality.scale:.2g} times as much as their standard errors say; "
+        "fits are judged and ranked with errors scaled by that"
+    )
+    return (Finding("noise", "warning", words, "", quality.scale, high),)
+
+
+def calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
+    """What the fit says of sensors and of the workshop's tolerances: common to all runs of the rig."""
+    nuisances = problem.nuisances
+    return {
+        "sensor_gain": {
+            str(channel): float(np.exp(value))
+            for channel, value in zip(nuisances.sensors, fit.nu[nuisances.sensor], strict=True)
+        },
+        "tolerance": dict(zip(TOLERANCES, map(float, fit.nu[nuisances.tolerance]), strict=True)),
+    }

@@ -1,0 +1,121 @@
+"""Measured runs with their errors, and what a model leaves of them.
+
+A residual is (data - model) over the standard error of a real component; magnitudes, where only these were measured,
+are compared with the mean magnitude of a noisy response.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import i0e, i1e
+
+from gap.nonlinear import BoolArray
+from rotor.structure import ComplexArray, FloatArray
+from sim.campaign import Run
+
+# Errors below this share of a run's median response are not believed.
+_LEAST_STD = 1e-4
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A run with its errors."""
+
+    run: Run
+    std: FloatArray  # (n_freq, n_channels)
+
+    @property
+    def valid(self) -> BoolArray:
+        """(n_freq, n_channels) whether a value is there."""
+        return np.isfinite(self.run.H) & np.isfinite(self.std)
+
+    def less(self, H: ComplexArray) -> ComplexArray | FloatArray:
+        """(n_freq, n_channels) data less a model; magnitudes less their mean where only these were measured."""
+        y = self.run.H
+        return np.abs(y) - expected_magnitude(self, H)[0] if self.run.magnitude_only else y - H
+
+    @property
+    def error(self) -> FloatArray:
+        """(n_freq, n_channels) sqrt(E|data - truth|^2): a magnitude sees half of the noise's power."""
+        return self.std / np.sqrt(2) if self.run.magnitude_only else self.std
+
+    def divided(self, factor: float) -> Observed:
+        """The same in another unit."""
+        std = None if self.run.std is None else self.run.std / factor
+        return Observed(replace(self.run, H=self.run.H / factor, std=std, harmonics={}), self.std / factor)
+
+    @property
+    def n_values(self) -> int:
+        """Real numbers that were measured; a node that is held still tells none."""
+        moving = np.abs(np.nan_to_num(self.run.H)) > 0
+        return int((self.valid & moving).sum()) * (1 if self.run.magnitude_only else 2)
+
+
+def observe(run: Run, std: FloatArray) -> Observed:
+    """A run whose errors are at least what can be believed."""
+    size = np.abs(run.H[np.isfinite(run.H)])
+    least = _LEAST_STD * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
+    return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least))
+
+
+def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
+    """(data - model) over the standard error of a real component; what is not there is zero."""
+    return np.where(observed.valid, observed.less(H) * _weight(observed, added), 0.0)
+
+
+def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
+    """Sum of squared residuals (...) of responses (..., n_freq, n_channels)."""
+    return np.sum(np.abs(residual(observed, H, added)) ** 2, axis=(-2, -1))
+
+
+def _weight(observed: Observed, added: float) -> FloatArray:
+    """(n_freq, n_channels) 1 / standard error of a real component; 0 where nothing is there."""
+    variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(observed.run.H)) ** 2
+    return np.where(observed.valid, 1 / np.sqrt(variance / 2), 0.0)
+
+
+def weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
+    """Weights (n_freq, n_channels) and real residuals."""
+    weight, left = _weight(observed, added), residual(observed, H, added)
+    if observed.run.magnitude_only:
+        return weight, left.real.ravel()
+    return weight, np.concatenate([left.real.ravel(), left.imag.ravel()])
+
+
+def derivatives(observed: Observed, H: ComplexArray, columns: ComplexArray, weight: FloatArray) -> FloatArray:
+    """(n_columns, n_residuals) derivatives of the model in units of the residuals."""
+    slope = expected_magnitude(observed, H)[1] if observed.run.magnitude_only else 1.0
+    return as_real(columns * weight * slope, H, observed.run)
+
+
+def as_real(changes: ComplexArray, H: ComplexArray, run: Run) -> FloatArray:
+    """(..., n_residuals) changes (..., n_freq, n_channels) of a response: both parts, or its magnitude's alone."""
+    flat = (*changes.shape[:-2], H.size)
+    if run.magnitude_only:
+        size = np.abs(H)
+        direction = np.where(size > 0, H.conj() / np.where(size > 0, size, 1.0), 0.0)
+        return (changes * direction).real.reshape(flat)
+    return np.concatenate([changes.real.reshape(flat), changes.imag.reshape(flat)], axis=-1)
+
+
+def expected_magnitude(observed: Observed, H: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Mean magnitude of a response with noise, and its slope by the magnitude without (mean of Rice's distribution).
+
+    With s the standard deviation of a real component and z = |H|^2 / (4 s^2),
+    mean = s sqrt(pi/2) e^-z ((1 + 2 z) I0(z) + 2 z I1(z)).
+
+    Where exactly nothing was measured there was no noise.
+
+    Returns
+    -------
+    (n_freq, n_channels) each
+    """
+    s, size = np.where(observed.valid, observed.std, 1.0) / np.sqrt(2), np.abs(H)
+    z = (size / (2 * s)) ** 2
+    zeroth, first = i0e(z), i1e(z)
+    mean = s * np.sqrt(np.pi / 2) * ((1 + 2 * z) * zeroth + 2 * z * first)
+    slope = size / (2 * s) * np.sqrt(np.pi / 2) * (zeroth + first)
+    noisy = np.abs(observed.run.H) > 0
+    return np.where(noisy, mean, size), np.where(noisy, slope, 1.0)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from gap.adequacy import Adequacy, judge
 from gap.audit import amplitude_dependent
 from gap.causes import cause_of, locations
 from gap.curves import Curve, log_distance_db, nrmse
-from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, Regime, Shrink, Verdict
+from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, NextTest, Regime, Shrink, Verdict
 from gap.fit import Fit
 from gap.held_out import Confirm, measure_shrink
 from gap.hypotheses import SURE
@@ -61,6 +62,11 @@ class Answer:
     standing: Standing
     verdict: Verdict
 
+    @property
+    def scale(self) -> float:
+        """True over believed error."""
+        return scale_of(self.standing.quality)
+
 
 def report(
     campaign: Campaign,
@@ -78,60 +84,79 @@ def report(
     exclude : ids of effects that were withheld
     confirm : measures the corrected rotor on the virtual rig; None: the model's figure stands
     """
-    problem, nominal, ranked = answer.problem, answer.nominal, answer.ranked
-    standing, verdict = answer.standing, answer.verdict
-    scale, excess = scale_of(standing.quality), standing.excess
-    if standing.other_form and verdict in ("cause", "ambiguous"):
-        findings = (*findings, _form_finding(ranked.fits[0], standing))
-    named = verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings)
-    raster = _raster(ranked.no_gap) if named else None
-    doubt = excess**2 / (1 + excess**2)  # 0 where nothing but noise is left, 1/2 at the threshold
-    causes = _causes(problem, ranked, scale, 1 - doubt if verdict == "unknown" else 1.0)
-    if raster is not None:
-        verdict, causes = "cause", (raster, *causes)
-    best = nominal if verdict not in ("cause", "ambiguous") or raster is not None else best_of(ranked)
+    problem, nominal = answer.problem, answer.nominal
+    findings = (*findings, *_form_finding(answer))
+    verdict, causes, best = _named(campaign, answer, findings, exclude)
     drawn = problem.on_all_lines_of(answer.whole)
     believed = drawn.bare(nominal)
-    corrected = drawn.predict(best)
+    corrected = drawn.predict(best) if best is not nominal or verdict == "no_gap" else [None] * len(believed)
+    curves = tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True))
     where = locate(drawn, nominal, believed, _regime(verdict, causes, findings))
     clock.lap("where")
     shrink: Shrink | None = None
-    if verdict in ("cause", "ambiguous") and raster is None:
-        shrink = measure_shrink(problem, nominal, best, scale, confirm)
+    if best is not nominal:
+        shrink = measure_shrink(problem, nominal, best, answer.scale, confirm)
         clock.lap("held out")
     equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
-    rivals = _rivals(ranked, causes, verdict, equivalent)
-    curves = tuple(
-        Curve(o.run, H0, H1 if best is not nominal or verdict == "no_gap" else None, o.error)
-        for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True)
-    )
-    gap = float(np.nanmean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]))
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
         verdict=verdict,
         sentence="",
-        nominal={
-            "k_b": _k_b(problem, nominal, scale),
-            "gap": gap,
-            "gap_dB": float(np.mean([log_distance_db(c.run.H, c.nominal) for c in curves])),
-            "misfit": judge(problem, nominal).misfit,
-            "probability": ranked.no_gap,
-            **{key: getattr(campaign.nominal, key) for key in DAMPING},
-        },
+        nominal=_nominal_figures(campaign, answer, curves),
         where=where,
         causes=causes,
         equivalent=equivalent,
-        next_test=(best_next_test(problem, rivals) if len(rivals) > 1 else None)
-        or wording.next_test(verdict, campaign, causes, equivalent),
+        next_test=_next_test(campaign, answer, verdict, causes, equivalent),
         shrink=shrink,
-        audit=(*findings, *_noise_finding(problem, standing.quality)),
+        audit=(*findings, *_noise_finding(problem, answer.standing.quality)),
         excluded=tuple(exclude),
-        unknown_score=doubt,
+        unknown_score=_doubt(answer.standing),
         calibration=calibration(problem, best),
         timing_s=clock.laps,
     )
     return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
+
+
+def _named(
+    campaign: Campaign, answer: Answer, findings: Sequence[Finding], exclude: Sequence[str]
+) -> tuple[Verdict, tuple[Cause, ...], Fit]:
+    """The verdict, causes by probability, and the fit that corrects the model: the nominal one where no effect does."""
+    problem, ranked, verdict = answer.problem, answer.ranked, answer.verdict
+    known = 1 - _doubt(answer.standing) if verdict == "unknown" else 1.0
+    causes = _causes(problem, ranked, answer.scale, known)
+    if verdict in ("cause", "ambiguous"):
+        return verdict, causes, best_of(ranked)
+    if verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings):
+        return "cause", (_raster(ranked.no_gap), *causes), answer.nominal
+    return verdict, causes, answer.nominal
+
+
+def _doubt(standing: Standing) -> float:
+    """0 where nothing but noise is left, 1/2 at the threshold."""
+    return standing.excess**2 / (1 + standing.excess**2)
+
+
+def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]) -> dict[str, Any]:
+    """What is said of the recalibrated nominal model."""
+    problem, nominal = answer.problem, answer.nominal
+    return {
+        "k_b": _k_b(problem, nominal, answer.scale),
+        "gap": float(np.nanmean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves])),
+        "gap_dB": float(np.mean([log_distance_db(c.run.H, c.nominal) for c in curves])),
+        "misfit": judge(problem, nominal).misfit,
+        "probability": answer.ranked.no_gap,
+        **{key: getattr(campaign.nominal, key) for key in DAMPING},
+    }
+
+
+def _next_test(
+    campaign: Campaign, answer: Answer, verdict: Verdict, causes: Sequence[Cause], equivalent: Sequence[Cause]
+) -> NextTest | None:
+    """What would tell the causes, or the places, that remain apart; else what the campaign lacks."""
+    rivals = _rivals(answer.ranked, causes, verdict, equivalent)
+    told = best_next_test(answer.problem, rivals) if len(rivals) > 1 else None
+    return told or wording.next_test(verdict, campaign, causes, equivalent)
 
 
 def _rivals(ranked: Ranked, causes: Sequence[Cause], verdict: Verdict, equivalent: Sequence[Cause]) -> list[Fit]:
@@ -208,14 +233,17 @@ def _raster(no_gap: float) -> Cause:
     return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, math.nan, locations=(Location("raster"),))
 
 
-def _form_finding(fit: Fit, standing: Standing) -> Finding:
+def _form_finding(answer: Answer) -> tuple[Finding, ...]:
     """That a cause leaves more than noise, though far less than anything else."""
+    standing = answer.standing
+    if not standing.other_form or answer.verdict not in ("cause", "ambiguous"):
+        return ()
+    names = " and ".join(answer.ranked.fits[0].hypothesis.ids)
     words = (
-        f"{' and '.join(fit.hypothesis.ids)} leaves {standing.quality.misfit:.2g} times the noise, far less than "
-        "anything else leaves: on this rig it acts in a form that differs from the library's, or something small acts "
-        "beside it"
+        f"{names} leaves {standing.quality.misfit:.2g} times the noise, far less than anything else leaves: on this "
+        "rig it acts in a form that differs from the library's, or something small acts beside it"
     )
-    return Finding("form", "warning", words, "", standing.quality.misfit, ADEQUATE_MISFIT)
+    return (Finding("form", "warning", words, "", standing.quality.misfit, ADEQUATE_MISFIT),)
 
 
 def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:

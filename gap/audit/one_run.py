@@ -142,82 +142,77 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
     """Noise from the data, and the given standard errors beside it."""
     relative = p.noise.relative[p.live]
     if not np.isfinite(relative).any():
-        yield p.finding(
-            "noise", "note", f"{len(p.f)} clean lines are too few to estimate the noise; measure more lines."
-        )
+        words = f"{len(p.f)} clean lines are too few to estimate the noise; measure more lines."
+        yield p.finding("noise", "note", words)
         return
     level = float(np.nanmedian(relative))
     if p.run.std is None:
-        yield p.finding(
-            "noise",
-            "note",
-            f"No standard errors are given; the lines scatter by {100 * level:.2g} % (median over channels), "
-            + (
-                "which is taken as the noise." if p.noise.resolved else "which is more than the noise: lay them closer."
-            ),
-            level,
+        taken = "which is taken as the noise." if p.noise.resolved else "which is more than the noise: lay them closer."
+        words = (
+            f"No standard errors are given; the lines scatter by {100 * level:.2g} % (median over channels), {taken}"
         )
-        return
-    if not p.noise.resolved:
+        yield p.finding("noise", "note", words, level)
+    elif not p.noise.resolved:
         words = "Lines lie too far apart to tell the noise; the given standard errors are believed as they are."
         yield p.finding("noise", "note", words)
-        return
-    given = p.run.std[np.ix_(p.lines, p.live)]
-    if not np.isfinite(given).all() or (given < 0).any():
-        yield p.finding(
-            "noise", "warning", "Some given standard errors are no number or negative and cannot be used; correct them."
-        )
-    ratio = _noise_ratios(p, given)
-    believed = float(np.nanmedian(given / np.abs(p.H))) if np.isfinite(given / np.abs(p.H)).any() else np.nan
-    if max(level, believed if np.isfinite(believed) else 0.0) < NEGLIGIBLE_NOISE:
-        yield p.finding(
-            "noise", "ok", f"Noise is negligible: lines scatter by {100 * level:.1g} %.", level, NEGLIGIBLE_NOISE
-        )
-        return
-    if not np.isfinite(ratio).any():
-        yield p.finding(
-            "noise",
-            "warning",
-            f"The given standard errors are zero but the lines scatter by {100 * level:.2g} %; use the estimate.",
-            level,
-        )
-        return
-    overall = float(np.nanmedian(ratio))
-    slack = 1 + 6 * p.noise.uncertainty  # few lines lie far apart, and two resonances in one window are no noise
-    limit, limit_channel = max(NOISE_RATIO, slack), max(NOISE_RATIO_CHANNEL, slack**1.5)
-    if not 1 / limit < overall < limit:
-        wrong = (
-            "too small, so that noise would pass for a gap"
-            if overall > 1
-            else "too large, or hold more than line-to-line noise, so that a gap could hide"
-        )
-        yield p.finding(
-            "noise",
-            "warning",
-            f"The lines scatter {overall:.2g} times as much as the given standard errors say: those are {wrong}; "
-            "check them.",
-            overall,
-            limit,
-        )
     else:
-        yield p.finding(
-            "noise",
-            "ok",
-            f"The lines scatter {overall:.2g} times as much as the given standard errors say.",
-            overall,
-            limit,
-        )
-    yield from _uneven_errors(p, given)
-    odd = [i for i, q in enumerate(ratio / overall) if q > limit_channel or q < 1 / limit_channel]
-    for i in odd:
-        yield p.finding(
-            "noise",
-            "warning",
+        yield from _given_errors(p, p.run.std[np.ix_(p.lines, p.live)], level)
+
+
+def _given_errors(p: Prepared, given: np.ndarray, level: float) -> Iterator[Finding]:
+    """Standard errors beside the lines' own scatter.
+
+    Parameters
+    ----------
+    given : (n_lines, n_live) standard errors of the lines and channels that count
+    level : relative scatter of the lines
+    """
+    if not np.isfinite(given).all() or (given < 0).any():
+        words = "Some given standard errors are no number or negative and cannot be used; correct them."
+        yield p.finding("noise", "warning", words)
+    ratio, relative = _noise_ratios(p, given), given / np.abs(p.H)
+    believed = float(np.nanmedian(relative)) if np.isfinite(relative).any() else 0.0
+    if max(level, believed) < NEGLIGIBLE_NOISE:
+        words = f"Noise is negligible: lines scatter by {100 * level:.1g} %."
+        yield p.finding("noise", "ok", words, level, NEGLIGIBLE_NOISE)
+    elif not np.isfinite(ratio).any():
+        words = f"The given standard errors are zero but the lines scatter by {100 * level:.2g} %; use the estimate."
+        yield p.finding("noise", "warning", words, level)
+    else:
+        yield from _errors_against_scatter(p, ratio)
+        yield from _uneven_errors(p, given)
+        yield from _odd_channels(p, ratio)
+
+
+def _slack(p: Prepared) -> float:
+    """Few lines lie far apart, and two resonances in one window are no noise."""
+    return 1 + 6 * p.noise.uncertainty
+
+
+def _errors_against_scatter(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]:
+    """Whether the lines scatter as the standard errors say."""
+    overall, limit = float(np.nanmedian(ratio)), max(NOISE_RATIO, _slack(p))
+    words = f"The lines scatter {overall:.2g} times as much as the given standard errors say"
+    if 1 / limit < overall < limit:
+        yield p.finding("noise", "ok", f"{words}.", overall, limit)
+        return
+    wrong = (
+        "too small, so that noise would pass for a gap"
+        if overall > 1
+        else "too large, or hold more than line-to-line noise, so that a gap could hide"
+    )
+    yield p.finding("noise", "warning", f"{words}: those are {wrong}; check them.", overall, limit)
+
+
+def _odd_channels(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]:
+    """Sensors that scatter otherwise than the rest."""
+    overall, limit = float(np.nanmedian(ratio)), max(NOISE_RATIO_CHANNEL, _slack(p) ** 1.5)
+    for i in np.flatnonzero((ratio > limit * overall) | (ratio < overall / limit)):
+        words = (
             f"Channel {p.channels[i]} scatters {ratio[i]:.2g} times as much as its standard errors say, other channels "
-            f"{overall:.2g} times; check this sensor.",
-            float(ratio[i]),
-            limit_channel,
+            f"{overall:.2g} times; check this sensor."
         )
+        yield p.finding("noise", "warning", words, float(ratio[i]), limit)
 
 
 def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,13 +41,11 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     confirm : measures on the virtual rig
     """
     masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
-    training = Problem(
-        problem.forward,
+    training = problem.on(
         [
             Observed(o.run, np.where(mask[:, None], np.inf, o.std))
             for o, mask in zip(problem.observed, masks, strict=True)
-        ],
-        problem.model_error,
+        ]
     )
     without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(0.0,))
     with_it = training.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
@@ -80,7 +79,11 @@ def _measured(
     """The corrected runs as the virtual rig measures them, held-out lines that it measured, and what measured."""
     held_out = zip(problem.runs, masks, strict=True)
     lines = [lines_to_measure(mask, acting(fit.effects, run.support)) for run, mask in held_out]
-    some = [run.on_lines(chosen) for run, chosen in zip(problem.runs, lines, strict=True)]
+    levels = np.exp(fit.nu[problem.nuisances.level])
+    some = [
+        _driven(run.on_lines(chosen), float(level))
+        for run, chosen, level in zip(problem.runs, lines, levels, strict=True)
+    ]
     try:
         measured, verified = confirm(some, fit.effects, fit.k_b)
     except (NotSettledError, SetupError):  # the virtual rig has no figure
@@ -88,8 +91,17 @@ def _measured(
     if not len(measured):
         return after, masks, verified
     whole = [_in_place(H, chosen) for H, chosen in zip(measured, lines, strict=True)]
+    whole = [
+        H / level if run.quantity == "acceleration" else H
+        for run, H, level in zip(problem.runs, whole, levels, strict=True)
+    ]
     corrected = [H * _nuisance_ratio(problem, fit, r) for r, H in enumerate(whole)]
     return corrected, [mask & chosen for mask, chosen in zip(masks, lines, strict=True)], verified
+
+
+def _driven(run: Run, factor: float) -> Run:
+    """A run under a force so many times as large."""
+    return run if factor == 1 else replace(run, force_amplitude_N=(run.force_amplitude_N or 1.0) * factor)
 
 
 def lines_to_measure(held_out: BoolArray, effects: Sequence[Effect]) -> BoolArray:
@@ -113,8 +125,9 @@ def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
     """What gains, drift and tolerances of a run do to its response: they are the run's, not the effect's."""
     modal = problem.modals(fit.k_b, fit.effects)[r]
     nuisances = problem.nuisances
-    with_them = modal.response(*nuisances.of_run(fit.nu, r)) * nuisances.gains(fit.nu, r, modal)
-    without = modal.response()
+    drift, tolerance, *level = nuisances.of_run(fit.nu, r, modal)
+    with_them = modal.response(drift, tolerance, *level) * nuisances.gains(fit.nu, r, modal)
+    without = modal.response(None, None, *level)
     return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
 
 

@@ -2,8 +2,10 @@
 
 Of every run the force gain (relative standard deviation ``gain_tolerance``), of every sensor its gain (half of
 that) and of every resonance of every run a drift (``frequency_drift``) are unknown; so are modulus, span and
-disk masses within a workshop's tolerance. They have Gaussian priors, are fitted beside the candidate's numbers,
-and are integrated over in the evidence (Laplace). What a nuisance takes is judged by its prior.
+disk masses within a workshop's tolerance. Where a rotor is nonlinear, the level of a run's force counts beside its gain
+(``gain_tolerance`` each): a force sensor that errs changes both, an error of what is read the gain alone. They have
+Gaussian priors, are fitted beside the candidate's numbers, and are integrated over in the evidence (Laplace). What a
+nuisance takes is judged by its prior.
 """
 
 from __future__ import annotations
@@ -36,6 +38,9 @@ FEW_LINES = 32
 # Prior standard deviation of the logarithm of an arbitrary unit; and from which factor on a unit is none of SI.
 _ANY_SCALE, _NO_SI = 5.0, 3.0
 
+# Relative standard deviation of a force that is known.
+_SURE = 1e-7
+
 # Error of a rough start's logarithms that counts as one.
 _ROUGH = 0.3
 
@@ -60,7 +65,9 @@ class Nuisances:
         self.tolerance = slice(at, at + len(TOLERANCES))
         at += len(TOLERANCES)
         self.drift = [slice(at + MODES * r, at + MODES * (r + 1)) for r in range(n_runs)]
-        self.n = at + MODES * n_runs
+        at += MODES * n_runs
+        self.level = slice(at, at + n_runs)
+        self.n = at + n_runs
         self.gain_std = max(belief.gain_tolerance, 1e-6)
         self.sensor_std = max(belief.gain_tolerance / 2, 1e-6)
         self.drift_std = max(belief.frequency_drift, 1e-7)
@@ -70,11 +77,19 @@ class Nuisances:
         std[self.tolerance] = TOLERANCE
         for each in self.drift:
             std[each] = self.drift_std
+        std[self.level] = self.gain_std
         self.std = std
 
-    def of_run(self, nu: FloatArray, run: int) -> tuple[FloatArray, FloatArray]:
-        """(MODES,) drift of a run's resonances, and (n_tolerances,) tolerances of the rig."""
-        return nu[self.drift[run]], nu[self.tolerance]
+    def of_run(self, nu: FloatArray, run: int, modal: Modal | NonlinearModal) -> tuple[Any, ...]:
+        """What a run's model takes: drift of its resonances, tolerances of the rig, level where it is nonlinear."""
+        own = nu[self.drift[run]], nu[self.tolerance]
+        return (*own, nu[self.level][run]) if isinstance(modal, NonlinearModal) else own
+
+    def places_of_run(self, run: int, modal: Modal | NonlinearModal) -> list[int]:
+        """Where these stand in the vector, one after the other; resonances that the model lacks are left out."""
+        drift = range(self.drift[run].start, self.drift[run].stop)[: len(modal.frequencies_hz)]
+        level = [self.level.start + run] if isinstance(modal, NonlinearModal) else []
+        return [*drift, *range(self.tolerance.start, self.tolerance.stop), *level]
 
     def gains(self, nu: FloatArray, run: int, modal: Modal | NonlinearModal) -> FloatArray:
         """(n_channels,) factor of a run's channels."""
@@ -151,7 +166,7 @@ class Problem:
         """Response of every run, nuisances included."""
         made = []
         for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
-            H = modal.response(*self.nuisances.of_run(fit.nu, r))
+            H = modal.response(*self.nuisances.of_run(fit.nu, r, modal))
             made.append(H * self.nuisances.gains(fit.nu, r, modal))
         return made
 
@@ -202,14 +217,22 @@ class Problem:
             some.append(Observed(o.run.on_lines(lines), o.std[lines]))
         return Problem(self.forward, some, self.model_error if model_error is None else model_error)
 
-    def on_all_lines_of(self, whole: Problem) -> Problem:
-        """The same model on the runs of another problem."""
-        return Problem(self.forward, whole.observed, self.model_error)
+    def on(self, observed: Sequence[Observed]) -> Problem:
+        """The same model and nuisances on the same runs, of other lines or with other errors."""
+        made = Problem(self.forward, observed, self.model_error)
+        made.nuisances = self.nuisances
+        return made
 
     def loosened(self, factor: float) -> Problem:
         """The same with priors of the nuisances wider by a factor."""
         made = Problem(self.forward, self.observed, self.model_error)
         made.nuisances.std *= factor
+        return made
+
+    def at_believed_levels(self) -> Problem:
+        """The same with forces as large as the runs believe."""
+        made = Problem(self.forward, self.observed, self.model_error)
+        made.nuisances.std[made.nuisances.level] = _SURE
         return made
 
     # -- rough: logarithms, without nuisances --------------------------------------------------
@@ -346,7 +369,7 @@ class Problem:
             return np.inf
         total = float(np.sum((nu / self.nuisances.std) ** 2))
         for r, (observed, modal) in enumerate(zip(self.observed, modals, strict=True)):
-            H = modal.response(*self.nuisances.of_run(nu, r)) * self.nuisances.gains(nu, r, modal)
+            H = modal.response(*self.nuisances.of_run(nu, r, modal)) * self.nuisances.gains(nu, r, modal)
             total += float(misfit(observed, H, self.total_error(added)))
         return total if np.isfinite(total) else np.inf
 
@@ -387,7 +410,7 @@ class Problem:
     ) -> tuple[FloatArray, FloatArray, IntArray]:
         """Residuals of a run, their derivatives (n_columns, n_residuals), and which of (u, nu) each column is."""
         n_u = len(moved)
-        own, gains = self.nuisances.of_run(nu, r), self.nuisances.gains(nu, r, modal)
+        own, gains = self.nuisances.of_run(nu, r, modal), self.nuisances.gains(nu, r, modal)
         H0, D = modal.with_derivatives(*own)
         H = H0 * gains
         columns, places = [], []
@@ -403,12 +426,8 @@ class Problem:
             only[:, c] = H[:, c]
             columns.append(only)
             places.append(n_u + self.nuisances.sensor.start + self.nuisances.sensors.index(channel))
-        for m in range(min(MODES, len(modal.frequencies_hz))):
-            columns.append(D[m] * gains)
-            places.append(n_u + self.nuisances.drift[r].start + m)
-        for t, column in enumerate(D[MODES:]):
-            columns.append(column * gains)
-            places.append(n_u + self.nuisances.tolerance.start + t)
+        columns += [column * gains for column in (*D[: len(modal.frequencies_hz)][:MODES], *D[MODES:])]
+        places += [n_u + place for place in self.nuisances.places_of_run(r, modal)]
         weight, residual = weighted(self.observed[r], H, added)
         return residual, derivatives(self.observed[r], H, np.array(columns), weight), np.array(places)
 
@@ -416,7 +435,7 @@ class Problem:
         """What more effects change of a fit's prediction, to first order in the shifts of the resonances."""
         before, after = self.modals(fit.k_b, fit.effects), self.modals(fit.k_b, (*fit.effects, *more))
         return [
-            change_of(a, b, self.nuisances.of_run(fit.nu, r)) * self.nuisances.gains(fit.nu, r, b)
+            change_of(a, b, self.nuisances.of_run(fit.nu, r, a)) * self.nuisances.gains(fit.nu, r, b)
             for r, (a, b) in enumerate(zip(before, after, strict=True))
         ]
 
@@ -428,7 +447,7 @@ class Problem:
         changes = []
         for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
             assert isinstance(modal, Modal)
-            change = modal.change_by_dwells(dwells, *self.nuisances.of_run(fit.nu, r))
+            change = modal.change_by_dwells(dwells, *self.nuisances.of_run(fit.nu, r, modal))
             changes.append(change * self.nuisances.gains(fit.nu, r, modal))
         return changes
 

@@ -8,8 +8,8 @@ the rotor's own receptances, give what the sensors read,
 so that Newton's method finds the branch the data are on, without following curves. Lines that end far from the data
 are started again from other motions; the one nearest to the data counts. Without data a sweep is followed line by line.
 
-Drifts and tolerances move the poles of the linear rotor, as in ``forward.Modal``; derivatives by them follow from the
-balance's own Jacobian.
+Drifts and tolerances move the poles of the linear rotor, as in ``modal.Modal``; the true force of a run is not quite
+the one that it believes. Derivatives by these follow from the balance's own Jacobian.
 """
 
 from __future__ import annotations
@@ -110,19 +110,37 @@ class NonlinearModal:
     known: dict[tuple, Known]
     resolution: Resolution
     with_data: bool  # whether the run's own values say which branch it is on
+    level: float = 0.0  # logarithm of the true force over the one that the run believes; responses are per true force
     _solved: dict[bytes, Solved] = field(default_factory=dict)
+    _driven: dict[float, NonlinearModal] = field(default_factory=dict)
 
-    def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
-        """As ``Modal.response``."""
-        return self.solved(drift, tolerance).H
+    def response(
+        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+    ) -> ComplexArray:
+        """As ``Modal.response``, under a force e^level as large as the run believes."""
+        return self.driven(level).solved(drift, tolerance).H
 
-    def with_derivatives(self, drift: FloatArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """As ``Modal.with_derivatives``."""
-        solved = self.solved(drift, tolerance)
-        D = self._by_mode(solved)
+    def with_derivatives(
+        self, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """As ``Modal.with_derivatives``, (MODES + n_tolerances + 1, n_freq, n_channels): the last one by the level."""
+        there = self.driven(level)
+        solved = there.solved(drift, tolerance)
+        D = there._by_mode(solved)
         if self.resolution.bends:
-            return solved.H, np.concatenate([D, self._by_tolerance(solved, drift, tolerance)])
-        return solved.H, np.concatenate([D, np.tensordot(self.sensitivity.T, D, axes=1)])
+            by_tolerance = there._by_tolerance(solved, drift, tolerance)
+        else:
+            by_tolerance = np.tensordot(self.sensitivity.T, D, axes=1)
+        return solved.H, np.concatenate([D, by_tolerance, there._by_level(solved)])
+
+    def driven(self, level: float) -> NonlinearModal:
+        """The same under a force e^level as large as the run believes, remembered."""
+        if level == self.level:
+            return self
+        if level not in self._driven:
+            self._driven.clear()
+            self._driven[level] = replace(self, level=float(level), _solved={}, _driven={})
+        return self._driven[level]
 
     @property
     def frequencies_hz(self) -> FloatArray:
@@ -321,6 +339,12 @@ class NonlinearModal:
         push, own = (np.stack(parts, axis=-1) for parts in zip(*changes, strict=True))
         return self._answer(solved, push, own)
 
+    def _by_level(self, solved: Solved) -> ComplexArray:
+        """(1, n_freq, n_channels) derivative by the level; none where the rotor is linear there."""
+        balance = solved.balance
+        states = self._force * balance.resolvent(self._omega, balance.loads)[..., -1:]  # (n_freq, K, n_states, 1)
+        return self._answer(solved, balance.left @ states, self._read(balance) @ states[:, 1]) - solved.H
+
     def _held(self, balance: Balance, solved: Solved) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, K, n_joints) motion of a rotor's joints and (n_freq, n_channels) sensors under a motion's forces."""
         amounts = np.concatenate(
@@ -358,11 +382,11 @@ class NonlinearModal:
 
     @property
     def _force(self) -> float:
-        return self.run.force_amplitude_N or 1.0
+        return (self.run.force_amplitude_N or 1.0) * float(np.exp(self.level))
 
     @property
     def _unit(self) -> float:
-        return 1.0 if self.run.quantity == "acceleration" else 1 / self._force
+        return float(np.exp(-self.level)) if self.run.quantity == "acceleration" else 1 / self._force
 
     @property
     def _scale(self) -> ComplexArray:

@@ -155,8 +155,9 @@ def search_nonlinear(
     near = [fit for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [*_or_vaguer(every, _fitted(every, near)), *fits[len(near) :]]
     fits += _bent(problem, every, fits)
-    fits = [fit for fit in fits if fit.log_evidence() > linear.log_evidence()]
-    return every, linear, Search(nominal, tuple(best_first(fits)))
+    fits = best_first(fit for fit in fits if fit.log_evidence() > linear.log_evidence())
+    every, fits = _at_believed_levels(every, fits)
+    return every, linear, Search(nominal, tuple(fits))
 
 
 @dataclass(frozen=True)
@@ -340,6 +341,22 @@ def _bent(problem: Problem, every: Problem, fits: Sequence[Fit]) -> list[Fit]:
         return []
     some = _thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, plain.k_b, _MIDDLE_ERROR)
     return _fitted(every, _settle(some, _descend(some, starts, _FIRST))[:1])
+
+
+def _at_believed_levels(problem: Problem, fits: Sequence[Fit]) -> tuple[Problem, Sequence[Fit]]:
+    """Forces as large as the runs believe where the evidence of the best law is with that, else all as it is.
+
+    A law's numbers are known no better than the force, unless several levels agree on them.
+    """
+    sure, starts = problem.at_believed_levels(), []
+    for fit in fits:
+        nu = fit.nu.copy()
+        nu[sure.nuisances.level] = 0.0
+        starts.append(_Start(fit.cost, fit.hypothesis, fit.u, nu))
+    best = _fitted(sure, starts[:1])
+    if not best or best[0].log_evidence() < fits[0].log_evidence():
+        return problem, fits
+    return sure, best_first([*best, *_fitted(sure, starts[1:])])
 
 
 def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequence[_Start]) -> list[_Start]:
@@ -629,4 +646,4 @@ def _weighted(problem: Problem, squares: Sequence[FloatArray]) -> Problem:
         model2 = (problem.model_error * np.abs(np.nan_to_num(o.run.H))) ** 2
         growth = mean[:, None] / OUTLIER**2
         observed.append(Observed(o.run, np.sqrt(o.std**2 * (1 + growth) + model2 * growth)))
-    return Problem(problem.forward, observed, problem.model_error)
+    return problem.on(observed)

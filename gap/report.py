@@ -87,7 +87,7 @@ def report(
     problem, nominal = answer.problem, answer.nominal
     findings = (*findings, *_form_finding(answer))
     verdict, causes, best = _named(campaign, answer, findings, exclude)
-    drawn = problem.on_all_lines_of(answer.whole)
+    drawn = problem.on(answer.whole.observed)
     believed = drawn.bare(nominal)
     corrected = drawn.predict(best) if best is not nominal or verdict == "no_gap" else [None] * len(believed)
     curves = tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True))

@@ -123,7 +123,8 @@ class Score:
     def _freed(self, r: int, shapes: bool) -> ComplexArray:
         """(n_columns, n_freq, n_channels) change of a run's prediction by numbers that are each resonance's own."""
         problem, fit = self._problem, self.fit
-        modal, own = problem.modals(fit.k_b, fit.effects)[r], problem.nuisances.of_run(fit.nu, r)
+        modal = problem.modals(fit.k_b, fit.effects)[r]
+        own = problem.nuisances.of_run(fit.nu, r, modal)
         inside = int(np.sum(modal.frequencies_hz < problem.runs[r].frequency_hz[-1]))
         freed = modal.with_derivatives(*own)[1][:inside]
         if shapes:

@@ -19,6 +19,7 @@ from gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
 from gap.nonlinear_search import (
     ADEQUATE_NONLINEAR,
     NEAR,
+    _at_believed_levels,
     _bent,
     _by_distance,
     _elsewhere,
@@ -129,6 +130,43 @@ def test_derivatives_by_the_tolerances_follow_the_shapes(hardening):
     for t in range(len(TOLERANCES)):
         moved = modal.response(drift, tolerance + step * (np.arange(len(TOLERANCES)) == t))
         assert np.linalg.norm((moved - H) / step - D[MODES + t]) < 5e-3 * np.linalg.norm(D[MODES + t])
+
+
+def test_derivatives_by_the_level_are_those_of_the_motion(hardening):
+    forward = Forward(STRUCTURE, BELIEF)
+    modal = forward.modal(hardening[1], K_B, (CUBIC,))
+    drift, tolerance, step = np.zeros(MODES), np.zeros(len(TOLERANCES)), 1e-6
+    for level in (0.0, 0.03):
+        H, D = modal.with_derivatives(drift, tolerance, level)
+        assert np.array_equal(H, modal.response(drift, tolerance, level))
+        difference = (modal.response(drift, tolerance, level + step) - H) / step
+        assert np.linalg.norm(difference - D[-1]) < 1e-3 * np.linalg.norm(D[-1])
+        assert np.linalg.norm(D[-1]) > 0.02 * np.linalg.norm(H)  # per force, only what is nonlinear changes
+    linear = forward.modal(hardening[1], K_B, (BearingCubic(stiffness=1e-3),))
+    assert np.linalg.norm(linear.with_derivatives(drift, tolerance)[1][-1]) < 1e-9 * np.linalg.norm(H)
+
+
+def test_a_force_sensor_that_errs_does_not_change_the_law(hardening):
+    """Its error changes the force at which the rotor moves as well as what is read; another gain what is read alone."""
+    errs = (0.03, -0.02, 0.025)
+    sensed, read = ([hardening[0]], [hardening[0]])
+    for level, err, run in zip(LEVELS, errs, hardening[1:], strict=True):
+        there = swept(CUBIC, level * (1 + err), seed=5)
+        sensed.append(replace(run, H=there.H * (1 + err), std=there.std))
+        read.append(replace(run, H=run.H * (1 + err)))
+    found = []
+    for runs in (sensed, read):
+        (law,) = candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
+        problem = problem_of(runs).made(resolution=FINE)
+        begun = robust_fit(problem, law, np.log([K_B, 1.1 * CUBIC.stiffness]))
+        problem, (fit,) = _at_believed_levels(problem, [begun])
+        level = problem.nuisances.std[problem.nuisances.level][0]
+        found.append((fit.effects[0].stiffness, np.sqrt(fit.covariance()[1, 1]), level))
+    (by_sensed, wide, free), (by_read, narrow, known) = found
+    assert free == BELIEF.gain_tolerance > 1e4 * known
+    assert abs(np.log(by_sensed / CUBIC.stiffness)) < 3 * wide
+    assert abs(np.log(by_read / CUBIC.stiffness)) < 3 * narrow
+    assert narrow < 0.3 * wide < 0.02
 
 
 def test_a_start_has_the_forces_of_a_hard_contact_that_the_data_tell_of():

@@ -17,7 +17,7 @@ from gap.helpers import helped_by
 from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Problem
 from gap.nonlinear_search import most_promised, robust_fit, search_nonlinear
-from gap.pair_search import each_alone, exchanged, most_left, pairs
+from gap.pair_search import each_alone, exchanged, most_left, pairs, straightened
 from gap.peaks import diagnose_peaks
 from gap.prepare import prepared
 from gap.ranking import rank, verdict_of
@@ -199,6 +199,7 @@ def _with_pairs(
     twos = pairs(problem, found, hypotheses, progress)
     if twos and not any(adequate(problem, fit) for fit in (found.best, twos[0])):
         twos = best_first([*twos, *exchanged(problem, twos[0], hypotheses, not found.rough, progress)])
+    twos = best_first([*twos, *(fit for pair in twos[:_TAKEN_APART] for fit in straightened(problem, pair))])
     alone = [fit for pair in twos[:_TAKEN_APART] for fit in each_alone(problem, pair, hypotheses)]
     singles = {fit.hypothesis: fit for fit in sorted((*found.fits, *alone), key=lambda fit: fit.log_weight)}
     scale = scale_of(judge(problem, max([*singles.values(), *twos], key=lambda fit: fit.log_weight)))

@@ -75,6 +75,12 @@ class Term:
         more = (_free(name, role) for name, role in roles if role.form and name not in known)
         return replace(self, free=(*self.free, *more))
 
+    @property
+    def straight(self) -> tuple[bool, ...]:
+        """Which of its free numbers do not bend its law."""
+        roles = self.effect.parameters()
+        return tuple(free.name not in roles or not roles[free.name].form for free in self.free)
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -92,6 +98,11 @@ class Hypothesis:
     def rotor(self) -> frozenset[Term]:
         """Its effects in whatever order: a pair found from either of its effects is one pair."""
         return frozenset(self.terms)
+
+    @property
+    def places(self) -> frozenset[tuple[type[Effect], tuple[tuple[str, float], ...]]]:
+        """The same without what is fitted: a bent law is no other cause than the plain one."""
+        return frozenset((term.effect, term.fixed) for term in self.terms)
 
     @property
     def free(self) -> tuple[Free, ...]:
@@ -117,6 +128,15 @@ class Hypothesis:
         """Starts of ``bent`` at these coordinates (1 + n_free,); none where nothing bends its law."""
         low, high = self.bent.ends[len(u) :].T
         return [np.concatenate([u, low + share * (high - low)]) for share in _BENT] if len(low) else []
+
+    def straightened(self, u: FloatArray) -> tuple[Hypothesis, FloatArray]:
+        """The same with plain laws, and its coordinates."""
+        kept = [term.straight for term in self.terms]
+        terms = (
+            replace(term, free=tuple(itertools.compress(term.free, some)))
+            for term, some in zip(self.terms, kept, strict=True)
+        )
+        return replace(self, terms=tuple(terms)), u[np.array([True, *itertools.chain(*kept)])]
 
     def clipped(self, u: FloatArray) -> FloatArray:
         """(1 + n_free,) coordinates within their ranges."""

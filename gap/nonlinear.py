@@ -69,7 +69,7 @@ CORNER = 1e-4
 ROUGH = Resolution(1, 64, 5)
 MIDDLE = Resolution(3, 128, 8)
 FINE = Resolution(3, 128, 15)
-FINAL = Resolution(11, 1024, 25, bends=True)
+FINAL = Resolution(15, 1024, 25, bends=True)
 
 
 @dataclass

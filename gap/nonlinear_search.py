@@ -59,9 +59,14 @@ _SMALL = 0.01
 # Friction forces where its two stiffnesses are those of the lowest and the highest level.
 _FORCES = 30
 
-# Of a bilinear support, logarithms of the ratio that are started from, how finely, and relative errors that are added.
-_RATIOS, _UNEVEN = (0.1, 0.2, 0.4, 0.7, 1.0), Resolution(5, 128, 15)
-_UNEVEN_ERRORS = (0.3, 0.1, 0.03)
+# Of a bilinear support, logarithms of the ratio that are started from, its mean stiffness over that of a linear rotor,
+# how finely it is followed, and relative errors that are added; descents that end within ``_WITHIN`` of the best are
+# all carried on, but for those that end at the same place, since one level hardly tells them apart.
+_RATIOS, _MEANS = (0.1, 0.2, 0.4, 0.7, 1.0), (0.97, 1.0, 1.03, 1.06, 1.1)
+_UNEVEN, _UNEVEN_ERRORS, _SAME = Resolution(9, 256, 15), (0.3, 0.1, 0.03), 0.01
+
+# Stiffness at rest over the one that suits the lowest level, at which a law may act already.
+_AT_REST = {"bearing_cubic": (1.0, 0.95), "bearing_hertz": (1.0, 1.05, 1.1), "bearing_clearance": (1.0, 1.06)}
 
 # Relative distance to the data at which a line of the grid counts half.
 _HALF = 0.1
@@ -151,7 +156,7 @@ def search_nonlinear(
     left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
     first = _fitted(every, left, rounds=1, steps=3)
-    fits = sorted(first, key=lambda fit: fit.cost)[:_FINALISTS]
+    fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[:_FINALISTS]
     near = [fit for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [*_or_vaguer(every, _fitted(every, near)), *fits[len(near) :]]
     fits += _bent(problem, every, fits)
@@ -289,14 +294,22 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
     How stiff it is on average is another number for every resonance, and takes several harmonics.
     """
     low = _thinned(_at_level(problem.made(resolution=_UNEVEN), min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
-    (free,) = hypothesis.free
+    points = list(each(partial(_of_mean, low, hypothesis, calm), _RATIOS))
+    found = [down for _, down in _anew(low, partial(_down, anneal=_UNEVEN_ERRORS), points) if down is not None]
+    found.sort(key=_cost)
+    near = [replace(start, nu=nu) for start in found if start.cost < _WITHIN * found[0].cost]
+    return first_of_each(near, lambda start: tuple(np.round(start.u / _SAME)))
+
+
+def _of_mean(low: Problem, hypothesis: Hypothesis, calm: Fit, log_ratio: float) -> _Start:
+    """A bilinear support of a ratio, as stiff on average as suits the runs best."""
+    ratio = log_ratio if hypothesis.free[0].log else np.exp(log_ratio)
     starts = []
-    for log_ratio in _RATIOS:
-        ratio = log_ratio if free.log else np.exp(log_ratio)
-        u = hypothesis.clipped(np.array([np.log(calm.k_b) + _softer(log_ratio), ratio]))
-        starts.append(_Start(np.inf, hypothesis, u, calm.nu))
-    found = _descend(low, starts, _UNEVEN_ERRORS)
-    return [replace(start, nu=nu) for start in found]
+    for mean in _MEANS:
+        low.forget()
+        u = hypothesis.clipped(np.array([np.log(mean * calm.k_b) + _softer(log_ratio), ratio]))
+        starts.append(_Start(_distance(low, _unfitted(low, hypothesis, u, calm.nu)), hypothesis, u, calm.nu))
+    return min(starts, key=_cost)
 
 
 def _softer(log_ratio: float) -> float:
@@ -417,7 +430,8 @@ def _by_distance(problem: Problem, hypothesis: Hypothesis, rest: _Rest, nu: Floa
     """Points of the grid with their distance; of a rub, which few lines see, with their robust misfit."""
     far = (lambda fit: _loss(problem, fit)[0]) if hypothesis.ids == ("rub",) else partial(_distance, problem)
     found = []
-    for u in _grid(hypothesis, rest):
+    for point, factor in itertools.product(_grid(hypothesis, rest), _AT_REST.get(hypothesis.ids[0], (1.0,))):
+        u = hypothesis.clipped(point + np.log(factor) * (np.arange(len(point)) == 0))
         try:
             cost = far(_unfitted(problem, hypothesis, u, nu))
         except (ValueError, np.linalg.LinAlgError):

@@ -74,6 +74,13 @@ def each_alone(problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis]) ->
     return [fit for start in _halves(pair, hypotheses) if (fit := fitted(problem, CLOSE[0], start))]
 
 
+def straightened(problem: Problem, pair: Fit) -> list[Fit]:
+    """A pair with plain laws, where one is bent, from where it ended: beside a second effect that may not be needed."""
+    plain, u = pair.hypothesis.straightened(pair.u)
+    made = None if plain == pair.hypothesis else fitted(problem, CLOSE[0], Start(plain, u, pair.nu))
+    return [made] if made else []
+
+
 def _halves(pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
     """Each effect of a pair without the other, where the pair ended."""
     found = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
-from gap.diagnosis import Cause, Diagnosis, NextTest, Verdict
+from gap.diagnosis import Cause, Diagnosis, NextTest, Shrink, Verdict
 from gap.hypotheses import SURE
 from gap.phrases import effects_at, part, place, supports
 from rotor.rig import Rig, load_rig
@@ -34,10 +34,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         return (
             f"Model and measurement agree line by line, but the lines are too far apart to show the peaks ({surely})."
         )
-    shrink = diagnosis.shrink
-    tail = "."
-    if shrink and math.isfinite(shrink.explainable):
-        tail = f": it takes away {part(shrink.explainable)} of the gap that can be explained."
+    tail = _takes_away(diagnosis.shrink)
     first = named(diagnosis.causes[0])
     if diagnosis.verdict == "cause":
         return f"The gap comes from {first} (probability {part(diagnosis.causes[0].probability)}){tail}"
@@ -46,6 +43,22 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"The gap may come from {first} (probability {surely}), or be none{tail}"
     others = ", or ".join(map(named, diagnosis.equivalent))
     return f"These data cannot tell apart {others}; the first{tail}"
+
+
+def _takes_away(shrink: Shrink | None) -> str:
+    """What the cause explains, and what gains and tolerances would without it, where that is much."""
+    if shrink is None or not math.isfinite(shrink.explainable):
+        return "."
+    words = f": it takes away {part(shrink.explainable)} of the gap that can be explained"
+    if shrink.without_effect is not None and shrink.before > shrink.floor:
+        alone = (shrink.before - shrink.without_effect) / (shrink.before - shrink.floor)
+        if alone > _MUCH:
+            words += f"; gains and tolerances without it, {part(alone)}"
+    return f"{words}."
+
+
+# Share of the gap from which it is said what goes without the cause.
+_MUCH = 0.5
 
 
 def _acts_like(diagnosis: Diagnosis) -> str:
@@ -93,9 +106,17 @@ def next_test(
         return NextTest(f"{words}: with few accelerometers several places explain the same gap.", settings)
     levels = {run.force_amplitude_N for run in runs}
     if len(levels) < 2 and verdict == "unknown":
-        words = f"Repeat the run on {supports(run.support)} at a third and at three times the force"
-        words += ": a nonlinear cause changes with level."
+        words = (
+            f"Repeat the run on {supports(run.support)} at a third and at three times the force, once from the highest "
+        )
+        words += "line down: a nonlinear cause changes with level, a drift of rig or sensors with time."
         return NextTest(words, settings | {"force_amplitude_N": 3 * settings["force_amplitude_N"]})
+    if verdict == "unknown" and not any(r.sweep == "down" for r in runs):
+        words = (
+            f"Repeat the run on {supports(run.support)} at {settings['force_amplitude_N']:.3g} N from the highest line "
+        )
+        words += "down: where a law has several motions, or the rig drifts, it comes out otherwise."
+        return NextTest(words, settings | {"sweep": "down"})
     (node,) = _spread(structure, {r.excitation_node for r in runs}, 1) or (run.excitation_node,)
     words = f"Drive the rotor on {supports(run.support)} at node {node} instead of {run.excitation_node}"
     words += ", accelerometers as they are"

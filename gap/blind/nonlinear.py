@@ -23,7 +23,7 @@ from gap.blind.machine import Machine, Setting, Workshop, build_machine
 from gap.blind.response import N_DRIFTING, chain_factor
 from gap.blind.rig import ComplexArray, FloatArray, Rig
 
-HARMONICS = 11
+HARMONICS = 17  # more than the diagnosis has
 SAMPLES = 1024
 FAR = 0.25  # relative change of the motion from one line to the next that counts as another branch
 SMALLEST_STEP = 2e-3  # Hz

@@ -66,7 +66,10 @@ class SensorMass(Effect):
     id = "sensor_mass"
     title = "Sensor mass"
     meaning = "the accelerometer loads the rotor at its node while that channel is read; it roves from node to node"
-    equation = r"H_{sd} \to \frac{H_{sd}}{1 - \omega^2 m_s H_{ss}}"
+    equation = (
+        r"M \to M + m_s\, e_s e_s^\mathsf{T} \text{ for channel } s, \quad"
+        r" H_{sd} \approx \frac{H_{sd}}{1 - \omega^2 m_s H_{ss}} \text{ (the shaft's damping follows the loaded modes)}"
+    )
     signature = "poles and antiresonances of a channel shift, by another amount in each channel"
     source = "ewins2000"
     location = "sensor"

@@ -582,6 +582,20 @@ def test_amplitude_dependence_is_noted_with_its_trend():
     assert any((f.value or 0) > 1e-3 and "amplitude" in f.words for f in found)
 
 
+def test_peaks_that_bend_are_not_taken_for_late_sensors():
+    """A delay in one channel is said of a linear rig, and withheld where the levels differ."""
+    low = measure(BEARING, force_amplitude_N=1.0)
+    late = np.exp(-2j * np.pi * low.frequency_hz * 2e-4)
+    stiffer = replace(BEARING, k_b=6e6, bearing_damping=40.0)
+    for condition, said in ((BEARING, True), (stiffer, False)):
+        high = measure(condition, seed=1, force_amplitude_N=5.0)
+        high = replace(high, H=high.H * np.where(np.arange(high.H.shape[1]) == 2, late[:, None], 1.0), name="high")
+        found = noted(audit(in_campaign(replace(low, name="low"), high)), "delay")
+        late_ones = [f.words for f in found if f.run == "high" and f.severity == "warning"]
+        assert bool(late_ones) is said
+        assert any(f.run == "high" and "bend with the force" in f.words for f in found) is not said
+
+
 def gone(runs):
     return [f for f in audit(in_campaign(*runs)) if "gone" in f.words]
 

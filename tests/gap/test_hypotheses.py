@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.hypotheses import NOMINAL, candidates
+from gap.hypotheses import NOMINAL, Hypothesis, candidates
 from rotor.effects import EFFECTS
 from sim.campaign import Channel
 from tests.gap.conftest import STRUCTURE, blank
@@ -113,3 +113,17 @@ def test_the_nominal_model_is_no_effect():
     assert str(NOMINAL) == "nominal"
     assert NOMINAL.effects(()) == ()
     assert len(NOMINAL.starts()) == 1
+
+
+def test_a_bent_law_is_straightened_where_it_stands():
+    seat, mass = (
+        next(h for h in candidates((RIGID, BEARING), STRUCTURE) if h.ids == (name,))
+        for name in ("pedestal_flexibility", "attached_mass")
+    )
+    pair = Hypothesis((*seat.bent.terms, *mass.terms))
+    u = np.arange(float(len(pair.coordinates)))
+    plain, kept = pair.straightened(u)
+    assert plain == Hypothesis((*seat.terms, *mass.terms))
+    assert plain.places == pair.places != seat.places
+    assert_allclose(kept, [*u[: 1 + len(seat.free)], u[-1]])
+    assert plain.straightened(kept)[0] == plain

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import gap.search
+from gap.adequacy import judge
 from gap.dwell import _gains
 from gap.forward import Forward
 from gap.hypotheses import Hypothesis
@@ -22,7 +23,9 @@ from gap.pair_search import (
     most_left,
     pair_starts,
     pairs,
+    straightened,
 )
+from gap.ranking import rank
 from gap.residuals import observe
 from gap.score import Score
 from gap.search import (
@@ -35,6 +38,7 @@ from gap.search import (
     strained,
     weak_starts,
 )
+from gap.standing import Standing
 from rotor.assembly import assemble
 from rotor.effects import (
     AttachedMass,
@@ -334,6 +338,32 @@ def test_a_pair_found_from_either_of_its_effects_is_one_pair():
     ]
     assert fits[0].hypothesis != fits[1].hypothesis
     assert _of_each(fits, 1) == fits[:1]
+
+
+def test_a_bent_law_beside_another_effect_is_tried_plain():
+    """A pedestal without a block, and a mass: its block is not needed, and not there."""
+    pedestal = PedestalFlexibility(stiffness=8e6, mass=1.5, damping=150.0)
+    problem = problem_with(pedestal, AttachedMass(mass=0.1, node=4))
+    seat, mass = of(problem.runs, "pedestal_flexibility")[0], of(problem.runs, "attached_mass")[3]
+    block = [low + 0.02 * (high - low) for low, high in seat.bent.ends[1 + len(seat.free) :]]
+    u = np.array([np.log(K_B), *np.log([8e6, 1.5, 150.0]), *block, np.log(0.1)])
+    bent = problem.fit(Hypothesis((*seat.bent.terms, *mass.terms)), u)
+    (plain,) = straightened(problem, bent)
+    assert plain.hypothesis.terms == (*seat.terms, *mass.terms)
+    assert plain.chi2 < 1.1 * plain.n_data
+    assert plain.log_weight > bent.log_weight
+    assert not straightened(problem, plain)
+
+
+def test_a_cause_is_ranked_once_whatever_its_form_and_order():
+    problem = problem_with(AttachedMass(mass=0.1, node=4))
+    mass, modulus = of(problem.runs, "attached_mass")[3], of(problem.runs, "shaft_modulus")[0]
+    fits = [
+        problem.fit(Hypothesis((*a.terms, *b.terms)), np.array([np.log(K_B), *u]), steps=2, anneal=(0.0,))
+        for a, b, u in ((mass, modulus, (np.log(0.1), 1.001)), (modulus, mass, (1.001, np.log(0.1))))
+    ]
+    standing = Standing(fits, judge(problem, fits[0]), 0.5)
+    assert len(rank(problem, recalibrate(problem), standing).fits) == 1
 
 
 def test_an_effect_that_its_own_starts_missed_is_found_in_a_pair():

@@ -65,6 +65,9 @@ _FORCES = 30
 _RATIOS, _MEANS = (0.1, 0.2, 0.4, 0.7, 1.0), (0.97, 1.0, 1.03, 1.06, 1.1)
 _UNEVEN, _UNEVEN_ERRORS, _SAME = Resolution(9, 256, 15), (0.3, 0.1, 0.03), 0.01
 
+# It is the same at all levels: the stiffnesses of linear rotors at the lowest and the highest differ by less than this.
+_ALIKE = 0.05
+
 # Stiffness at rest over the one that suits the lowest level, at which a law may act already.
 _AT_REST = {"bearing_cubic": (1.0, 0.95), "bearing_hertz": (1.0, 1.05, 1.1), "bearing_clearance": (1.0, 1.06)}
 
@@ -153,7 +156,8 @@ def search_nonlinear(
         left = _near(problem, others, rest, nominal, tell)
     tell("bilinear_support")
     left = [*(start for start in left if start.cost < _WITHIN * left[0].cost), *beside]
-    left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
+    if abs(np.log(rest.loud / calm.k_b)) < _ALIKE:
+        left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
     first = _fitted(every, left, rounds=1, steps=3)
     fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[:_FINALISTS]

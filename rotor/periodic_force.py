@@ -32,6 +32,9 @@ TRAVEL = 0.35
 # Step into the complex plane that gives the derivatives of laws with memory: no difference is taken.
 _COMPLEX_STEP = 1e-20
 
+# Share of a law's stiffness below which what it remembers is round-off.
+_ROUND_OFF = 1e-9
+
 # Fewer motions than this go through a law with memory one by one: an array costs more than a few floats.
 _FEW = 24
 
@@ -117,12 +120,32 @@ class PeriodicForces:
         derivatives : of laws with memory; without them those are zero
         """
         u = np.moveaxis(real_form(joints), 2, 0)  # (n_joints, B, n_unknowns)
-        return [self._sample(acting, u[list(acting.coordinates)], derivatives) for acting in self._acting]
+        remembering = self._with_memory(u, derivatives)
+        return [
+            remembering[place] if acting.force.law.memory else self._sample(acting, u[list(acting.coordinates)])
+            for place, acting in enumerate(self._acting)
+        ]
 
-    def _sample(self, acting: _Acting, u: FloatArray, derivatives: bool) -> SampledForce:
+    def _with_memory(self, u: FloatArray, derivatives: bool) -> dict[int, SampledForce]:
+        """The forces with memory by their places, all of a law at once."""
+        found: dict[int, SampledForce] = {}
+        for name in {acting.force.law.name for acting in self._acting if acting.force.law.memory}:
+            some = {place: acting for place, acting in enumerate(self._acting) if acting.force.law.name == name}
+            joint = [acting.coordinates[0] for acting in some.values()]
+            values = np.array([acting.force.coefficients for acting in some.values()])  # (n_forces, n_coefficients)
+            x = u[joint] @ self._fourier.displacement  # (n_forces, B, n_samples)
+            coefficients = np.repeat(values, x.shape[1], axis=0).T
+            history = _history(name, coefficients, x.reshape(-1, x.shape[2]), derivatives)
+            history = history.reshape(4, *x.shape[:2], -1)
+            last = slice(x.shape[2], None)
+            for (place, acting), (force, *slopes) in zip(some.items(), np.moveaxis(history, 1, 0), strict=True):
+                found[place] = SampledForce(
+                    acting.coordinates, force[None, :, last], slopes[0][None, None, :, last], memory=Memory(*slopes)
+                )
+        return found
+
+    def _sample(self, acting: _Acting, u: FloatArray) -> SampledForce:
         x = u @ self._fourier.displacement  # (p, B, n_samples)
-        if acting.force.law.memory:
-            return _with_memory(acting, x[0], derivatives)
         if "corner" not in acting.force.law.coefficients:
             force, slope, _ = _evaluate(acting.force, x)
             return SampledForce(acting.coordinates, force, slope)
@@ -165,10 +188,7 @@ class PeriodicForces:
     def _derivative(self, sample: SampledForce, a: int, b: int) -> ComplexArray:
         """(B, K, n_unknowns) derivative of the harmonics of one force by those of one coordinate."""
         if sample.memory is not None:
-            chain = _chain(sample.memory, self._fourier.displacement.T)
-            parts = self._fourier.analysis.view(float).T @ chain.reshape(len(chain), -1)  # (2 K, B n_unknowns)
-            D = np.moveaxis(parts.reshape(-1, *chain.shape[1:]), 0, 2)
-            return np.moveaxis(np.ascontiguousarray(D).view(complex), 2, 1)
+            return self._fourier.derivative(sample.slope[a, b], None) + self._fourier.remembered(sample.memory)
         by_rate = None if sample.slope_by_rate is None else sample.slope_by_rate[a, b]
         return self._fourier.derivative(sample.slope[a, b], by_rate)
 
@@ -204,6 +224,28 @@ class _Fourier:
             P, Q = P + j * R[:, apart], Q - j * R[:, together]
         D = np.concatenate([P + Q, 1j * (P - Q)[:, :, 1:]], axis=2) / n_samples
         D[:, 0] /= 2
+        return D
+
+    def remembered(self, memory: Memory) -> ComplexArray:
+        """(B, K, n_unknowns) what earlier samples add to that derivative, over the second of two periods.
+
+        Chain rule, with T the displacement and G the force at a sample by the unknowns, both zero before the start:
+        G_n = slope_n T_n + slope_before_n T_(n-1) + persistence_n G_(n-1). The persistence is 1 while a force goes on
+        from the one before, and 0 where it forgets that. So T_m stays in all later forces, up to where they forget,
+        with slope_before_(m+1) + persistence_(m+1) slope_m, which is zero but for where an element begins to stick.
+        """
+        n_samples = len(self.analysis)
+        last = 2 * n_samples - 1
+        stays = memory.slope_before[:, 1:] + memory.persistence[:, 1:] * memory.slope[:, :-1]  # (B, 2 n_samples - 1)
+        D = np.zeros((len(stays), self.analysis.shape[1], len(self.displacement)), dtype=complex)
+        forgets = np.where(memory.persistence == 0, np.arange(last + 1), last + 1)
+        forgets = np.minimum.accumulate(forgets[:, ::-1], axis=1)[:, ::-1]  # the next sample that does
+        motion, m = np.nonzero(np.abs(stays) > _ROUND_OFF * np.abs(memory.slope).max(initial=0.0))
+        until = np.where(m + 1 < last, forgets[motion, np.minimum(m + 2, last)], last + 1)
+        sums = np.concatenate([np.zeros((1, D.shape[1])), np.cumsum(self.analysis, axis=0)])
+        seen = sums[np.maximum(until - n_samples, 0)] - sums[np.maximum(m + 1 - n_samples, 0)]  # (n, K)
+        kept = stays[motion, m, None] * self.displacement.T[m % n_samples]  # (n, n_unknowns)
+        np.add.at(D, motion, seen[:, :, None] * kept[:, None, :])
         return D
 
 
@@ -251,33 +293,40 @@ def _evaluate(
     return f.reshape(x.shape), slope.reshape(p, p, B, n_samples), by_corner.reshape(x.shape)
 
 
-def _with_memory(acting: _Acting, x: FloatArray, derivatives: bool) -> SampledForce:
-    """Go through two periods sample by sample; x is (B, n_samples) [m]."""
-    history = _one_by_one(acting, x) if len(x) < _FEW else _side_by_side(acting, x, derivatives)
-    forces, *slopes = history
-    last = slice(x.shape[1], None)
-    return SampledForce(
-        acting.coordinates, forces[None, :, last], slopes[0][None, None, :, last], memory=Memory(*slopes)
-    )
+def _history(name: str, coefficients: FloatArray, x: FloatArray, derivatives: bool) -> FloatArray:
+    """Go through two periods sample by sample.
+
+    Parameters
+    ----------
+    name : of a law with memory
+    coefficients : (n_coefficients, B) of the law, for each motion its own
+    x : (B, n_samples) [m]
+    derivatives : whether they are wanted where that costs something
+
+    Returns
+    -------
+    (4, B, 2 n_samples) force and derivatives, in the order of the law's arguments
+    """
+    few = len(x) < _FEW
+    return _one_by_one(name, coefficients, x) if few else _side_by_side(name, coefficients, x, derivatives)
 
 
-def _one_by_one(acting: _Acting, x: FloatArray) -> FloatArray:
-    """(4, B, 2 n_samples) force and derivatives of a law with memory, in floats."""
-    law, coefficients = SCALAR[acting.force.law.name], acting.force.coefficients
-    history: list[float] = []
-    for path in x.tolist():
+def _one_by_one(name: str, coefficients: FloatArray, x: FloatArray) -> FloatArray:
+    """``_history`` in floats."""
+    law, history = SCALAR[name], []
+    for path, own in zip(x.tolist(), coefficients.T.tolist(), strict=True):
         before, force = 0.0, 0.0
         for displacement in path + path:
-            step = law(displacement, before, force, *coefficients)
+            step = law(displacement, before, force, *own)
             history += step
             before, force = displacement, step[0]
     values = np.array(history, dtype=float).reshape(len(x), -1, 4)
     return np.ascontiguousarray(np.moveaxis(values, 2, 0))
 
 
-def _side_by_side(acting: _Acting, x: FloatArray, derivatives: bool) -> FloatArray:
-    """The same in arrays over the motions: forces step by step, then all derivatives at once, if they are wanted."""
-    law, coefficients = _STEP[acting.force.law.name], acting.force.coefficients
+def _side_by_side(name: str, coefficients: FloatArray, x: FloatArray, derivatives: bool) -> FloatArray:
+    """``_history`` in arrays: forces step by step, then all derivatives at once, if they are wanted."""
+    law = _STEP[name]
     path = np.ascontiguousarray(np.concatenate([x, x], axis=1).T)  # (2 n_samples, B)
     values = np.zeros((4, *path.shape))
     force = values[0]
@@ -295,7 +344,7 @@ def _side_by_side(acting: _Acting, x: FloatArray, derivatives: bool) -> FloatArr
     return np.ascontiguousarray(np.moveaxis(values, 1, 2))
 
 
-def _limited(u: Any, a: float) -> Any:
+def _limited(u: Any, a: FloatArray) -> Any:
     """``limited`` of ``force_laws`` for arrays, real or complex for a derivative."""
     if np.iscomplexobj(u):
         return np.where(np.abs(u.real) <= a, u, np.copysign(a, u.real))
@@ -308,29 +357,3 @@ _STEP = {
     for law in LAWS
     if law.memory
 }
-
-
-def _chain(memory: Memory, synthesis: FloatArray) -> FloatArray:
-    """Derivatives of a force with memory by the unknowns, over the second of two periods.
-
-    Chain rule: G_n = slope_n T_n + slope_before_n T_(n-1) + persistence_n G_(n-1), G and T zero before the start.
-
-    Parameters
-    ----------
-    memory : derivatives of the law
-    synthesis : (n_samples, n_unknowns) T, displacement by unknown
-
-    Returns
-    -------
-    (n_samples, B, n_unknowns) [N/m]
-    """
-    n = len(synthesis)
-    slope, slope_before, persistence = (
-        np.ascontiguousarray(part.T)[:, :, None] for part in (memory.slope, memory.slope_before, memory.persistence)
-    )
-    T = np.concatenate([synthesis, synthesis])[:, None]
-    derivative = slope * T
-    derivative[1:] += slope_before[1:] * T[:-1]
-    for before, now, kept in zip(derivative[:-1], derivative[1:], persistence[1:], strict=True):
-        now += kept * before
-    return derivative[n:]

@@ -114,6 +114,11 @@ class NextTest:
     run: dict[str, Any] = field(default_factory=dict)  # settings of a [[run]]
 
 
+def explainable(before: float, after: float, floor: float) -> float:
+    """Share of a gap above the floor that goes away; nan where there is none."""
+    return (before - after) / (before - floor) if before > floor else float("nan")
+
+
 @dataclass(frozen=True)
 class Shrink:
     """How far the gap shrinks on data that were held out."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gap.curves import nrmse
-from gap.diagnosis import Shrink
+from gap.diagnosis import Shrink, explainable
 from gap.fit import Fit
 from gap.forward import acting, nonlinear
 from gap.likelihood import Problem
@@ -61,7 +61,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
         after=numbers[1],
         floor=numbers[2],
         shrink=1 - numbers[1] / numbers[0],
-        explainable=_explainable(numbers),
+        explainable=explainable(*numbers),
         ci90=transfer_interval(problem, nominal, best, scale),
         verified_by=verified,  # type: ignore[arg-type]
         after_model=_figures(problem, masks, before, model_after, scale)[1],
@@ -147,8 +147,3 @@ def _figures(
         rows.append([nrmse(measured, model) for model in (*map(observed.run.as_recorded, (H0, H1)), measured + noise)])
     gap_before, gap_after, floor = np.nanmean(rows, axis=0) if np.isfinite(rows).any() else np.full(3, np.nan)
     return float(gap_before), float(gap_after), float(floor)
-
-
-def _explainable(figures: tuple[float, float, float]) -> float:
-    before, after, floor = figures
-    return (before - after) / (before - floor) if before > floor else float("nan")

@@ -10,6 +10,7 @@ nuisance takes is judged by its prior.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -86,10 +87,10 @@ class Nuisances:
         return (*own, nu[self.level][run]) if isinstance(modal, NonlinearModal) else own
 
     def places_of_run(self, run: int, modal: Modal | NonlinearModal) -> list[int]:
-        """Where these stand in the vector, one after the other; resonances that the model lacks are left out."""
-        drift = range(self.drift[run].start, self.drift[run].stop)[: len(modal.frequencies_hz)]
+        """Where these stand in the vector, in the order of a model's derivatives by them."""
         level = [self.level.start + run] if isinstance(modal, NonlinearModal) else []
-        return [*drift, *range(self.tolerance.start, self.tolerance.stop), *level]
+        own = (range(part.start, part.stop) for part in (self.drift[run], self.tolerance))
+        return [*itertools.chain(*own), *level]
 
     def gains(self, nu: FloatArray, run: int, modal: Modal | NonlinearModal) -> FloatArray:
         """(n_channels,) factor of a run's channels."""
@@ -426,7 +427,7 @@ class Problem:
             only[:, c] = H[:, c]
             columns.append(only)
             places.append(n_u + self.nuisances.sensor.start + self.nuisances.sensors.index(channel))
-        columns += [column * gains for column in (*D[: len(modal.frequencies_hz)][:MODES], *D[MODES:])]
+        columns += [column * gains for column in D]
         places += [n_u + place for place in self.nuisances.places_of_run(r, modal)]
         weight, residual = weighted(self.observed[r], H, added)
         return residual, derivatives(self.observed[r], H, np.array(columns), weight), np.array(places)

@@ -13,7 +13,7 @@ from gap.evidence import sample
 from gap.fit import Fit
 from gap.hypotheses import NO_GAP_PRIOR, SURE
 from gap.likelihood import Problem
-from gap.search import best_first, first_of_each
+from gap.search import first_of_each
 from gap.standing import Standing, adequate, scale_of
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
@@ -38,7 +38,7 @@ class Ranked:
 def rank(problem: Problem, nominal: Fit, standing: Standing) -> Ranked:
     """Probabilities by evidence, which is sampled where it matters."""
     scale, fits = scale_of(standing.quality), [fit for fit in standing.fits if fit.hypothesis.terms]
-    fits = first_of_each(best_first(fits), lambda fit: fit.hypothesis.places)
+    fits = first_of_each(fits, lambda fit: fit.hypothesis.places)
     ranked = _by_evidence(nominal, fits, scale)
     matters = [p >= _WORTH_SAMPLING and k < _SAMPLED for k, p in enumerate(ranked.probabilities)]
     fits = [

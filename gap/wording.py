@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
-from gap.diagnosis import Cause, Diagnosis, NextTest, Shrink, Verdict
+from gap.diagnosis import Cause, Diagnosis, NextTest, Shrink, Verdict, explainable
 from gap.hypotheses import SURE
 from gap.phrases import effects_at, part, place, supports
 from rotor.rig import Rig, load_rig
@@ -50,10 +50,9 @@ def _takes_away(shrink: Shrink | None) -> str:
     if shrink is None or not math.isfinite(shrink.explainable):
         return "."
     words = f": it takes away {part(shrink.explainable)} of the gap that can be explained"
-    if shrink.without_effect is not None and shrink.before > shrink.floor:
-        alone = (shrink.before - shrink.without_effect) / (shrink.before - shrink.floor)
-        if alone > _MUCH:
-            words += f"; gains and tolerances without it, {part(alone)}"
+    if shrink.without_effect is not None:
+        alone = explainable(shrink.before, shrink.without_effect, shrink.floor)
+        words += f"; gains and tolerances without it, {part(alone)}" if alone > _MUCH else ""
     return f"{words}."
 
 
@@ -106,16 +105,12 @@ def next_test(
         return NextTest(f"{words}: with few accelerometers several places explain the same gap.", settings)
     levels = {run.force_amplitude_N for run in runs}
     if len(levels) < 2 and verdict == "unknown":
-        words = (
-            f"Repeat the run on {supports(run.support)} at a third and at three times the force, once from the highest "
-        )
-        words += "line down: a nonlinear cause changes with level, a drift of rig or sensors with time."
+        words = f"Repeat the run on {supports(run.support)} at a third and at three times the force, once from the "
+        words += "highest line down: a nonlinear cause changes with level, a drift of rig or sensors with time."
         return NextTest(words, settings | {"force_amplitude_N": 3 * settings["force_amplitude_N"]})
     if verdict == "unknown" and not any(r.sweep == "down" for r in runs):
-        words = (
-            f"Repeat the run on {supports(run.support)} at {settings['force_amplitude_N']:.3g} N from the highest line "
-        )
-        words += "down: where a law has several motions, or the rig drifts, it comes out otherwise."
+        words = f"Repeat the run on {supports(run.support)} at {settings['force_amplitude_N']:.3g} N from the highest "
+        words += "line down: where a law has several motions, or the rig drifts, it comes out otherwise."
         return NextTest(words, settings | {"sweep": "down"})
     (node,) = _spread(structure, {r.excitation_node for r in runs}, 1) or (run.excitation_node,)
     words = f"Drive the rotor on {supports(run.support)} at node {node} instead of {run.excitation_node}"

@@ -329,13 +329,18 @@ def test_a_wrong_partner_is_exchanged():
     assert right.chi2 < 1.2 * right.n_data < wrong.chi2
 
 
+def in_both_orders(problem):
+    """A few steps of the pair of a mass and a modulus, each of them leading once."""
+    mass, modulus = of(problem.runs, "attached_mass")[3], of(problem.runs, "shaft_modulus")[0]
+    return [
+        problem.fit(Hypothesis((*a.terms, *b.terms)), np.array([np.log(K_B), *u]), steps=2, anneal=(0.0,))
+        for a, b, u in ((mass, modulus, (np.log(0.1), 1.001)), (modulus, mass, (1.001, np.log(0.1))))
+    ]
+
+
 def test_a_pair_found_from_either_of_its_effects_is_one_pair():
     problem = problem_with(AttachedMass(mass=0.1, node=4))
-    mass, modulus = of(problem.runs, "attached_mass")[3], of(problem.runs, "shaft_modulus")[0]
-    fits = [
-        problem.fit(Hypothesis((*a.terms, *b.terms)), np.array([np.log(K_B), *u]), steps=1, anneal=(0.1,))
-        for a, b, u in ((mass, modulus, (np.log(0.1), 1.01)), (modulus, mass, (1.01, np.log(0.1))))
-    ]
+    fits = in_both_orders(problem)
     assert fits[0].hypothesis != fits[1].hypothesis
     assert _of_each(fits, 1) == fits[:1]
 
@@ -357,11 +362,7 @@ def test_a_bent_law_beside_another_effect_is_tried_plain():
 
 def test_a_cause_is_ranked_once_whatever_its_form_and_order():
     problem = problem_with(AttachedMass(mass=0.1, node=4))
-    mass, modulus = of(problem.runs, "attached_mass")[3], of(problem.runs, "shaft_modulus")[0]
-    fits = [
-        problem.fit(Hypothesis((*a.terms, *b.terms)), np.array([np.log(K_B), *u]), steps=2, anneal=(0.0,))
-        for a, b, u in ((mass, modulus, (np.log(0.1), 1.001)), (modulus, mass, (1.001, np.log(0.1))))
-    ]
+    fits = in_both_orders(problem)
     standing = Standing(fits, judge(problem, fits[0]), 0.5)
     assert len(rank(problem, recalibrate(problem), standing).fits) == 1
 

@@ -486,7 +486,9 @@ def middle_level(runs: Sequence[Run]) -> list[int]:
 
 
 def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
-    """(n_freq, n_channels) change of the response with a run's drifts and tolerances."""
+    """(n_freq, n_channels) change of the response with a run's drifts and tolerances; none where one has no motion."""
     if isinstance(before, Modal) and isinstance(after, Modal):
         return before.change_to(after, *own)
-    return after.response(*own) - before.response(*own)
+    change = after.response(*own) - before.response(*own)
+    found = [modal.found_with(*own) for modal in (before, after) if isinstance(modal, NonlinearModal)]
+    return np.where(np.all(found, axis=0)[:, None], change, 0.0)

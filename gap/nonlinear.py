@@ -152,7 +152,13 @@ class NonlinearModal:
     @property
     def found(self) -> BoolArray:
         """(n_freq,) lines with a motion, without drifts."""
-        return self.solved().converged
+        return self.found_with()
+
+    def found_with(
+        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+    ) -> BoolArray:
+        """(n_freq,) lines with a motion; elsewhere ``response`` is where Newton's method was left, and has no slope."""
+        return self.driven(level).solved(drift, tolerance).converged
 
     def solved(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> Solved:
         """The run's motions with drifts (MODES,) and tolerances (n_tolerances,), remembered."""

@@ -13,7 +13,7 @@ from gap.diagnose import LEVEL_SIGMAS, PAIR_GAIN
 from gap.diagnosis import SCHEMA
 from gap.forward import Forward
 from gap.hypotheses import NOMINAL, candidates
-from gap.likelihood import MODEL_ERROR, Problem
+from gap.likelihood import MODEL_ERROR, Problem, change_of
 from gap.modal import MODES, TOLERANCES
 from gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
 from gap.nonlinear_search import (
@@ -70,10 +70,11 @@ LEVELS = (0.05, 0.2, 0.8)
 
 
 def swept(effect: Effect, level: float, seed: int = 0, resolution=FINE, **settings):
-    """A run swept upwards under a nonlinear effect, with noise and its standard errors."""
+    """A run swept upwards under a nonlinear effect, with noise and its standard errors; without lines of no motion."""
     run = blank("bearing", lines("bearing"), force_amplitude_N=level, sweep="up", name=f"{level} N", **settings)
     forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=resolution)
-    return noisy(run, forward.modal(run, K_B, (effect,)).response(), seed)
+    modal = forward.modal(run, K_B, (effect,))
+    return noisy(run, np.where(modal.found[:, None], modal.response(), np.nan), seed)
 
 
 def noisy(run, H, seed: int):
@@ -275,6 +276,16 @@ def test_a_gap_out_of_reach_has_a_wide_error(clearance):
     error = np.sqrt(kept.covariance()[1, 1])
     assert error > 0.5 if gap == 1e-5 else error < 0.05
     assert kept.u[1] == pytest.approx(np.log(gap), abs=3 * error)
+
+
+def test_where_newtons_method_was_left_nothing_is_told(hardening):
+    loud = hardening[3]
+    forward = Forward(STRUCTURE, BELIEF).made(resolution=replace(FINE, iterations=3))
+    before, after = (forward.modal(loud, K_B, (replace(CUBIC, stiffness=k),)) for k in (1e15, 1.001e15))
+    change, found = change_of(before, after, ()), before.found & after.found
+    assert 5 < np.count_nonzero(found) < len(found) - 5
+    assert (change[~found] == 0).all()
+    np.testing.assert_array_equal(change[found], (after.response() - before.response())[found])
 
 
 def test_a_contact_is_carried_over_to_other_places():

@@ -26,6 +26,7 @@ from gap.blind.rig import Rig
 from gap.blind.sizes import DRIVE_NODE, LARGE, SMALL, can_fade, nominal_off, size_class, size_ratio
 
 SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
+LIBRARY = (*LINEAR, *CHAIN, *NONLINEAR)
 TOLERANCE = 1e-3
 ATTEMPTS = 10  # draws for the wanted size class; then any that can be seen
 ATTEMPTS_NONLINEAR = 6  # their sizes take long
@@ -102,11 +103,13 @@ def _nothing(rig: Rig, index: int, rng: np.random.Generator) -> Draw:
 
 
 def _library(rig: Rig, index: int, rng: np.random.Generator, set_name: str = "W1") -> Draw:
-    names = (*LINEAR, *CHAIN, *NONLINEAR)
-    # neighbours in the index are of different families: 7 has no divisor in common with 30
-    name = names[(index * 7) % len(names)]
-    wanted, sensors = COMBINATIONS[(index // len(names) + index) % len(COMBINATIONS)]
-    return draw_sized(rig, empty_case(rig, set_name, rng, sensors=sensors), name, wanted, rng)
+    wanted, sensors = COMBINATIONS[(index // len(LIBRARY) + index) % len(COMBINATIONS)]
+    return draw_sized(rig, empty_case(rig, set_name, rng, sensors=sensors), library_effect(index), wanted, rng)
+
+
+def library_effect(index: int) -> str:
+    """Which effect a campaign of W1 or W2 hides; neighbours are of different families: 7 and 30 are coprime."""
+    return LIBRARY[(index * 7) % len(LIBRARY)]
 
 
 def _withheld(rig: Rig, index: int, rng: np.random.Generator) -> Draw:

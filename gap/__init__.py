@@ -21,6 +21,8 @@ module                what it holds                                             
 ``dwell``             the one number with thousands of minima: a fast sweep's       ``dwell_fits``
 ``transients``        what a fast sweep leaves of a rotor's transients              ``transients``
 ``nonlinear``         the model of a run under a force law, by harmonic balance     ``NonlinearModal``
+``robust``            fits that lines on another branch do not decide               ``robust_fit``
+``law_grid``          points over a law's numbers to begin from                     ``points_of``
 ``nonlinear_search``  nonlinear effects                                             ``search_nonlinear``
 ``helpers``           fits that are shared with other processes                     ``helped_by``
 ``adequacy``          is a fit as good as the noise allows?                         ``judge``

@@ -16,12 +16,13 @@ from gap.held_out import Confirm
 from gap.helpers import helped_by
 from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Problem
-from gap.nonlinear_search import most_promised, robust_fit, search_nonlinear
+from gap.nonlinear_search import most_promised, search_nonlinear
 from gap.pair_search import each_alone, exchanged, most_left, pairs, straightened
 from gap.peaks import diagnose_peaks
 from gap.prepare import prepared
 from gap.ranking import rank, verdict_of
 from gap.report import Answer, Clock, Outcome, report
+from gap.robust import robust_fit
 from gap.score import Score
 from gap.search import POLISHED, Progress, Search, all_polished, best_first, recalibrate, search, with_bent
 from gap.standing import adequate, excess_of, scale_of, standing_of

@@ -10,7 +10,8 @@ import pytest
 
 from gap.helpers import each, helped_by
 from gap.hypotheses import candidates
-from gap.nonlinear_search import _anew, search_nonlinear
+from gap.nonlinear_search import search_nonlinear
+from gap.robust import anew
 from gap.search import all_polished, recalibrate, search, weak_starts
 from rigtwin.scale_out import executor
 from rotor.effects import AttachedMass, BearingCubic
@@ -118,5 +119,5 @@ def left_behind(problem, item):
 
 def test_nothing_is_known_from_the_item_before():
     problem = problem_of(*both_supports())
-    assert list(_anew(problem, left_behind, [1, 2, 3])) == [(1, 1), (2, 1), (3, 1)]
+    assert list(anew(problem, left_behind, [1, 2, 3])) == [(1, 1), (2, 1), (3, 1)]
     assert not problem.forward._known

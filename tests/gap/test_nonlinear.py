@@ -13,6 +13,7 @@ from gap.diagnose import LEVEL_SIGMAS, PAIR_GAIN
 from gap.diagnosis import SCHEMA
 from gap.forward import Forward
 from gap.hypotheses import NOMINAL, candidates
+from gap.law_grid import Rest, by_distance, points_of, seen_motion
 from gap.likelihood import MODEL_ERROR, Problem, change_of
 from gap.modal import MODES, TOLERANCES
 from gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
@@ -21,26 +22,17 @@ from gap.nonlinear_search import (
     NEAR,
     _at_believed_levels,
     _bent,
-    _by_distance,
     _elsewhere,
     _few_of_each,
-    _grid,
-    _loss,
     _or_vaguer,
-    _Rest,
-    _seen_motion,
-    _settle,
-    _Start,
-    _thinned,
     _told,
     _uneven,
-    _unfitted,
     most_promised,
-    robust_fit,
     search_nonlinear,
 )
 from gap.predict import predict
 from gap.residuals import observe
+from gap.robust import Start, robust_fit, robust_misfit, settle, thinned, unfitted
 from gap.score import Score
 from gap.search import recalibrate
 from gap.transfer import transfer_interval
@@ -192,20 +184,20 @@ def test_a_hard_rub_shows_where_the_motion_of_its_node_ends():
     rub = Rub(stiffness=2e7, gap=2e-5, node=5)
     runs = (swept(rub, 1.0),)
     problem = problem_of(runs).made(resolution=ROUGH)
-    few, nu = _thinned(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
-    motion = _seen_motion(problem, K_B)
+    few, nu = thinned(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
+    motion = seen_motion(problem, K_B)
     assert rub.gap < motion[4] < 1.5 * rub.gap
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion, (1, 7))
+    rest = Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion, (1, 7))
     places = candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True)
-    points = sorted((p for place in places for p in _by_distance(few, place, rest, nu)), key=lambda p: p.cost)
+    points = sorted((p for place in places for p in by_distance(few, place, rest, nu)), key=lambda p: p.cost)
     assert str(points[0].hypothesis) == "rub node 5"
-    assert points[0].cost < 0.6 * _loss(few, _unfitted(few, NOMINAL, np.log([rest.calm.k_b]), nu))[0]
+    assert points[0].cost < 0.6 * robust_misfit(few, unfitted(few, NOMINAL, np.log([rest.calm.k_b]), nu))[0]
 
 
 def test_a_node_without_a_sensor_moves_as_the_rotor_is_bent(hardening):
-    every = _seen_motion(problem_of(hardening), K_B)
+    every = seen_motion(problem_of(hardening), K_B)
     one = [replace(r, channels=r.channels[1:2], H=r.H[:, 1:2], std=r.std[:, 1:2]) for r in hardening]
-    by_one = _seen_motion(problem_of(one), K_B)
+    by_one = seen_motion(problem_of(one), K_B)
     assert [channel.node for channel in one[0].channels] == [2]
     assert every[0] > 0
     np.testing.assert_allclose(by_one, every, rtol=0.2)
@@ -219,11 +211,11 @@ def test_sensors_that_tell_nothing_of_the_motion_are_passed_over(hardening):
     both = replace(
         loud, channels=loud.channels + across.channels, H=np.hstack([loud.H, 0 * loud.H]), std=np.hstack([loud.std] * 2)
     )
-    expected = _seen_motion(problem_of([loud]), K_B)
+    expected = seen_motion(problem_of([loud]), K_B)
     assert (expected > 0).all()
-    np.testing.assert_array_equal(_seen_motion(problem_of([at_bearing, loud]), K_B), expected)
-    np.testing.assert_array_equal(_seen_motion(problem_of([across, loud]), K_B), expected)
-    np.testing.assert_array_equal(_seen_motion(problem_of([both]), K_B), expected)
+    np.testing.assert_array_equal(seen_motion(problem_of([at_bearing, loud]), K_B), expected)
+    np.testing.assert_array_equal(seen_motion(problem_of([across, loud]), K_B), expected)
+    np.testing.assert_array_equal(seen_motion(problem_of([both]), K_B), expected)
 
 
 def test_where_levels_do_not_differ_no_law_is_kept():
@@ -240,8 +232,8 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     runs = runs_of(opening)
     problem = problem_of(runs)
     laws = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, _seen_motion(problem, K_B), (1, 7))
-    preloads = np.array([laws[0].effects(u[1:])[0].preload for u in _grid(laws[0], rest)])
+    rest = Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, seen_motion(problem, K_B), (1, 7))
+    preloads = np.array([laws[0].effects(u[1:])[0].preload for u in points_of(laws[0], rest)])
     assert opening.preload < rest.force < 1.5 * opening.preload
     assert preloads.max() < rest.force
     assert np.abs(preloads / opening.preload - 1).min() < 0.2
@@ -264,7 +256,7 @@ def clearance(request):
 def test_a_gap_is_looked_for_along_its_range(clearance):
     gap, problem, law, true = clearance
     for away in (-9.0, 9.0):
-        lost = _Start(np.inf, law, law.clipped(true + np.array([0.0, away, 0.0])), np.zeros(problem.nuisances.n))
+        lost = Start(np.inf, law, law.clipped(true + np.array([0.0, away, 0.0])), np.zeros(problem.nuisances.n))
         (found,) = _told(problem, [lost])
         found_gap = np.exp(found.u[1])
         assert found_gap > 1.2e-6 if gap == 1e-5 else found_gap == pytest.approx(gap, rel=0.3)
@@ -294,7 +286,7 @@ def test_a_contact_is_carried_over_to_other_places():
     problem = problem_of(runs)
     places = candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True)
     (here,) = (each for each in places if dict(each.terms[0].fixed)["node"] == 4)
-    found = _Start(0.0, here, np.log([K_B, 1e5, 2e-5]), np.zeros(problem.nuisances.n))
+    found = Start(0.0, here, np.log([K_B, 1e5, 2e-5]), np.zeros(problem.nuisances.n))
     carried = {str(start.hypothesis): start for start in _elsewhere(problem, places, [found])}
     assert len(carried) == len(places) - 1
     start = carried["rub node 5"]
@@ -307,7 +299,7 @@ def test_a_contact_is_carried_over_to_other_places():
 def test_thinned_runs_bend_with_the_tolerances(hardening):
     problem = problem_of(hardening[:1])
     problem.allow_for_tolerances(load_rig(RIG), K_B)
-    (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, _thinned(problem, 2, K_B, 0.0)))
+    (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, thinned(problem, 2, K_B, 0.0)))
     tolerance = np.full(len(TOLERANCES), 1e-3)
     assert np.allclose(whole.response(None, tolerance)[::2], few.response(None, tolerance))
 
@@ -341,7 +333,7 @@ def test_a_law_promises_more_than_noise_where_the_levels_own_resonances_tell_not
 def test_many_places_of_a_law_do_not_crowd_out_the_others(hardening):
     laws = candidates(hardening, STRUCTURE, all_but("bearing_cubic", "rub"), nonlinear=True)
     rubs, (cubic,) = ([h for h in laws if h.ids == (name,)] for name in ("rub", "bearing_cubic"))
-    starts = [_Start(float(k), h, np.zeros(1), np.zeros(0)) for k, h in enumerate([*rubs, cubic, *rubs])]
+    starts = [Start(float(k), h, np.zeros(1), np.zeros(0)) for k, h in enumerate([*rubs, cubic, *rubs])]
     kept = _few_of_each(starts)
     assert len(rubs) > 2
     assert [start.hypothesis for start in kept] == [*rubs[:2], cubic]
@@ -428,15 +420,15 @@ def test_lines_on_another_branch_do_not_decide(hardening):
     fit = robust_fit(problem, cubic, u)
     assert fit is not None
     assert fit.effects[0].stiffness == pytest.approx(1e15, rel=0.03)
-    (settled,) = _settle(problem, [_Start(0.0, cubic, u, np.zeros(problem.nuisances.n))])
+    (settled,) = settle(problem, [Start(0.0, cubic, u, np.zeros(problem.nuisances.n))])
     assert np.exp(settled.u[1]) == pytest.approx(1e15, rel=0.05)
 
 
 def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):
     problem = problem_of(hardening[2:3])
     (friction,) = candidates(hardening, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
-    rest = _Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B, np.zeros(7), (1, 7))
-    points = [u for u in _grid(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
+    rest = Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B, np.zeros(7), (1, 7))
+    points = [u for u in points_of(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
     assert len(points) > 10
     assert np.allclose([np.exp(u[0]) + np.exp(u[2]) for u in points], rest.calm.k_b)
 
@@ -445,7 +437,7 @@ def test_friction_whose_limits_differ_is_told_from_friction_that_slips_at_once()
     seat = BearingFriction(force=0.5, stiffness=1e6, spread=0.85)
     runs = [swept(seat, level, seed, resolution=MIDDLE) for seed, level in enumerate((0.1, 0.5))]
     problem = problem_of(runs)
-    every = _thinned(problem.made(resolution=MIDDLE), 4, K_B, MODEL_ERROR)
+    every = thinned(problem.made(resolution=MIDDLE), 4, K_B, MODEL_ERROR)
     (friction,) = candidates(runs, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
     assert [free.name for free in friction.free] == ["force", "stiffness"]
     plain = robust_fit(every, friction, np.log([K_B, 0.5, 1e6]))

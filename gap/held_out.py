@@ -26,7 +26,7 @@ Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[Comp
 
 _BLOCKS = 10  # stretches of lines of every run; every second one is held out
 
-# Lines of a nonlinear run that the virtual rig measures: each takes some three seconds.
+# Held-out lines of a nonlinear run that the virtual rig reads: settling takes ten times as long as passing a line.
 _INTEGRATED = 8
 
 

@@ -224,7 +224,8 @@ def _measure(session: FmuSession, run: Run, parameters: dict[str, float], effect
         sensor_planes=tuple(dict.fromkeys((run.excitation_plane, *(channel.plane for channel in run.channels)))),
     )
     plan = SweepPlan(force_amplitude=run.force_amplitude_N or 1.0, direction=run.sweep or "up")
-    found = measure_lines(session, rig, plan, run.frequency_hz).run
+    swept = run.frequency_hz if run.swept_hz is None else run.swept_hz
+    found = measure_lines(session, rig, plan, run.frequency_hz, passing=swept).run
     H = np.column_stack([found.channel(channel.node, channel.plane) for channel in run.channels])
     omega = 2 * np.pi * run.frequency_hz[:, None]
     return H * (1j * omega) ** (DERIVATIVE_ORDER[run.quantity] - DERIVATIVE_ORDER["accelerance"])

@@ -160,6 +160,12 @@ class LineReader:
         self._session.step(self._plan.dwell)
         return self._line(frequency_hz, at, _Settled([], np.nan), 1.0)
 
+    def pass_by(self, frequency_hz: float) -> None:
+        """Hold a line for a settling time, unread."""
+        at = frequency_hz * (1 + self._rig.drift)
+        self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
+        self._session.step(self._plan.settle_time)
+
     # -- waiting -------------------------------------------------------------------------------
 
     def _settled_line(self, frequency_hz: float, at: float) -> Line:

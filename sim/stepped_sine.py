@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,11 +67,22 @@ def sweep(session: FmuSession, rig: Rig, plan: SweepPlan, progress: Progress | N
     return _result(passes, rig, plan, lines)
 
 
-def measure_lines(session: FmuSession, rig: Rig, plan: SweepPlan, frequency_hz: Sequence[float] | FloatArray) -> Sweep:
-    """Measure exactly these lines, from rest, in the plan's direction."""
+def measure_lines(
+    session: FmuSession,
+    rig: Rig,
+    plan: SweepPlan,
+    frequency_hz: Sequence[float] | FloatArray,
+    *,
+    passing: Sequence[float] | FloatArray = (),
+) -> Sweep:
+    """Measure exactly these lines, from rest, in the plan's direction.
+
+    ``passing`` are lines [Hz] that are held for a settling time on the way and not read: a nonlinear rotor that takes
+    them all in one step may leave the branch that a sweep would follow.
+    """
     plan = rig.carry_out(plan)
     lines = set(np.asarray(frequency_hz, dtype=float).tolist())
-    return _result(_passes(session, rig, plan, None), rig, plan, lines)
+    return _result(_passes(session, rig, plan, None), rig, plan, lines, set(map(float, passing)))
 
 
 class _Pass:
@@ -105,12 +116,12 @@ class _Pass:
             self.lines = raster.lines
         return list(raster.lines)
 
-    def complete(self, frequencies: set[float]) -> None:
-        """Measure the lines that are not there yet."""
+    def complete(self, frequencies: set[float], passing: Set[float]) -> None:
+        """Measure the lines that are not there yet, passing others on the way."""
         missing = frequencies - self.lines.keys()
         if missing:
             raster = _Raster(self._reader, self._plan, self._count)
-            raster.at(missing)
+            raster.at(missing, passing if self._branches else frozenset())
             self.lines |= raster.lines
 
 
@@ -123,9 +134,13 @@ class _Raster:
         self.lines: dict[float, Line] = {}
         reader.start()
 
-    def at(self, frequencies: Iterable[float]) -> None:
-        """Measure the lines that are not there yet, in the direction of the sweep."""
-        for f in self._plan.in_order(set(map(float, frequencies)) - self.lines.keys()):
+    def at(self, frequencies: Iterable[float], passing: Set[float] = frozenset()) -> None:
+        """Measure the lines that are not there yet, in the direction of the sweep, passing others on the way."""
+        missing = set(map(float, frequencies)) - self.lines.keys()
+        for f in self._plan.in_order(missing | passing):
+            if f not in missing:
+                self._reader.pass_by(f)
+                continue
             if self._keep_states:
                 self._approach(f)
             self.lines[f] = self._reader.read(f)
@@ -225,10 +240,12 @@ def _passes(session: FmuSession, rig: Rig, plan: SweepPlan, progress: Progress |
     return [_Pass(session, rig, plan, group, count) for group in channel_groups(rig.effects, nodes)]
 
 
-def _result(passes: list[_Pass], rig: Rig, plan: SweepPlan, frequencies: set[float]) -> Sweep:
+def _result(
+    passes: list[_Pass], rig: Rig, plan: SweepPlan, frequencies: set[float], passing: Set[float] = frozenset()
+) -> Sweep:
     """All lines in order, every channel from the pass of its group."""
     for one in passes:
-        one.complete(frequencies)
+        one.complete(frequencies, passing)
     lines = tuple(_merge(passes, f) for f in sorted(frequencies))
     responses = np.array([line.response for line in lines])  # (n_freq, n_harmonics, n_channels)
     run = Run(

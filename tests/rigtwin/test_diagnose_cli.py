@@ -257,6 +257,17 @@ def test_the_virtual_rig_has_accelerometers_where_the_run_has_them():
         assert np.abs(across).max() > 0.01 * np.abs(along).max()
 
 
+def test_the_virtual_rig_comes_to_a_nonlinear_line_as_the_measured_rig_did():
+    """At 88 Hz the hardening rotor has two motions; only a sweep that comes from lower lines finds the larger one."""
+    f, channels = np.arange(80.0, 88.6, 0.5), (Channel(4, "y"),)
+    whole = Run(f, np.zeros((len(f), 1), complex), channels, support="bearing", force_amplitude_N=15.0, sweep="up")
+    swept = whole.on_lines(f == 88.0)
+    campaign = Campaign("", "nit-rourkela", (whole,), nominal=NominalBelief(0.02, 50.0))
+    runs = swept, replace(swept, swept_hz=None)
+    (upper, lower), _ = measured_on_the_virtual_rig(campaign, runs, (EFFECTS["bearing_cubic"](stiffness=1e15),), 1.3e6)
+    assert np.abs(upper / lower) > 2
+
+
 def test_an_effect_of_the_rotor_is_verified_by_the_fmu_and_tells_how_far_it_is():
     run_ = replace(plain_run("one"), support="rigid")
     campaign = Campaign("", "nit-rourkela", (run_,))

@@ -65,6 +65,17 @@ def test_the_jump_comes_later_upwards_than_downwards():
     assert highest[0] > highest[1] + 5.0
 
 
+def test_lines_that_are_passed_keep_a_sweep_on_its_branch():
+    plan = replace(PLAN, noise=SensorNoise())
+    read, passed = [92.0, 106.0, 124.0], plan.base_lines()
+    kept = measure_lines(DuffingOscillator().as_session(), NONLINEAR, plan, read, passing=passed).run
+    left = measure_lines(DuffingOscillator().as_session(), NONLINEAR, plan, read).run
+    amplitudes = [1000.0 * np.abs(run.H[:, 0]) / (2 * np.pi * run.frequency_hz) ** 2 for run in (kept, left)]
+    assert_array_equal(kept.frequency_hz, read)
+    assert_allclose(amplitudes[0], slow_sweep(kept.frequency_hz, "up"), rtol=SAME_LINE)
+    assert amplitudes[1][1] < 0.5 * amplitudes[0][1]
+
+
 def test_a_linear_rotor_takes_one_pass_and_a_nonlinear_one_two():
     counts = {}
     for name, rig in (("linear", Rig()), ("nonlinear", NONLINEAR)):

@@ -4,12 +4,15 @@
 # make lint   ruff and pyright
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
 # make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
-# make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu, beside this platform's
+# make fmus, train   the FMUs alone; the estimator's network anew
+# make clean   without dist, build and runs
+# make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
 # make laws   print the force laws anew, for Python and for C, after a change of rotor/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
+PYTHON3 ?= python3
 # Draw of the next report set; docs/blind.md says which one it shows.
 BLIND_SEED := 3
 PYTHON := $(VENV)/bin/python
@@ -87,7 +90,7 @@ clean:
 	rm -rf dist build runs
 
 $(VENV)/installed: pyproject.toml
-	python3 -m venv $(VENV)
+	$(PYTHON3) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --upgrade pip
 	$(VENV)/bin/python -m pip install --quiet -e '.[train,native,dask,dev]'
 	touch $@

@@ -83,7 +83,7 @@ _ROUGHLY, _WITHIN = 3.0, 1.5
 # Share of the linear rotor's misfit that the best of these leaves at most.
 _GAINED = 0.7
 
-# Mean square misfit that a law's noise leaves at most; docs/diagnosis.md says why it is more than 1.
+# Mean square misfit that a law's noise leaves at most; docs/diagnosis-method.md says why it is more than 1.
 ADEQUATE_NONLINEAR = 1.5
 
 # A misfit by so much above the best one's is not fitted further.

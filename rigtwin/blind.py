@@ -89,6 +89,7 @@ def _places(request: BlindRequest, name: str) -> tuple[Path, Path]:
 def _make_and_diagnose(request: BlindRequest, name: str) -> str:
     """One set; returns how many campaigns it has, when it was done, and the SHA-256 of their labels."""
     from gap.blind import generate
+    from rigtwin.provenance import commit
 
     campaigns, answers = _places(request, name)
     orders = [generate.Order(name, request.split, request.seed, index) for index in range(request.count)]
@@ -101,7 +102,8 @@ def _make_and_diagnose(request: BlindRequest, name: str) -> str:
         diagnose_all(campaigns, answers, pool)
     made = len(json.loads((campaigns / "index.json").read_text(encoding="utf-8")))
     sealed = (campaigns / "labels.sha256").read_text(encoding="utf-8").split()[0]
-    return f"{made} campaigns, {datetime.now(UTC):%Y-%m-%d}, labels sealed: {sealed}"
+    by = f" by commit {commit()}" if commit() else ""
+    return f"{made} campaigns, {datetime.now(UTC):%Y-%m-%d}{by}, labels sealed: {sealed}"
 
 
 # -- diagnosing ----------------------------------------------------------------------------------------

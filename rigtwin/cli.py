@@ -136,7 +136,7 @@ def sweep(
     spin_rpm: Annotated[float, typer.Option(help="Spin [rev/min].")] = 0.0,
     noise: Annotated[float, typer.Option(min=0.0, max=100.0, help="Sensor noise, relative to each line.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .h5 or .mat.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .unv, .h5 or .mat.")] = None,
     as_json: JSON = False,
 ) -> None:
     """Measure stepped-sine runs on the virtual rig, with effects, and fit their modes."""
@@ -217,7 +217,7 @@ def check(
     fmu: Annotated[Path, typer.Argument(help="RotorRig.fmu, StiffnessEstimator.fmu, or another for co-simulation.")],
     expect_k_b: Annotated[float | None, typer.Option(help="The rig must give back this stiffness [N/m].")] = None,
     tolerance: Annotated[float, typer.Option(help="Largest relative error of it.")] = 0.05,
-    estimator: Annotated[Path | None, typer.Option(help="Estimator FMU; default the one beside it.")] = None,
+    estimator: Annotated[Path | None, typer.Option(help="Estimator FMU; default the one found.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write a JUnit report.")] = None,
     as_json: JSON = False,
 ) -> None:

@@ -161,9 +161,9 @@ def _misses(demo: Demo) -> str:
     if not outside:
         return ""
     return (
-        f"The true value of rig {listed(outside)} lies outside its interval, as one in ten may by chance. With "
-        "measurements this good the network's own error counts as well, and the interval takes that as an average "
-        "over all rigs; for soft, damped bearings it is larger."
+        f"The true value of rig {listed(outside)} lies outside its interval: one in ten does by chance, and with "
+        "measurements this good the network's own error counts most, which the interval takes as an average over all "
+        "rigs."
     )
 
 

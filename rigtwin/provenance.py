@@ -17,7 +17,7 @@ _PACKAGES = ("rigtwin", "numpy", "scipy", "fmpy", "pythonfmu", "onnxruntime")
 
 def provenance(fmus: Sequence[Path] = ()) -> dict[str, str]:
     """What made a page, by name."""
-    facts = {"made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", "commit": _commit()}
+    facts = {"made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", "commit": commit()}
     facts |= {package: version(package) for package in _PACKAGES}
     facts["python"] = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     for fmu in fmus:
@@ -26,7 +26,7 @@ def provenance(fmus: Sequence[Path] = ()) -> dict[str, str]:
     return {name: value for name, value in facts.items() if value}
 
 
-def _commit() -> str:
+def commit() -> str:
     """Commit of the checkout this runs from; empty where it is installed."""
     root = Path(__file__).parent.parent
     if not (root / ".git").exists():

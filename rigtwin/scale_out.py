@@ -78,7 +78,7 @@ def _dask(where: str) -> Iterator[Executor]:
     try:
         from distributed import Client, KilledWorker
     except ImportError:
-        raise UserError(f"--executor {where}: dask is not installed; pip install 'rigtwin[dask]'") from None
+        raise UserError(f"--executor {where}: dask is not installed; pip install '.[dask]' in a clone") from None
     try:
         client = Client(where.replace(DASK, "tcp://", 1), timeout=_ANSWERS_WITHIN)
     except Exception as error:  # whatever answers there may say anything

@@ -107,7 +107,7 @@ def _need_torch() -> None:
 
     missing = [name for name in ("torch", "onnx", "onnxscript") if find_spec(name) is None]
     if missing:
-        raise UserError(f"training needs {', '.join(missing)}; install them with: pip install 'rigtwin[train]'")
+        raise UserError(f"training needs {', '.join(missing)}; install them with: pip install '.[train]' in a clone")
 
 
 @dataclass(frozen=True)

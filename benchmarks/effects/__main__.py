@@ -15,10 +15,11 @@ from benchmarks.page import DOCS, MISSED, bars_in
 
 INTRODUCTION = """# Effects and solvers, measured
 
-Every effect of the library goes through several solvers that share its equations and nothing else: frequency response,
-harmonic balance, time stepping inside the FMU. This page measures how well they agree with each other, with an
-independent code and with closed forms, and what they cost. Written by `python -m benchmarks.effects`; do not edit it by
-hand. Timings depend on the machine; they are the best of several runs on one core.
+Every effect of the library goes through several solvers that share the rotor's matrices, the expressions of the force
+laws and nothing else: frequency response, harmonic balance, time stepping inside the FMU. This page measures how well
+they agree with each other, with an independent code and with closed forms, and what they cost. Written by
+`python -m benchmarks.effects`; do not edit it by hand. Timings depend on the machine; they are the best of several runs
+on one core.
 """
 
 SECTIONS: dict[str, Callable[[], str]] = {

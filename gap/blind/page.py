@@ -34,7 +34,8 @@ An effect is *large* from 30 times its detection limit on, *small* from 3 to 30 
 lies three standard deviations from the nearest one without it. A gap is √(Σ|H − Ĥ|²/Σ|H|²), averaged over channels and
 runs. The *transfer* is held out whole: the force acts at node 4 instead of 2. *Explainable* is a shrink over the one
 that a repeat run would leave, with its own gains, drift and noise. A campaign whose diagnosis fails counts as answered
-wrongly.
+wrongly. An effect that is outside the library is *not blamed* on a wrong one where the answer is "unknown" or "not
+enough data", or where what is answered, an effect or none, predicts the transfer to twice what a repeat run leaves.
 """
 
 

@@ -294,7 +294,7 @@ def test_a_folder_that_cannot_be_made_is_named(refused, tmp_path, command):
 
 def test_training_without_torch_says_what_to_install(refused, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert "pip install 'rigtwin[train]'" in refused("train", "--from-data")
+    assert "pip install '.[train]'" in refused("train", "--from-data")
 
 
 def test_a_fault_of_our_own_shows_its_traceback(monkeypatch):

@@ -37,7 +37,7 @@ _SILENT = 1e-5
 FEW_LINES = 32
 
 # Prior standard deviation of the logarithm of an arbitrary unit; and from which factor on a unit is none of SI.
-_ANY_SCALE, _NO_SI = 5.0, 3.0
+ANY_SCALE, _NO_SI = 5.0, 3.0
 
 # Relative standard deviation of a force that is known.
 _SURE = 1e-7
@@ -73,13 +73,18 @@ class Nuisances:
         self.sensor_std = max(belief.gain_tolerance / 2, 1e-6)
         self.drift_std = max(belief.frequency_drift, 1e-7)
         std = np.empty(self.n)
-        std[self.gain] = [_ANY_SCALE if run.quantity == "acceleration" else self.gain_std for run in runs]
+        std[self.gain] = [ANY_SCALE if run.quantity == "acceleration" else self.gain_std for run in runs]
         std[self.sensor] = self.sensor_std
         std[self.tolerance] = TOLERANCE
         for each in self.drift:
             std[each] = self.drift_std
         std[self.level] = self.gain_std
         self.std = std
+
+    @property
+    def level_std(self) -> float:
+        """Standard error of a run's level: that of the forces, or hardly any where they are believed."""
+        return float(self.std[self.level].max(initial=_SURE))
 
     def of_run(self, nu: FloatArray, run: int, modal: Modal | NonlinearModal) -> tuple[Any, ...]:
         """What a run's model takes: drift of its resonances, tolerances of the rig, level where it is nonlinear."""
@@ -418,7 +423,7 @@ class Problem:
         for j, (step, others) in enumerate(moved):
             if step == 0.0 or others[r] is modal:
                 continue
-            columns.append(change_of(modal, others[r], own) * gains / step)
+            columns.append(np.where(_tells(others[r], own), change_of(modal, others[r], own), 0.0) * gains / step)
             places.append(j)
         columns.append(H)
         places.append(n_u + self.nuisances.gain.start + r)
@@ -430,6 +435,7 @@ class Problem:
         columns += [column * gains for column in D]
         places += [n_u + place for place in self.nuisances.places_of_run(r, modal)]
         weight, residual = weighted(self.observed[r], H, added)
+        weight = np.where(_tells(modal, own), weight, 0.0)  # a line without a motion has a misfit, and no slope
         return residual, derivatives(self.observed[r], H, np.array(columns), weight), np.array(places)
 
     def change(self, fit: Fit, more: Sequence[Effect]) -> list[ComplexArray]:
@@ -485,10 +491,13 @@ def middle_level(runs: Sequence[Run]) -> list[int]:
     return list(places.values())
 
 
+def _tells(modal: Modal | NonlinearModal, own: tuple) -> BoolArray | bool:
+    """(n_freq, 1) whether a line's response has a slope, with a run's drifts and tolerances; any has where linear."""
+    return modal.tells(*own)[:, None] if isinstance(modal, NonlinearModal) else True
+
+
 def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
-    """(n_freq, n_channels) change of the response with a run's drifts and tolerances; none where one has no motion."""
+    """(n_freq, n_channels) change of the response with a run's drifts and tolerances."""
     if isinstance(before, Modal) and isinstance(after, Modal):
         return before.change_to(after, *own)
-    change = after.response(*own) - before.response(*own)
-    found = [modal.found_with(*own) for modal in (before, after) if isinstance(modal, NonlinearModal)]
-    return np.where(np.all(found, axis=0)[:, None], change, 0.0)
+    return after.response(*own) - before.response(*own)

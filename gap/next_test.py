@@ -23,7 +23,7 @@ from gap.diagnosis import NextTest
 from gap.fit import Fit
 from gap.forward import Forward, acting, nonlinear
 from gap.hypotheses import K_B
-from gap.likelihood import Problem, change_of
+from gap.likelihood import ANY_SCALE, Problem, change_of
 from gap.modal import MODES
 from gap.phrases import effects_at, supports
 from gap.residuals import as_real
@@ -159,7 +159,7 @@ def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
         everywhere = (*everywhere, *(c for c in run.channels if c not in everywhere))
         words = f"Repeat the run {here} with an accelerometer at every node"
         made.append(Proposal(words, (replace(run, channels=everywhere, H=_no_response(lines, everywhere)),), 0.0))
-    gain_std = float("inf") if run.quantity == "acceleration" else problem.nuisances.gain_std
+    gain_std = ANY_SCALE if run.quantity == "acceleration" else problem.nuisances.gain_std
     return [replace(each, gain_std=gain_std) for each in made]
 
 
@@ -233,7 +233,8 @@ class _View:
             std = np.hypot(relative * size, _FLOOR * np.median(size[size > 0]) if (size > 0).any() else 1.0)
             moving = size > 1e-9 * max(size.max(initial=0.0), 1e-300)
             weight = np.where(moving, np.sqrt(2) / std, 0.0)
-            flat.append(as_real((truth.H[r] - self.H[r]) * weight, self.H[r], run))
+            off = (run.as_recorded(truth.H[r]) - run.as_recorded(self.H[r])) * weight
+            flat.append(off.ravel() if run.magnitude_only else as_real(off, self.H[r], run))
             J.append(as_real(np.array(self.columns[r]) * weight, self.H[r], run))
         residual, jacobian = np.concatenate(flat), np.concatenate(J, axis=1)
         g = jacobian @ residual
@@ -258,15 +259,16 @@ class _View:
         return self.forward.modal(run, K_B.value(u[0]), (*effects, *self.proposal.added))
 
     def _derivatives(self, r: int) -> list[ComplexArray]:
-        """Of one run: by u, known sensors' gains, tolerances; then by every run's gain and drifts, and new sensors."""
+        """Of one run: by u, known sensors' gains, tolerances; then by every run's gain, drifts, level; new sensors."""
         run, H = self.proposal.runs[r], self.H[r]
         nuisances = self.problem.nuisances
         D = self._modal(run, self.fit.u).with_derivatives(np.zeros(MODES), self._tolerance)[1] * self._gains(run)
         columns = [self._by_number(run, H, j) for j in range(len(self.fit.u))]
         columns += [_one_channel(H, run, channel) for channel in nuisances.sensors]
-        columns += list(D[MODES:])
+        D, by_tolerance, by_level = np.split(D, [MODES, MODES + len(self._tolerance)])
+        columns += list(by_tolerance)
         for other in range(len(self.proposal.runs)):
-            own = [H, *D[:MODES]]
+            own = [H, *D, by_level[0] if len(by_level) else np.zeros_like(H)]
             columns += own if other == r else [np.zeros_like(H)] * len(own)
         return columns + [_one_channel(H, run, channel) for channel in self._new_sensors()]
 
@@ -289,7 +291,7 @@ class _View:
         n_u, nuisances = len(self.fit.u), self.problem.nuisances
         kept = np.r_[np.arange(n_u), n_u + np.r_[nuisances.sensor], n_u + np.r_[nuisances.tolerance]]
         told = np.linalg.inv(self.fit.covariance()[np.ix_(kept, kept)])
-        own = [self.proposal.gain_std**-2, *[nuisances.drift_std**-2] * MODES]
+        own = [self.proposal.gain_std**-2, *[nuisances.drift_std**-2] * MODES, nuisances.level_std**-2]
         fresh = own * len(self.proposal.runs)
         fresh += [nuisances.sensor_std**-2] * len(self._new_sensors())
         prior = np.zeros((len(kept) + len(fresh),) * 2)

@@ -43,6 +43,9 @@ _NEAR = 2e-3
 # memory, where a start costs many times as much, and the motions of a line are hardly ever several.
 _IN_VAIN, _IN_VAIN_WITH_MEMORY = 10, 3
 
+# What Newton's method would change next of a motion that tells a slope, relative; elsewhere it was left far from any.
+_TELLS = 1e-3
+
 # Step of a tolerance for a derivative.
 _STEP = 1e-7
 
@@ -90,6 +93,7 @@ class Solved:
     states: ComplexArray  # (n_freq, K, n_states)
     H: ComplexArray  # (n_freq, n_channels)
     converged: BoolArray  # (n_freq,)
+    tells: BoolArray  # (n_freq,) lines near enough to a motion to tell how the response changes
     plain: Balance | None = None  # without the drifts
     mode: IntArray | None = None  # (n_states,) as of ``NonlinearModal``
 
@@ -152,13 +156,13 @@ class NonlinearModal:
     @property
     def found(self) -> BoolArray:
         """(n_freq,) lines with a motion, without drifts."""
-        return self.found_with()
+        return self.solved().converged
 
-    def found_with(
+    def tells(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> BoolArray:
-        """(n_freq,) lines with a motion; elsewhere ``response`` is where Newton's method was left, and has no slope."""
-        return self.driven(level).solved(drift, tolerance).converged
+        """(n_freq,) lines of which ``response`` has a slope; elsewhere it is where Newton's method was left."""
+        return self.driven(level).solved(drift, tolerance).tells
 
     def solved(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> Solved:
         """The run's motions with drifts (MODES,) and tolerances (n_tolerances,), remembered."""
@@ -225,7 +229,9 @@ class NonlinearModal:
         states = motions.states
         H = self._unit * self._scale[at, None] * (states[:, 1] @ self._read(balance).T)
         usable: BoolArray = np.asarray(np.isfinite(H).all(axis=1), dtype=bool)
-        return Solved(balance, motions.joints, states, np.where(usable[:, None], H, 0.0), motions.converged & usable)
+        tells = usable & (motions.converged | (np.nan_to_num(motions.off, nan=np.inf) <= _TELLS))
+        H = np.where(usable[:, None], H, 0.0)
+        return Solved(balance, motions.joints, states, H, motions.converged & usable, tells)
 
     def _miss(self, solved: Solved, lines: IntArray | None = None) -> FloatArray:
         """(n_freq,) distance to the data, relative, over all channels."""
@@ -349,7 +355,8 @@ class NonlinearModal:
         """(1, n_freq, n_channels) derivative by the level; none where the rotor is linear there."""
         balance = solved.balance
         states = self._force * balance.resolvent(self._omega, balance.loads)[..., -1:]  # (n_freq, K, n_states, 1)
-        return self._answer(solved, balance.left @ states, self._read(balance) @ states[:, 1]) - solved.H
+        by_force = self._answer(solved, balance.left @ states, self._read(balance) @ states[:, 1])
+        return by_force - np.where(solved.tells[:, None], solved.H, 0.0)
 
     def _held(self, balance: Balance, solved: Solved) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, K, n_joints) motion of a rotor's joints and (n_freq, n_channels) sensors under a motion's forces."""
@@ -377,7 +384,7 @@ class NonlinearModal:
         dN = np.einsum("fjun,funm->fjm", DN[:, 1], dX, optimize=True)
         to_sensors = self._read(balance) @ balance.resolvent(self._omega, balance.loads)[:, 1, :, :-1]
         change = self._unit * self._scale[:, None, None] * (own - to_sensors @ dN)
-        usable = solved.converged[:, None, None] & np.isfinite(change)
+        usable = solved.tells[:, None, None] & np.isfinite(change)
         return np.moveaxis(np.where(usable, change, 0.0), 2, 0)
 
     # -- the run -----------------------------------------------------------------------------------
@@ -418,8 +425,10 @@ def _drifted(plain: Balance, mode: IntArray, drift: FloatArray) -> Balance:
 
 def _replaced(best: Solved, other: Solved, lines: IntArray, better: BoolArray) -> Solved:
     """The first, with some lines of the second, which was solved on some lines alone."""
-    joints, states, H, converged = best.joints.copy(), best.states.copy(), best.H.copy(), best.converged.copy()
+    joints, states, H, converged, tells = (
+        each.copy() for each in (best.joints, best.states, best.H, best.converged, best.tells)
+    )
     taken = lines[better]
     joints[taken], states[taken], H[taken] = other.joints[better], other.states[better], other.H[better]
-    converged[taken] = True
-    return Solved(best.balance, joints, states, H, converged)
+    converged[taken] = tells[taken] = True
+    return Solved(best.balance, joints, states, H, converged, tells)

@@ -191,7 +191,7 @@ class Balance:
         newton = _Newton(self, receptance, force_amplitude, start).run(iterations)
         stable = newton.converged & (newton.determinant > 0)
         reasons = tuple("" if ok else "Newton's method found no motion" for ok in newton.converged)
-        return Motions(self, force_amplitude, hz, newton.joints, stable, reasons)
+        return Motions(self, force_amplitude, hz, newton.joints, stable, reasons, newton.off)
 
 
 class _Newton:
@@ -216,6 +216,11 @@ class _Newton:
     def joints(self) -> ComplexArray:
         """(B, K, n_joints) joint phasors [m]."""
         return self._joints(self.u)
+
+    @property
+    def off(self) -> FloatArray:
+        """(B,) size of the next step beside the motion's."""
+        return np.linalg.norm(self.step, axis=1) / np.maximum(np.linalg.norm(self.u, axis=1), 1e-300)
 
     def _joints(self, u: FloatArray) -> ComplexArray:
         return complex_form(u.reshape(len(u), self.balance.forces.n_unknowns, self.balance.n_joints))
@@ -287,6 +292,7 @@ class Motions:
     joints: ComplexArray  # (n, K, n_joints) peak phasors of the joint coordinates, k = 0 ... n_harmonics [m]
     stable: NDArray[np.bool_]  # (n,) against drifting off to another motion of the same period; see ``stability``
     reasons: tuple[str, ...]  # (n,) why there is no such motion; empty: there is
+    off: FloatArray | None = None  # (n,) what Newton's method would change next, relative; None: not by it alone
 
     @property
     def converged(self) -> NDArray[np.bool_]:

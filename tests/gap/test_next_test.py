@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gap.hypotheses import candidates
 from gap.likelihood import Problem
 from gap.next_test import TOLD_APART, best_next_test, proposals, relative_noise, separations
 from gap.residuals import observe
 from rotor.effects import AttachedMass, BearingCubic
 from sim.campaign import Channel
-from tests.gap.conftest import K_B, NOISE, both_supports, candidate, measure, problem_of
+from tests.gap.conftest import K_B, NOISE, STRUCTURE, all_but, both_supports, candidate, measure, problem_of
 
 MASS = AttachedMass(mass=0.1, node=3)
 ONE = (Channel(2),)
@@ -109,6 +110,29 @@ def test_force_levels_are_for_nonlinear_members(rivals):
     cubic = replace(fits[0], hypothesis=Fixed(BearingCubic(stiffness=1e12)), u=fits[0].u[:1])
     (levels,) = [p for p in proposals(problem, [cubic, fits[1]]) if "three times the force" in p.words]
     assert [run.force_amplitude_N for run in levels.runs] == [pytest.approx(1 / 3), 3.0]
+
+
+def test_nonlinear_members_are_told_apart():
+    run = measure("bearing", channels=ONE, seed=2)
+    problem = problem_of(run)
+    laws = candidates([run], STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
+    starts = {"bearing_cubic": [np.log(1e15)], "bearing_hertz": [2e-6]}
+    fits = [problem.fit(law, np.array([np.log(K_B), *starts[law.ids[0]]]), steps=0) for law in laws]
+    levels = [p for p in proposals(problem, fits) if "three times the force" in p.words]
+    (one,) = separations(problem, fits, levels)
+    assert one.chi2 > TOLD_APART
+    (none,) = separations(problem, [fits[0], fits[0]], levels)
+    assert none.chi2 == pytest.approx(0.0, abs=1e-6)
+
+
+def test_where_nothing_moves_nothing_is_told_apart():
+    """An accelerometer of an arbitrary scale at a bearing reads nothing on rigid supports."""
+    (_, run) = both_supports(MASS, channels=(Channel(1, "y"),), seed=4)
+    problem = problem_of(replace(run, quantity="acceleration"))
+    fits = [fitted(problem, candidate((run,), "attached_mass", node), np.log(0.1)) for node in (3, 5)]
+    rigid = [p for p in proposals(problem, fits) if p.settings["support"] == "rigid"]
+    assert rigid
+    assert [each.chi2 for each in separations(problem, fits, rigid)] == [0.0] * len(rigid)
 
 
 class Fixed:

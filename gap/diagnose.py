@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -27,7 +27,7 @@ from gap.score import Score
 from gap.search import POLISHED, Progress, Search, all_polished, best_first, recalibrate, search, with_bent
 from gap.standing import adequate, excess_of, scale_of, standing_of
 from rotor.effects.library import EFFECTS
-from sim.campaign import Campaign
+from sim.campaign import Campaign, Run
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance
@@ -75,10 +75,7 @@ def diagnose(
     campaign = usable(campaign)
     problem, nominal = prepared(campaign)
     clock.lap("recalibration")
-    library = _Library(
-        linear=candidates(campaign.runs, problem.forward.structure, exclude),
-        laws=candidates(campaign.runs, problem.forward.structure, exclude, nonlinear=True),
-    )
+    library = _library(problem, exclude)
     whole, enough = problem, nominal.n_data >= LEAST_DATA
     with helped_by(helpers):
         problem, nominal, fits = _explained(problem, nominal, library, amplitude_dependent(findings), progress, clock)
@@ -96,6 +93,25 @@ class _Library:
 
     linear: Sequence[Hypothesis]
     laws: Sequence[Hypothesis]  # nonlinear ones
+
+
+def _library(problem: Problem, exclude: Sequence[str]) -> _Library:
+    """All effects are equally probable before the data; laws are candidates where a support has several levels."""
+    linear = candidates(problem.runs, problem.forward.structure, exclude)
+    laws = candidates(problem.runs, problem.forward.structure, exclude, nonlinear=True)
+    laws = laws if _at_several_levels(problem.runs) else ()
+    share = len({h.ids for h in linear}) / max(len({h.ids for h in (*linear, *laws)}), 1)
+    return _Library(
+        [replace(h, prior=share * h.prior) for h in linear], [replace(h, prior=(1 - share) * h.prior) for h in laws]
+    )
+
+
+def _at_several_levels(runs: Sequence[Run]) -> list[int]:
+    """Runs on supports that were measured at more than one level."""
+    levels: dict[str, set[float | None]] = {}
+    for run in runs:
+        levels.setdefault(run.support, set()).add(run.force_amplitude_N)
+    return [r for r, run in enumerate(runs) if len(levels[run.support]) > 1]
 
 
 def _explained(
@@ -130,12 +146,18 @@ def _explained(
         return coarser, linear, list(bent.fits)
     with_pairs = not (dependent or suffices)
     problem, straight = _finished(problem, found or singles(), library.linear, progress, clock, with_pairs=with_pairs)
-    rivals = [fit for fit in (robust_fit(coarser, fit.hypothesis, fit.u) for fit in straight[:POLISHED]) if fit]
+    rivals = [fit for fit in (_on_lines_of(coarser, fit) for fit in straight[:POLISHED]) if fit]
     best = max((fit.log_weight for fit in rivals), default=-np.inf)
     clock.lap("linear rivals")
     if not bent.fits or best > bent.fits[0].log_weight:
         return problem, nominal, straight
     return coarser, linear, best_first([*bent.fits, *rivals])
+
+
+def _on_lines_of(problem: Problem, fit: Fit) -> Fit | None:
+    """A linear fit, on the lines and with the loss of the nonlinear ones."""
+    problem.bend(fit)
+    return robust_fit(problem, fit.hypothesis, fit.u, fit.nu)
 
 
 def _not_ruled_out(problem: Problem, laws: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
@@ -151,12 +173,7 @@ def _differ_by_level(problem: Problem, fit: Fit, laws: Sequence[Hypothesis]) -> 
 
     Misfit goes where each level may have resonances of its own, or, in a smaller gap, where a law moves them.
     """
-    levels: dict[str, set[float | None]] = {}
-    for run in problem.runs:
-        levels.setdefault(run.support, set()).add(run.force_amplitude_N)
-    runs = [r for r, run in enumerate(problem.runs) if len(levels[run.support]) > 1]
-    if not runs:
-        return False
+    runs = _at_several_levels(problem.runs)
     quality = judge(problem, fit)
     gain, numbers = Score(problem, fit, settled=True).apart(runs)
     gain /= scale_of(quality) ** 2

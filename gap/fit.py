@@ -75,7 +75,8 @@ class Fit:
     def log_evidence(self, scale: float = 1.0) -> float:
         """Laplace's approximation, up to a constant of the data; corrected, where it was sampled with success.
 
-        A number's volume is capped at its prior's: its precision is at least that of the even prior.
+        An even prior counts by the normal distribution that is as high: what the data tell well has its exact evidence,
+        and no number's volume exceeds its prior's.
 
         Parameters
         ----------
@@ -94,9 +95,9 @@ class Fit:
 
     @property
     def _prior_precision(self) -> FloatArray:
-        """Of (u, nu); an even prior counts by its variance."""
+        """Of (u, nu); an even prior counts by the normal distribution that is as high."""
         width = np.ptp(self.hypothesis.ends, axis=1)
-        return np.concatenate([12 / width**2, 1 / self.prior_std**2])
+        return np.concatenate([2 * np.pi / width**2, 1 / self.prior_std**2])
 
     @property
     def log_weight(self) -> float:

@@ -298,7 +298,8 @@ def nonlinear(effects: Iterable[Effect]) -> bool:
 
 
 def _key(run: Run) -> tuple:
-    return run.support, run.excitation_node, run.excitation_plane, run.channels, run.frequency_hz.tobytes()
+    settings = run.support, run.excitation_node, run.excitation_plane, run.spin_rpm
+    return *settings, run.channels, run.frequency_hz.tobytes()
 
 
 def _kind(run: Run, effects: Sequence[Effect]) -> tuple:

@@ -153,10 +153,9 @@ class NonlinearModal:
         positive = (self.mode >= 0) & (values.imag > 0)
         return np.sort(np.abs(values[positive])) / (2 * np.pi)
 
-    @property
-    def found(self) -> BoolArray:
-        """(n_freq,) lines with a motion, without drifts."""
-        return self.solved().converged
+    def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
+        """(n_freq,) lines with a motion."""
+        return self.solved(drift, tolerance).converged
 
     def tells(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
@@ -181,14 +180,23 @@ class NonlinearModal:
 
     # -- the branch that the data are on ---------------------------------------------------------
 
-    def _by_data(self, balance: Balance) -> Solved:
+    def begin_with(self, joints: ComplexArray) -> None:
+        """Start from (n_freq, K, n_joints) motions that are known of this run."""
+        lost = np.zeros(len(self.run.frequency_hz), dtype=int)
+        self.known[self._kind(self.balance)] = Known(self.numbers, joints, lost)
+
+    def _kind(self, balance: Balance) -> tuple:
+        """What motions belong to: a run, effects at their places, harmonics."""
         run, places = self.run, tuple((e.id, *(getattr(e, name) for name in e.places())) for e in self.effects)
-        test = (run.support, run.excitation_node, run.excitation_plane, run.force_amplitude_N, run.name)
-        kind = (*test, run.frequency_hz.tobytes(), places, balance.harmonics, balance.n_joints)
+        test = (run.support, run.excitation_node, run.excitation_plane, run.force_amplitude_N, run.sweep, run.name)
+        return (*test, run.frequency_hz.tobytes(), places, balance.harmonics, balance.n_joints)
+
+    def _by_data(self, balance: Balance) -> Solved:
         if self.resolution.harmonics == 1:
             return self._solve(balance, self._measured_motion(balance))
+        run, kind = self.run, self._kind(balance)
         known = self.known.get(kind)
-        near = known is not None and np.allclose(known.numbers, self.numbers, rtol=_NEAR)
+        near = known is not None and np.allclose(known.numbers, self.numbers, rtol=_NEAR, atol=0.0)
         if known is None:
             best = self._solve(balance, self._measured_motion(balance))
         else:
@@ -229,7 +237,8 @@ class NonlinearModal:
         states = motions.states
         H = self._unit * self._scale[at, None] * (states[:, 1] @ self._read(balance).T)
         usable: BoolArray = np.asarray(np.isfinite(H).all(axis=1), dtype=bool)
-        tells = usable & (motions.converged | (np.nan_to_num(motions.off, nan=np.inf) <= _TELLS))
+        assert motions.off is not None
+        tells = usable & (motions.converged | (motions.off <= _TELLS))
         H = np.where(usable[:, None], H, 0.0)
         return Solved(balance, motions.joints, states, H, motions.converged & usable, tells)
 
@@ -425,9 +434,8 @@ def _drifted(plain: Balance, mode: IntArray, drift: FloatArray) -> Balance:
 
 def _replaced(best: Solved, other: Solved, lines: IntArray, better: BoolArray) -> Solved:
     """The first, with some lines of the second, which was solved on some lines alone."""
-    joints, states, H, converged, tells = (
-        each.copy() for each in (best.joints, best.states, best.H, best.converged, best.tells)
-    )
+    joints, states, H = best.joints.copy(), best.states.copy(), best.H.copy()
+    converged, tells = best.converged.copy(), best.tells.copy()
     taken = lines[better]
     joints[taken], states[taken], H[taken] = other.joints[better], other.states[better], other.H[better]
     converged[taken] = tells[taken] = True

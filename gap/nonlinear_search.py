@@ -30,7 +30,7 @@ from gap.robust import (
     unfitted,
 )
 from gap.score import Score
-from gap.search import Progress, Search, best_first, first_of_each, recalibrate
+from gap.search import NEAR, Progress, Search, best_first, first_of_each, recalibrate
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
@@ -54,9 +54,6 @@ _UNEVEN, _UNEVEN_ERRORS, _SAME = Resolution(9, 256, 15), (0.3, 0.1, 0.03), 0.01
 
 # It is the same at all levels: the stiffnesses of linear rotors at the lowest and the highest differ by less than this.
 _ALIKE = 0.05
-
-# Mean square misfit of the nominal model below which the gap is small.
-NEAR = 5.0
 
 # Effects whose stiffness at rest is not k_b; points that are descended from where the gap is small, and by how much
 # more of the misfit than the best one's a candidate may leave after that.
@@ -349,7 +346,8 @@ def _largest_motion(problem: Problem, start: Start) -> FloatArray:
     for modal in problem.modals(fit.k_b, fit.effects):
         if isinstance(modal, NonlinearModal):
             plane = 1 if modal.run.excitation_plane == "y" else 2
-            motions.append(np.abs(modal.solved().states[:, 1] @ modal.balance.read_out(plane).T))
+            solved = modal.solved()
+            motions.append(np.abs(solved.states[solved.converged, 1] @ modal.balance.read_out(plane).T))
     motion = np.concatenate(motions)
     own = motion[:, node_of(start.hypothesis) - 1]
     return np.maximum(motion[own.argmax()] / own.max(), _LEAST_MOTION)

@@ -123,13 +123,17 @@ def _named(
 ) -> tuple[Verdict, tuple[Cause, ...], Fit]:
     """The verdict, causes by probability, and the fit that corrects the model: the nominal one where no effect does."""
     problem, ranked, verdict = answer.problem, answer.ranked, answer.verdict
-    known = 1 - _doubt(answer.standing) if verdict == "unknown" else 1.0
-    causes = _causes(problem, ranked, answer.scale, known)
+    causes = _causes(problem, ranked, answer.scale, _known(answer))
     if verdict in ("cause", "ambiguous"):
         return verdict, causes, best_of(ranked)
     if verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings):
         return "cause", (_raster(ranked.no_gap), *causes), answer.nominal
     return verdict, causes, answer.nominal
+
+
+def _known(answer: Answer) -> float:
+    """Probability that it is a known effect, or none, at all."""
+    return 1 - _doubt(answer.standing) if answer.verdict == "unknown" else 1.0
 
 
 def _doubt(standing: Standing) -> float:
@@ -143,9 +147,9 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
     return {
         "k_b": _k_b(problem, nominal, answer.scale),
         "gap": float(np.nanmean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves])),
-        "gap_dB": float(np.mean([log_distance_db(c.run.H, c.nominal) for c in curves])),
+        "gap_dB": float(np.nanmean([log_distance_db(c.run.H, c.nominal) for c in curves])),
         "misfit": judge(problem, nominal).misfit,
-        "probability": answer.ranked.no_gap,
+        "probability": _known(answer) * answer.ranked.no_gap,
         **{key: getattr(campaign.nominal, key) for key in DAMPING},
     }
 
@@ -238,7 +242,7 @@ def _form_finding(answer: Answer) -> tuple[Finding, ...]:
     standing = answer.standing
     if not standing.other_form or answer.verdict not in ("cause", "ambiguous"):
         return ()
-    names = " and ".join(answer.ranked.fits[0].hypothesis.ids)
+    names = " and ".join(best_of(answer.ranked).hypothesis.ids)
     words = (
         f"{names} leaves {standing.quality.misfit:.2g} times the noise, far less than anything else leaves: on this "
         "rig it acts in a form that differs from the library's, or something small acts beside it"

@@ -64,7 +64,7 @@ _POSITIONS = 7
 
 # Close: the mean square misfit of the nominal model is below the first and its nuisances are not further outside
 # their priors than by so many standard deviations.
-_NEAR, _CALM = 5.0, 40.0
+NEAR, _CALM = 5.0, 40.0
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def search(
 
 def _close(nominal: Fit) -> bool:
     outside = np.abs(nominal.nu / nominal.prior_std).max()
-    return nominal.cost < _NEAR * nominal.n_data and bool(outside < _CALM)
+    return nominal.cost < NEAR * nominal.n_data and bool(outside < _CALM)
 
 
 def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], progress: Progress | None) -> list[Fit]:

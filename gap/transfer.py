@@ -22,7 +22,7 @@ from gap.forward import acting, nonlinear
 from gap.hypotheses import K_B
 from gap.likelihood import Problem, middle_level
 from gap.modal import Modal
-from gap.nonlinear import MIDDLE, NonlinearModal
+from gap.nonlinear import FINE, NonlinearModal
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
 
@@ -95,7 +95,7 @@ class _Test:
     """The campaign's supports, driven at another node."""
 
     def __init__(self, problem: Problem, nominal: Fit, best: Fit, node: int):
-        self._forward = problem.forward.made(resolution=MIDDLE)
+        self._forward = problem.forward.made(resolution=FINE)
         self._nuisances, self._best = problem.nuisances, best
         self._parts = []
         for r in middle_level(problem.runs):
@@ -104,10 +104,11 @@ class _Test:
             run_gain = np.exp(best.nu[problem.nuisances.gain][r])
             if nonlinear(effects):
                 there = self._swept(there, best)
+                corrected = there.H
             else:
                 self._forward.bend(there, best.k_b, effects)
-            gains = problem.nuisances.gains(best.nu, r, self._modal(there, best.u)) / run_gain
-            corrected = self._response(there, best.u, best.nu) * gains
+                corrected = self._response(there, best.u, best.nu)
+            corrected = corrected * problem.nuisances.gains(best.nu, r, self._modal(there, best.u)) / run_gain
             plain = self._forward.modal(there, nominal.k_b).response()
             self._parts.append(_Part(there, plain, corrected))
 
@@ -118,8 +119,13 @@ class _Test:
         there = acting(best.effects, run.support)
         modal = self._forward.made(with_data=False).modal(run, best.k_b, there)
         assert isinstance(modal, NonlinearModal)
-        H, found = modal.response(None, best.nu[self._nuisances.tolerance]), modal.found
-        return replace(run, frequency_hz=hz[found], H=H[found])
+        swept = modal.solved(None, best.nu[self._nuisances.tolerance])
+        found = swept.converged
+        run = replace(run, frequency_hz=hz[found], H=swept.H[found])
+        by_data = self._modal(run, best.u)
+        assert isinstance(by_data, NonlinearModal)
+        by_data.begin_with(swept.joints[found])
+        return run
 
     def shrink(self, u: FloatArray, nu: FloatArray) -> float:
         """1 - after / before where these numbers are the truth; nan where they have no model."""
@@ -135,4 +141,7 @@ class _Test:
         return self._forward.modal(run, K_B.value(u[0]), acting(self._best.hypothesis.effects(u[1:]), run.support))
 
     def _response(self, run: Run, u: FloatArray, nu: FloatArray) -> ComplexArray:
-        return self._modal(run, u).response(None, nu[self._nuisances.tolerance])
+        """nan where there is no motion."""
+        modal, tolerance = self._modal(run, u), nu[self._nuisances.tolerance]
+        H = modal.response(None, tolerance)
+        return np.where(modal.found(None, tolerance)[:, None], H, np.nan) if isinstance(modal, NonlinearModal) else H

@@ -32,6 +32,7 @@ from gap.audit.one_run import (
     check_raster,
     check_saturation,
     check_sweep_rate,
+    is_dead,
     without_dead_channels,
 )
 from gap.audit.pairs import check_pairs
@@ -64,10 +65,11 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
 
 
 def usable(campaign: Campaign) -> Campaign:
-    """The campaign as it is diagnosed: without wild lines and dead channels."""
+    """The campaign as it is diagnosed: without wild lines and dead channels, nor dead runs beside others."""
     geometry = geometry_of(campaign.rig)
-    runs = (without_dead_channels(run, geometry) for run in without_wild_lines(campaign).runs)
-    return replace(campaign, runs=tuple(runs))
+    runs = without_wild_lines(campaign).runs
+    alive = [run for run in runs if not is_dead(run, geometry)] or runs
+    return replace(campaign, runs=tuple(without_dead_channels(run, geometry) for run in alive))
 
 
 def _as_measured(p: Prepared, left: Prepared) -> Iterator[Finding]:

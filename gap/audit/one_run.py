@@ -262,9 +262,20 @@ def without_dead_channels(run: Run, geometry: Geometry) -> Run:
 
     A run that would lose all of its channels is left as it is.
     """
-    H = responses(run)
-    kept = [i for i, c in enumerate(run.channels) if _is_alive(H[:, i], bool(_stands_still(run, c, geometry)))]
+    kept = _live_channels(run, geometry)
     return run.with_channels(kept) if 0 < len(kept) < len(run.channels) else run
+
+
+def is_dead(run: Run, geometry: Geometry) -> bool:
+    """Whether every channel says nothing of those that have to move."""
+    moving = {i for i, channel in enumerate(run.channels) if not _stands_still(run, channel, geometry)}
+    return bool(moving) and not moving & set(_live_channels(run, geometry))
+
+
+def _live_channels(run: Run, geometry: Geometry) -> list[int]:
+    """Places of the channels that say something."""
+    H = responses(run)
+    return [i for i, c in enumerate(run.channels) if _is_alive(H[:, i], bool(_stands_still(run, c, geometry)))]
 
 
 def _stands_still(run: Run, channel: Channel, geometry: Geometry) -> str:

@@ -45,6 +45,11 @@ class Comparison:
     lines: int
 
     @property
+    def gain_error(self) -> float:
+        """Standard error of the gain: of a median of so many lines."""
+        return 1.25 * self.expected / np.sqrt(self.lines)
+
+    @property
     def ratio(self) -> float:
         """Scatter over what is expected."""
         return self.scatter / self.expected
@@ -183,7 +188,6 @@ def _repeatability(a: Prepared, b: Prepared, belief: NominalBelief) -> Finding:
     check = "sweep_direction" if directions else "repeatability"
     found = compare(a, b, _common(a, b), belief.frequency_drift)
     moved = [m for m in _movements(a, b, belief) if m.significant]
-    limit = GAIN_STDS * np.sqrt(2) * belief.gain_tolerance
     cause = "a jump or a rotor that had not settled" if directions else "something changed between them"
     if moved:
         m = max(moved, key=lambda m: abs(m.value_and_limit[0]) / max(m.value_and_limit[1], 1e-12))
@@ -191,6 +195,7 @@ def _repeatability(a: Prepared, b: Prepared, belief: NominalBelief) -> Finding:
         return Finding(check, "warning", words, both, *m.value_and_limit)
     if found is None:
         return Finding(check, "note", f"Two runs of one test share {_what_lacks(a, b)}.", both)
+    limit = GAIN_STDS * np.hypot(np.sqrt(2) * belief.gain_tolerance, found.gain_error)
     if abs(found.gain) > limit:
         words = f"Two runs of one test differ by {100 * found.gain:.2g} % in gain: the force or its sensor changed"
         return Finding(check, "warning", f"{words}; check the force channel.", both, found.gain, limit)
@@ -331,8 +336,7 @@ def _homogeneity(low: Prepared, high: Prepared) -> float:
 
 def _check_reciprocity(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:
     """Runs with exchanged exciter and sensor on one support, at standstill."""
-    # Two force gains and two sensor gains, these half as uncertain.
-    limit = GAIN_STDS * belief.gain_tolerance * np.sqrt(2 + 2 * 0.25)
+    gains = belief.gain_tolerance * np.sqrt(2 + 2 * 0.25)  # two of the force, two of sensors, these half as uncertain
     for a, b in combinations(runs, 2):
         at_a = Channel(a.run.excitation_node, a.run.excitation_plane)
         at_b = Channel(b.run.excitation_node, b.run.excitation_plane)
@@ -347,6 +351,7 @@ def _check_reciprocity(runs: Sequence[Prepared], belief: NominalBelief) -> Itera
         if found is None:
             continue
         both, who = f"{a.label}, {b.label}", f"{at_a} and {at_b}"
+        limit = GAIN_STDS * np.hypot(gains, found.gain_error)
         if abs(found.phase) > np.pi / 2:
             words = f"Exchanging exciter and sensor between {who} changes the sign: one sensor is inverted"
             yield Finding("reciprocity", "error", f"{words}; check polarities.", both, found.phase, np.pi / 2)

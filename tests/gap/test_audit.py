@@ -559,6 +559,12 @@ def test_a_resonance_that_moved_between_repeats_is_found():
     assert found.value == pytest.approx(2e-3, rel=0.2)
 
 
+def test_repeats_of_a_rig_without_errors_of_gain_may_differ_by_their_noise():
+    one, two = measure(BEARING), measure(BEARING, seed=1)
+    belief = NominalBelief(gain_tolerance=0.0)
+    assert not troubles(audit(in_campaign(one, two, nominal=belief)), "repeatability")
+
+
 def test_a_gain_that_changed_between_repeats_is_found():
     one, two = measure(BEARING), measure(BEARING, seed=1, gain=1.2)
     (found,) = troubles(audit(in_campaign(one, two)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,8 +14,9 @@ from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from gap.adequacy import Adequacy, judge
+from gap.audit import usable
 from gap.curves import nrmse
-from gap.diagnose import _not_ruled_out, diagnose
+from gap.diagnose import _library, _not_ruled_out, diagnose
 from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Location
 from gap.held_out import _figures, _held_out, lines_to_measure
 from gap.hypotheses import candidates
@@ -430,6 +432,24 @@ def test_a_dead_channel_is_left_out():
         assert Channel(5) not in curve.run.channels
     assert Channel(1) in found.curves[0].run.channels
     assert any("dead channel" in finding.words for finding in found.diagnosis.audit)
+
+
+def test_a_dead_run_is_left_out():
+    rigid, bearing = both_supports()
+    dead = replace(rigid, H=0 * rigid.H)
+    assert [run.name for run in usable(campaign_of(dead, bearing)).runs] == [bearing.name]
+    assert len(usable(campaign_of(dead)).runs) == 1  # there is nothing else
+
+
+def test_all_effects_are_equally_probable_beforehand():
+    runs = [replace(run, force_amplitude_N=level) for run in both_supports() for level in (1.0, 3.0)]
+    library = _library(problem_of(*runs), ())
+    priors = Counter()
+    for hypothesis in (*library.linear, *library.laws):
+        priors[hypothesis.ids] += hypothesis.prior
+    assert {"rub", "bearing_cubic", "attached_mass"} < {name for (name,) in priors}
+    assert_allclose(list(priors.values()), 1 / len(priors))
+    assert _library(problem_of(*both_supports()), ()).laws == []
 
 
 @pytest.mark.parametrize(

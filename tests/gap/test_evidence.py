@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
 from gap.evidence import sample
-from gap.fit import Sampled
+from gap.fit import Fit, Sampled
+from gap.hypotheses import NOMINAL
 from gap.search import recalibrate
 from rotor.effects import BearingCubic
 from tests.gap.conftest import MASS, both_supports, candidate, problem_of
@@ -22,7 +23,7 @@ def one_number(cost, curvature, ends=(-50.0, 50.0), effects=()):
     """A problem of one number and one nuisance, the fit at zero; ``cost`` is the misfit by the number."""
     width = ends[1] - ends[0]
     precision = np.diag([curvature, 0.0])
-    prior = np.array([12 / width**2, 1.0])
+    prior = np.array([2 * np.pi / width**2, 1.0])
     fit = SimpleNamespace(
         u=np.zeros(1),
         nu=np.zeros(1),
@@ -57,6 +58,15 @@ def test_the_correction_is_the_integral_over_laplace_s(cost, curvature, ends):
     few = sample(problem, fit)
     assert abs(few.correction - np.log(true / laplace)) < 4 * few.error + 1e-3
     assert 20 < few.ess <= 64
+
+
+def test_the_evidence_is_the_data_s_probability_over_the_prior():
+    """Of a number that the data tell well, and of one that they do not tell."""
+    width = np.ptp(NOMINAL.ends)
+    told = Fit(NOMINAL, np.log([1e6]), np.zeros(0), 7.0, 0.0, np.array([[1e8]]), 9, np.zeros(0), True)
+    exact = quad(lambda x: np.exp(-1e8 * x**2 / 2), -1e-3, 1e-3, points=[0.0])[0] / width
+    assert told.log_evidence() == pytest.approx(np.log(exact) - 3.5, abs=1e-4)
+    assert replace(told, precision=np.zeros((1, 1))).log_evidence() == pytest.approx(-3.5)
 
 
 def test_errors_that_are_larger_than_believed_widen_the_integral():

@@ -66,7 +66,7 @@ def swept(effect: Effect, level: float, seed: int = 0, resolution=FINE, **settin
     run = blank("bearing", lines("bearing"), force_amplitude_N=level, sweep="up", name=f"{level} N", **settings)
     forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=resolution)
     modal = forward.modal(run, K_B, (effect,))
-    return noisy(run, np.where(modal.found[:, None], modal.response(), np.nan), seed)
+    return noisy(run, np.where(modal.found()[:, None], modal.response(), np.nan), seed)
 
 
 def noisy(run, H, seed: int):
@@ -280,7 +280,7 @@ def test_where_newtons_method_was_left_nothing_is_told(hardening):
     by_line = np.abs(J).reshape(len(J), 2, *modal.run.H.shape).sum(axis=(1, 3))  # (n_columns, n_freq)
     told = modal.tells()
     assert 3 < np.count_nonzero(~told) < len(told) - 3
-    assert (modal.found <= told).all()
+    assert (modal.found() <= told).all()
     assert (by_line[:, ~told] == 0).all()
     assert (by_line[1, told] > 0).all()  # the law's number
     assert (by_line[-1, told] > 0).all()  # the level

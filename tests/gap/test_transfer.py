@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import gap.transfer
-from gap.hypotheses import NOMINAL
+from gap.forward import Forward
+from gap.hypotheses import NOMINAL, candidates
 from gap.search import recalibrate
-from gap.transfer import transfer_interval
-from rotor.effects import AttachedMass
-from tests.gap.conftest import both_supports, candidate, problem_of
+from gap.transfer import _Test, transfer_interval
+from rotor.effects import AttachedMass, BearingCubic
+from sim.campaign import Channel
+from tests.gap.conftest import (
+    BELIEF,
+    K_B,
+    STRUCTURE,
+    all_but,
+    blank,
+    both_supports,
+    candidate,
+    lines,
+    problem_of,
+)
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +60,20 @@ def test_a_model_without_any_motion_there_has_no_interval(heavy, monkeypatch):
 def test_no_node_left_to_drive_has_no_interval(heavy, monkeypatch):
     monkeypatch.setattr(gap.transfer, "_other_nodes", lambda problem: [])
     assert np.isnan(transfer_interval(*heavy, 1.0)).all()
+
+
+def swept_law(level, channels):
+    """A cubic law's problem, and its fit, driven so hard that lines have several motions."""
+    run = blank("bearing", lines("bearing"), channels=channels, name="hard", force_amplitude_N=level, sweep="up")
+    swept = Forward(STRUCTURE, BELIEF).made(with_data=False).modal(run, K_B, (BearingCubic(stiffness=1e15),))
+    run = replace(run, H=swept.response(), std=0.01 * np.abs(swept.response()))
+    problem = problem_of(run)
+    (law,) = candidates([run], STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
+    return problem, problem.fit(NOMINAL, np.log([K_B]), steps=0), problem.fit(law, np.log([K_B, 1e15]), steps=0)
+
+
+@pytest.mark.parametrize("channels", [(Channel(2),), (Channel(2), Channel(3), Channel(5))], ids=["one", "three"])
+def test_a_rig_of_the_fitted_numbers_is_the_corrected_model(channels):
+    """Whatever its sensors tell of its motions."""
+    problem, nominal, best = swept_law(20.0, channels)
+    assert _Test(problem, nominal, best, 4).shrink(best.u, best.nu) == pytest.approx(1.0, abs=1e-4)

@@ -7,6 +7,8 @@ number's range count for nothing. The mean weight is the evidence over Laplace's
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gap.fit import Fit, Sampled
@@ -14,20 +16,31 @@ from gap.forward import nonlinear
 from gap.likelihood import Problem
 from rotor.structure import FloatArray
 
-DRAWS = 64
+# Draws, and more of them as long as too few count: most then lie outside the ranges, and cost nothing.
+DRAWS = (64, 256, 1024)
 
 
-def sample(problem: Problem, fit: Fit, scale: float = 1.0, draws: int = DRAWS) -> Sampled | None:
+def sample(problem: Problem, fit: Fit, scale: float = 1.0, draws: Sequence[int] = DRAWS) -> Sampled | None:
     """Sample the evidence of a fit; None where the effect is nonlinear, as a draw takes seconds, or no draw counts.
 
     Parameters
     ----------
     problem : that of the fit
     scale : true over believed standard error of the data
-    draws : how many; the same ones for every fit of as many numbers
+    draws : how many, one after another until enough of them count; the same ones for every fit of as many numbers
     """
     if nonlinear(fit.effects):
         return None
+    found = None
+    for count in draws:
+        found = _sampled(problem, fit, scale, count)
+        if found and found.trusted:
+            break
+    return found
+
+
+def _sampled(problem: Problem, fit: Fit, scale: float, draws: int) -> Sampled | None:
+    """The same with so many draws."""
     n_u, fixed = len(fit.u), 0 if fit.with_k_b else 1
     best = np.concatenate([fit.u, fit.nu])
     try:

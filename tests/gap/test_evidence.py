@@ -52,7 +52,7 @@ def one_number(cost, curvature, ends=(-50.0, 50.0), effects=()):
 def test_the_correction_is_the_integral_over_laplace_s(cost, curvature, ends):
     problem, fit, laplace = one_number(cost, curvature, ends)
     true = quad(lambda x: np.exp(-cost(x) / 2), max(ends[0], -30), min(ends[1], 30))[0]
-    found = sample(problem, fit, draws=4000)
+    found = sample(problem, fit, draws=(4000,))
     assert abs(found.correction - np.log(true / laplace)) < 4 * found.error + 1e-3
     assert found.error < 0.05
     few = sample(problem, fit)
@@ -69,13 +69,22 @@ def test_the_evidence_is_the_data_s_probability_over_the_prior():
     assert replace(told, precision=np.zeros((1, 1))).log_evidence() == pytest.approx(-3.5)
 
 
+def test_where_few_draws_count_there_are_more():
+    """A neighbourhood much narrower than the fit says."""
+    problem, fit, laplace = one_number(lambda x: x**2, 0.0025)
+    assert not sample(problem, fit, draws=(64,)).trusted
+    found = sample(problem, fit)
+    assert found.trusted
+    assert abs(found.correction - np.log(np.sqrt(2 * np.pi) / laplace)) < 4 * found.error
+
+
 def test_errors_that_are_larger_than_believed_widen_the_integral():
     problem, fit, _ = one_number(lambda x: x**2, 1.0)
     assert_allclose(sample(problem, fit, scale=3.0).correction, 0.0, atol=0.01)
 
 
 def test_a_fit_whose_neighbourhood_is_nothing_like_laplace_s_is_not_trusted():
-    problem, fit, _ = one_number(lambda x: 1e4 * x**2, 1.0)
+    problem, fit, _ = one_number(lambda x: 1e6 * x**2, 1.0)
     found = sample(problem, fit)
     assert found.ess < 8
     assert not found.trusted

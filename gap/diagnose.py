@@ -24,7 +24,17 @@ from gap.ranking import rank, verdict_of
 from gap.report import Answer, Clock, Outcome, report
 from gap.robust import robust_fit
 from gap.score import Score
-from gap.search import POLISHED, Progress, Search, all_polished, best_first, recalibrate, search, with_bent
+from gap.search import (
+    POLISHED,
+    Progress,
+    Search,
+    all_polished,
+    best_first,
+    from_afar_too,
+    recalibrate,
+    search,
+    with_bent,
+)
 from gap.standing import adequate, excess_of, scale_of, standing_of
 from rotor.effects.library import EFFECTS
 from sim.campaign import Campaign, Run
@@ -193,7 +203,7 @@ def _finished(
 ) -> tuple[Problem, list[Fit]]:
     """The problem on the finer mesh; linear effects, best first, and pairs where no single one is adequate."""
     if found.fits and not adequate(problem, found.best):
-        found = with_bent(problem, found, hypotheses)
+        found = with_bent(problem, from_afar_too(problem, found, hypotheses, progress), hypotheses)
     fits = list(found.fits) or [found.nominal]
     if with_pairs and found.fits and not _suffices(problem, found.best, hypotheses):
         fits = _with_pairs(problem, found, hypotheses, progress)

@@ -176,6 +176,21 @@ def search(
     return Search(nominal, tuple(fits))
 
 
+def from_afar_too(
+    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+) -> Search:
+    """A search next to the nominal model, and effects of several numbers from rough descents as well.
+
+    Where such an effect is weak it may act the other way than where it explains the runs.
+    """
+    if found.rough:
+        return found
+    several = [hypothesis for hypothesis in hypotheses if _several(hypothesis)]
+    starts, _ = _rough_starts(problem, several, found.nominal, progress)
+    fits = best_first([*found.fits, *race(problem, starts, FAR, progress)])
+    return replace(found, fits=tuple(first_of_each(fits, lambda fit: fit.hypothesis)))
+
+
 def _close(nominal: Fit) -> bool:
     outside = np.abs(nominal.nu / nominal.prior_std).max()
     return nominal.cost < NEAR * nominal.n_data and bool(outside < _CALM)

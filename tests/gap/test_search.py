@@ -32,6 +32,7 @@ from gap.search import (
     Search,
     Start,
     _of_each,
+    from_afar_too,
     polished,
     recalibrate,
     search,
@@ -200,6 +201,18 @@ def test_a_weak_effect_of_several_numbers_is_started_near_its_size():
     best = search(problem, [hypothesis, *of(problem.runs, "bearing_damping")], nominal).fits[0]
     assert best.hypothesis is hypothesis
     assert best.cost < 1.1 * best.n_data
+
+
+def test_effects_of_several_numbers_are_looked_for_from_afar_too():
+    """Next to the nominal model nothing else stands, and there a weak pedestal may act the other way."""
+    runs = both_supports(PedestalFlexibility(stiffness=6e7, mass=2.0, damping=150.0), channels=(Channel(2),), seed=5)
+    problem = problem_of(*runs)
+    near = search(problem, [candidate(runs, "attached_mass", 3)], recalibrate(problem))
+    assert not near.rough
+    assert near.best.cost > 1.3 * near.best.n_data
+    found = from_afar_too(problem, near, [candidate(runs, name) for name in ("pedestal_flexibility", "hub_stiffening")])
+    assert [fit.hypothesis.ids for fit in found.fits] == [("pedestal_flexibility",), ("attached_mass",)]
+    assert found.best.cost < 1.1 * found.best.n_data
 
 
 def test_the_chain_leaves_the_rotor_as_it_is():

@@ -109,6 +109,8 @@ def _check_output(out: Path | None) -> None:
     """Refuse before measuring what could not be written after it."""
     if out and out.suffix.lower() not in SUFFIXES:
         raise UserError(f"{out}: unknown kind of file; --out takes {', '.join(SUFFIXES)}")
+    if out and out.is_dir():
+        raise UserError(f"{out}: is a folder; give the file a name inside it")
     if out and not out.parent.is_dir():
         raise UserError(f"{out}: the folder {out.parent} does not exist; create it first")
 

@@ -247,7 +247,7 @@ def load_rig(source: str | Path) -> Rig:
     if str(source) in shipped_rigs():
         return parse_rig(files("rotor").joinpath("rigs", f"{source}.toml").read_text(encoding="utf-8"), f"rig {source}")
     try:
-        rig = parse_rig(Path(source).read_text(encoding="utf-8"), str(source))
+        rig = parse_rig(Path(source).read_text(encoding="utf-8-sig"), str(source))
     except (OSError, UnicodeDecodeError) as error:
         known = ", ".join(shipped_rigs())
         raise RigError(f"{source}: cannot be read ({error}); give a rig TOML or one of: {known}") from error

@@ -121,7 +121,7 @@ def _read_table(folder: Path) -> _CampaignTable:
     if not path.is_file():
         raise MeasurementError(f"{folder}: holds no {FILE_NAME}; write one (title, rig, a [[run]] for each data file)")
     try:
-        return _CampaignTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return _CampaignTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
     except OSError as error:
         raise MeasurementError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:

@@ -87,7 +87,7 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
 
     Raises
     ------
-    ModalFitError : fewer than 8 lines round it
+    ModalFitError : fewer than 8 lines round it, or another resonance too close to it
     """
     centre, width = half_power_band(run.frequency_hz, _displacement_size(run), near_hz)
     reach = min(_BANDWIDTHS * width, _half_way_to_neighbour(run, near_hz))
@@ -103,6 +103,11 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
     solution = least_squares(
         lambda p: problem.residual(p, centre), start, x_scale=[width / centre, 1.0], xtol=1e-13, ftol=1e-13, gtol=1e-13
     )
+    if abs(centre * (solution.x[0] - 1)) > reach:
+        raise ModalFitError(
+            f"run {run.name!r}: the fit of the resonance at {centre:.3f} Hz went to {centre * solution.x[0]:.3f} Hz, "
+            "another one's; they are too close to be told apart here"
+        )
     return problem.mode(solution.x, centre, solution.jac, solution.cost)
 
 

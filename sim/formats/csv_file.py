@@ -19,10 +19,10 @@ def read(path: Path, given: RunSettings) -> Recording:
     """Read a campaign CSV. Raises MeasurementError that names file, line and column."""
     lines = _lines(path)
     try:
-        _, cells = next(lines)
+        line, cells = next(lines)
     except StopIteration:
         raise MeasurementError(f"{path}: the file is empty; it needs a header and one line per frequency") from None
-    header = parse_header(path, cells)
+    header = parse_header(f"{path}, line {line}", cells)
     table = _table(path, header, lines)
     return Recording(
         frequency_hz=table[FREQUENCY],
@@ -41,7 +41,7 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
             reader = csv.reader(file, strict=True)
             try:
                 for cells in reader:
-                    if reader.line_num == 1 or any(cell.strip() for cell in cells):
+                    if any(cell.strip() for cell in cells):
                         yield reader.line_num, cells
             except csv.Error as error:
                 raise MeasurementError(f"{path}, line {reader.line_num}: not CSV ({error}); save it again") from error

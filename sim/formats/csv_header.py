@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 from sim.campaign import Channel, MeasurementError
@@ -14,7 +13,7 @@ FREQUENCY = "frequency_Hz"
 
 Part = Literal["re", "im", "abs", "std"]
 
-_COLUMN = re.compile(r"node([1-9]\d*)(_z)?(?:_h([2-9]|[1-9]\d+))?_(re|im|abs|std)")
+_COLUMN = re.compile(r"node([1-9][0-9]{0,8})(_z)?(?:_h([2-9]|[1-9][0-9]{1,8}))?_(re|im|abs|std)")
 
 _KNOWN = (
     f"known are {FREQUENCY}, node2_re with node2_im (or node2_abs), node2_std, node2_z_re … for the other plane "
@@ -46,32 +45,32 @@ class Header:
     has_std: bool
 
 
-def parse_header(path: Path, cells: list[str]) -> Header:
-    """Parse the header line. Raises MeasurementError that names line 1 and the column."""
+def parse_header(place: str, cells: list[str]) -> Header:
+    """Parse the header line; ``place`` names file and line. Raises MeasurementError that names them and the column."""
     names = tuple(cell.strip() for cell in cells)
-    _refuse_no_header(path, names)
+    _refuse_no_header(place, names)
     for name, count in Counter(names).items():
         if count > 1:
-            raise MeasurementError(f"{path}, line 1, column {name}: is there {count} times; keep one")
-    columns = {name: _column(path, place, name) for place, name in enumerate(names, start=1) if name != FREQUENCY}
+            raise MeasurementError(f"{place}, column {name}: is there {count} times; keep one")
+    columns = {name: _column(place, n, name) for n, name in enumerate(names, start=1) if name != FREQUENCY}
     if FREQUENCY not in names:
-        raise MeasurementError(f"{path}, line 1: column {FREQUENCY} is missing; it holds the lines' frequencies in Hz")
+        raise MeasurementError(f"{place}: column {FREQUENCY} is missing; it holds the lines' frequencies in Hz")
     present = set(columns.values())
     channels = tuple(dict.fromkeys(c.channel for c in columns.values()))
     if not channels:
-        raise MeasurementError(f"{path}, line 1: no response column; {_KNOWN}")
+        raise MeasurementError(f"{place}: no response column; {_KNOWN}")
     for column in columns.values():
-        _check_partner(path, column, present)
-    return _complete(path, names, columns, channels)
+        _check_partner(place, column, present)
+    return _complete(place, names, columns, channels)
 
 
-def _refuse_no_header(path: Path, names: tuple[str, ...]) -> None:
+def _refuse_no_header(place: str, names: tuple[str, ...]) -> None:
     if any(";" in name or "\t" in name for name in names):
         raise MeasurementError(
-            f"{path}, line 1: columns must be separated by commas (and decimals written with a point); save it again so"
+            f"{place}: columns must be separated by commas (and decimals written with a point); save it again so"
         )
     if not any(names) or _is_number(names[0]):
-        raise MeasurementError(f"{path}, line 1: the header is missing; the first line names the columns: {_KNOWN}")
+        raise MeasurementError(f"{place}: the header is missing; the first line names the columns: {_KNOWN}")
 
 
 def _is_number(text: str) -> bool:
@@ -82,20 +81,20 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _column(path: Path, place: int, name: str) -> Column:
+def _column(place: str, number: int, name: str) -> Column:
     match = _COLUMN.fullmatch(name)
     if match is None or (match[3] and match[4] == "std"):
-        raise MeasurementError(f"{path}, line 1, column {place} {name!r}: unknown column; {_KNOWN}")
+        raise MeasurementError(f"{place}, column {number} {name!r}: unknown column; {_KNOWN}")
     return Column(Channel(int(match[1]), "z" if match[2] else "y"), match[4], int(match[3] or 1))  # type: ignore[arg-type]
 
 
-def _check_partner(path: Path, column: Column, present: set[Column]) -> None:
+def _check_partner(place: str, column: Column, present: set[Column]) -> None:
     """``re`` needs ``im`` and the reverse; ``abs`` excludes both; the rest needs the channel's response."""
 
     def there(part: Part, order: int = column.order) -> bool:
         return Column(column.channel, part, order) in present
 
-    where = f"{path}, line 1, column {column}"
+    where = f"{place}, column {column}"
     partner: dict[Part, Part] = {"re": "im", "im": "re"}
     if column.part == "abs" and (there("re") or there("im")):
         raise MeasurementError(f"{where}: this node has real and imaginary part too; keep those or _abs, not both")
@@ -106,14 +105,14 @@ def _check_partner(path: Path, column: Column, present: set[Column]) -> None:
         raise MeasurementError(f"{where}: {column.channel} has no response; add {column.channel}_re and _im, or _abs")
 
 
-def _complete(path: Path, names: tuple[str, ...], columns: dict[str, Column], channels: tuple[Channel, ...]) -> Header:
+def _complete(place: str, names: tuple[str, ...], columns: dict[str, Column], channels: tuple[Channel, ...]) -> Header:
     """All channels must give the same: magnitudes or complex values, std or none, the same harmonics."""
     present = columns.values()
     magnitude_only = any(c.part == "abs" for c in present)
     if magnitude_only and any(c.part == "re" for c in present):
         mixed = next(c for c in present if c.part == "abs")
         raise MeasurementError(
-            f"{path}, line 1, column {mixed}: other columns are complex (_re, _im); put the nodes that have "
+            f"{place}, column {mixed}: other columns are complex (_re, _im); put the nodes that have "
             "magnitudes only in a run file of their own"
         )
     has_std = any(c.part == "std" for c in present)
@@ -124,7 +123,7 @@ def _complete(path: Path, names: tuple[str, ...], columns: dict[str, Column], ch
     for column in needed:
         if column not in present:
             raise MeasurementError(
-                f"{path}, line 1: column {column} is missing, other nodes have it; give it for every node or none, "
+                f"{place}: column {column} is missing, other nodes have it; give it for every node or none, "
                 "or put these nodes in a run file of their own"
             )
     return Header(names, columns, channels, orders, magnitude_only, has_std)

@@ -50,6 +50,8 @@ LABELS = {
 }
 
 GENERAL, FREQUENCY_RESPONSE, SPECTRUM = 0, 4, 12  # function types of dataset 58
+FREQUENCY_AXIS = (0, 1, 18)  # specific data types of an abscissa: unknown, general, frequency
+UNSAID = ((0, 0), (0, 13), (12, 0))  # ordinate types of software that leaves them out: an accelerance
 SI = 1  # units code of dataset 164
 
 
@@ -70,6 +72,7 @@ def read(path: Path, given: RunSettings) -> Recording:
     functions = _one_reference(path, _functions(path, given), given)
     responses = [f for f in functions if f.kind == RESPONSE]
     _check_lines(path, functions)
+    _check_quantities(path, responses, given)
     frequency_hz = responses[0].frequency_hz
     # A spectrum analyser's first line is at 0 Hz, where nothing moves.
     kept = slice(1 if len(frequency_hz) and frequency_hz[0] == 0 else 0, None)
@@ -113,11 +116,12 @@ def _functions(path: Path, given: RunSettings) -> list[_Function]:
                 raise MeasurementError(f"{path}: unit factors of dataset 164 are {length}, {force}; export it in SI")
             continue
         kind = _kind(dataset, given)
-        if kind and abs(dataset["rsp_dir"]) in PLANE:
+        if kind and abs(dataset["rsp_dir"]) in PLANE and abs(dataset["ref_dir"]) in (0, *PLANE):
             per_force = given.get("quantity", _quantity(dataset)) != "acceleration"
             functions.append(_function(path, dataset, kind, factor=force / length if per_force else 1 / length))
         else:
-            seen.append(f"type {dataset['func_type']} in direction {dataset['rsp_dir']}")
+            beside = f" of a force in direction {dataset['ref_dir']}" if dataset["ref_dir"] else ""
+            seen.append(f"type {dataset['func_type']} in direction {dataset['rsp_dir']}{beside}")
     if not any(f.kind == RESPONSE for f in functions):
         raise MeasurementError(
             f"{path}: no frequency response (dataset 58, function type 4) in direction 2 (Y) or 3 (Z); "
@@ -136,7 +140,11 @@ def _own_kind(dataset: dict[str, Any]) -> str | None:
 def _kind(dataset: dict[str, Any], given: RunSettings) -> str | None:
     if own := _own_kind(dataset):
         return own
-    spectrum = given.get("quantity") == "acceleration" and dataset["func_type"] == SPECTRUM
+    spectrum = (
+        given.get("quantity") == "acceleration"
+        and dataset["func_type"] == SPECTRUM
+        and dataset["ordinate_spec_data_type"] in (0, DATA_TYPES["acceleration"][0])
+    )
     return RESPONSE if spectrum or dataset["func_type"] == FREQUENCY_RESPONSE else None
 
 
@@ -144,9 +152,14 @@ def _function(path: Path, dataset: dict[str, Any], kind: str, factor: float) -> 
     """One dataset 58 in SI and along the positive axes; ``factor`` turns the file's units into SI."""
     channel = Channel(dataset["rsp_node"], PLANE[abs(dataset["rsp_dir"])])
     points, values, frequency_hz = dataset["num_pts"], dataset["data"], dataset["x"]
+    if dataset["abscissa_spec_data_type"] not in FREQUENCY_AXIS:
+        raise MeasurementError(
+            f"{path}: the abscissa of {channel} has type {dataset['abscissa_spec_data_type']}, which is no frequency "
+            "(18); export responses over frequency"
+        )
     if len(values) < points:
         raise MeasurementError(f"{path}: {channel} has {len(values)} of {points} values: damaged, export it again")
-    if np.iscomplexobj(values) and dataset["rsp_dir"] * dataset["ref_dir"] < 0:
+    if np.iscomplexobj(values) and (dataset["rsp_dir"] < 0) != (dataset["ref_dir"] < 0):
         factor = -factor
     return _Function(
         kind=kind,
@@ -164,7 +177,7 @@ def _one_reference(path: Path, functions: list[_Function], given: RunSettings) -
     if len(references) == 1:
         return functions
     node, plane = given.get("excitation_node"), given.get("excitation_plane")
-    chosen = [r for r in references if node in (None, r[0]) and plane in (None, r[1])]
+    chosen = [r for r in references if node in (None, r[0]) and (r[1] is None or plane in (None, r[1]))]
     if len(chosen) != 1:
         places = ", ".join(f"node {r[0]} {r[1] or ''}".strip() for r in references)
         raise MeasurementError(
@@ -186,6 +199,23 @@ def _check_lines(path: Path, functions: list[_Function]) -> None:
                 f"{path}: {first.channel} and {function.channel}: one is complex, the other a magnitude; "
                 "put them in run files of their own"
             )
+
+
+def _check_quantities(path: Path, responses: list[_Function], given: RunSettings) -> None:
+    first = responses[0]
+    for response in responses:
+        types = _ordinate(response.dataset)
+        if types != _ordinate(first.dataset):
+            raise MeasurementError(
+                f"{path}: {first.channel} and {response.channel} hold different quantities (ordinate types "
+                f"{_ordinate(first.dataset)} and {types}); export all channels of a run in one"
+            )
+    known = "quantity" in given or _own_kind(first.dataset) or _quantity(first.dataset)
+    if not known and _ordinate(first.dataset) not in UNSAID:
+        raise MeasurementError(
+            f"{path}: ordinate types {_ordinate(first.dataset)} are none of {', '.join(DATA_TYPES)}; say the run's "
+            "quantity in campaign.toml"
+        )
 
 
 def _columns(path: Path, functions: list[_Function], kind: str, channels: tuple[Channel, ...]) -> np.ndarray:
@@ -211,8 +241,13 @@ def _settings(path: Path, response: _Function) -> RunSettings:
 
 def _quantity(dataset: dict[str, Any]) -> Quantity | None:
     """Quantity from the data types, None where they name none."""
-    types = (dataset["ordinate_spec_data_type"], dataset["orddenom_spec_data_type"])
+    types = _ordinate(dataset)
     return next((quantity for quantity, known in DATA_TYPES.items() if known == types and known[1]), None)
+
+
+def _ordinate(dataset: dict[str, Any]) -> tuple[int, int]:
+    """Specific data types of numerator and denominator."""
+    return int(dataset["ordinate_spec_data_type"]), int(dataset["orddenom_spec_data_type"])
 
 
 def write(run: Run, path: Path) -> None:

@@ -118,7 +118,7 @@ def _matrix(path: Path, name: str, value: Any, shape: tuple[int, int]) -> np.nda
 
 def _channels(path: Path, variables: Mapping[str, Any]) -> tuple[Channel, ...]:
     nodes = _real(path, "node", _numbers(path, "node", variables["node"])).ravel()
-    if nodes.size == 0 or np.any(nodes < 1) or np.any(nodes != np.round(nodes)):
+    if nodes.size == 0 or not np.isfinite(nodes).all() or np.any(nodes < 1) or np.any(nodes != np.round(nodes)):
         raise MeasurementError(f"{path}: variable 'node' must hold each channel's node, whole numbers from 1")
     planes = str(_scalar(variables["plane"])) if "plane" in variables else "y" * nodes.size
     if len(planes) != nodes.size or not set(planes) <= {"y", "z"}:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import pkgutil
+import re
 import tempfile
 from pathlib import Path
 
@@ -213,9 +214,9 @@ def test_csv_columns_may_stand_in_any_order(tmp_path):
 
 
 def test_csv_of_a_spreadsheet_is_read(tmp_path):
-    """Byte-order mark, CRLF, quotes, blanks round cells and blank lines below."""
+    """Byte-order mark, CRLF, quotes, blanks round cells and blank lines."""
     (tmp_path / "run.csv").write_bytes(
-        b'\xef\xbb\xbffrequency_Hz, "node2_abs"\r\n 95 ,"1.5"\r\n\r\n96,2\r\n,\r\n'.replace(b', "', b',"')
+        b'\xef\xbb\xbf\r\nfrequency_Hz, "node2_abs"\r\n 95 ,"1.5"\r\n\r\n96,2\r\n,\r\n'.replace(b', "', b',"')
     )
     run = read_run(tmp_path / "run.csv", support="rigid")
     assert run.magnitude_only
@@ -238,7 +239,9 @@ GOOD = "frequency_Hz,node2_re,node2_im\n95,1,2\n"
         ("", "run.csv: the file is empty; it needs a header"),
         ("frequency_Hz,node2_abs\n", "run.csv: nothing below the header"),
         ("95,1,2\n96,1,2\n", "run.csv, line 1: the header is missing; the first line names the columns"),
-        ("\n" + GOOD, "run.csv, line 1: the header is missing"),
+        ("\n95,1,2\n96,1,2\n", "run.csv, line 2: the header is missing"),
+        ("frequency_Hz,node1\u0662_re,node2_im\n", "run.csv, line 1, column 2 'node1\u0662_re': unknown column"),
+        (f"frequency_Hz,node{'1' * 5000}_abs\n95,1\n", "run.csv, line 1, column 2 'node1"),
         ("node2_re,node2_im\n1,2\n", "run.csv, line 1: column frequency_Hz is missing"),
         ("frequency_Hz\n95\n", "run.csv, line 1: no response column"),
         ("frequency_Hz;node2_abs\n95;1,5\n", "run.csv, line 1: columns must be separated by commas"),
@@ -387,6 +390,8 @@ def test_uff_sensor_mounted_backwards_changes_the_sign(tmp_path):
     forwards = read_uff(tmp_path, function_58()).H
     np.testing.assert_array_equal(read_uff(tmp_path, function_58(rsp_dir=-2)).H, -forwards)
     np.testing.assert_array_equal(read_uff(tmp_path, function_58(rsp_dir=-2, ref_dir=-3)).H, forwards)
+    unsaid = read_uff(tmp_path, function_58(rsp_dir=-2, ref_dir=0), excitation_plane="y").H
+    np.testing.assert_array_equal(unsaid, -forwards)
 
 
 @pytest.mark.parametrize(("numerator", "quantity"), [(8, "receptance"), (11, "mobility"), (12, "accelerance")])
@@ -414,6 +419,27 @@ def test_uff_axial_and_coherence_functions_are_passed_over(tmp_path):
     coherence = function_58(func_type=6, data=np.ones(5))
     run = read_uff(tmp_path, coherence, function_58(rsp_dir=1), function_58(rsp_dir=3))
     assert run.channels == (Channel(3, "z"),)
+    axially_driven = function_58(rsp_node=4, ref_dir=1)
+    assert read_uff(tmp_path, axially_driven, function_58()).channels == (Channel(3),)
+
+
+def test_uff_spectra_are_accelerometers_only_where_they_say_so(tmp_path):
+    spectrum = {"ref_node": 0, "ref_dir": 0, "orddenom_spec_data_type": 0}
+    force = function_58(**spectrum, rsp_node=2, ordinate_spec_data_type=13, rsp_dir=3)
+    read_uff(tmp_path, function_58(**spectrum), quantity="acceleration")
+    pyuff.UFF(str(tmp_path / "foreign.unv")).write_sets(force, mode="add")
+    functions = re.sub(r"^    4(?= )", "   12", (tmp_path / "foreign.unv").read_text(), flags=re.MULTILINE)  # spectra
+    (tmp_path / "foreign.unv").write_text(functions)
+    run = read_run(tmp_path / "foreign.unv", support="rigid", quantity="acceleration", excitation_node=2)
+    assert run.channels == (Channel(3),)
+
+
+@pytest.mark.parametrize("types", [(0, 0), (12, 0), (0, 13)])
+def test_uff_that_leaves_its_data_types_out_is_an_accelerance(tmp_path, types):
+    numerator, denominator = types
+    data = function_58(ordinate_spec_data_type=numerator, orddenom_spec_data_type=denominator)
+    assert read_uff(tmp_path, data).quantity == "accelerance"
+    assert read_uff(tmp_path, data, quantity="mobility").quantity == "mobility"
 
 
 def test_uff_with_two_exciter_places_needs_a_choice(tmp_path):
@@ -439,6 +465,16 @@ def test_uff_with_two_exciter_places_needs_a_choice(tmp_path):
             "node3 and node4 have different frequency lines",
         ),
         ([function_58(), function_58(rsp_node=4, data=np.ones(5))], "node3 and node4: one is complex, the other a mag"),
+        (
+            [function_58(), function_58(rsp_node=4, ordinate_spec_data_type=8)],
+            r"node3 and node4 hold different quantities \(ordinate types \(12, 13\) and \(8, 13\)\)",
+        ),
+        (
+            [function_58(ordinate_spec_data_type=8, orddenom_spec_data_type=0)],
+            r"ordinate types \(8, 0\) are none of receptance.*say the run's quantity in campaign\.toml",
+        ),
+        ([function_58(abscissa_spec_data_type=17)], "the abscissa of node3 has type 17, which is no frequency"),
+        ([function_58(ref_dir=1)], "the file has type 4 in direction 2 of a force in direction 1"),
         ([function_58(data=-np.ones(5))], r"H of node3 at 10\.0 Hz is no magnitude"),
     ],
 )
@@ -555,6 +591,7 @@ def test_one_channel_may_be_a_vector(tmp_path, name, save):
         ({"H": -np.ones((2, 2))}, r"H of node2 at 95\.0 Hz is no magnitude; give numbers that are not negative"),
         ({"H": "none"}, "variable 'H' holds no numbers"),
         ({"node": [2.5, 3]}, "variable 'node' must hold each channel's node, whole numbers from 1"),
+        ({"node": [np.inf, 3]}, "variable 'node' must hold each channel's node, whole numbers from 1"),
         ({"node": [3, 3]}, r"channels are \[node3, node3\]"),
         ({"plane": "y"}, "variable 'plane' is 'y'; it must be a text of 2 letters"),
         ({"frequency_Hz": np.array([95.0, 95.0])}, r"frequency 2 of 2 is .*95\.0.* Hz; frequencies must be positive"),

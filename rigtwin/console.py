@@ -20,7 +20,7 @@ _WIDTH = 160
 
 def output() -> Console:
     """The console on stdout."""
-    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _WIDTH)
+    return Console(highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else _WIDTH)
 
 
 def say(text: str = "") -> None:

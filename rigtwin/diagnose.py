@@ -160,7 +160,7 @@ def _confirmed_if_possible(
         return measured_on_the_virtual_rig(campaign, runs, effects, k_b, progress)
     except KeyboardInterrupt:
         reason = "was interrupted"
-    except (RuntimeError, SetupError) as error:
+    except (RuntimeError, SetupError, UserError, OSError) as error:
         reason = f"does not confirm the cause ({error})"
     note(f"the virtual rig {reason}: the after-figure is the fitting model's own")
     return [], "model"

@@ -218,27 +218,41 @@ def _finite(what: str, value: float) -> float:
 def _pairs(runs: Sequence[Run], card: dict[str, Any]) -> Iterator[tuple[str, Features]]:
     """Each bearing run with the rigid run of the same exciter place; standing rotor only.
 
-    Raises MeasurementError where there is no such pair, or the exciter stood elsewhere than in training.
+    Of runs whose response is not per force, that is of the same force as well. A pair that cannot be used is told, as
+    long as another can. Raises MeasurementError where there is none, or the exciter stood elsewhere than in training.
     """
     node = card.get("excitation_node", 2)
     usable = [run for run in runs if run.spin_rpm == 0 and run.excitation_node == node]
-    rigid = {run.excitation_plane: run for run in reversed(usable) if run.support == "rigid"}
-    pairs = [
-        (rigid[run.excitation_plane], run)
-        for run in usable
-        if run.support == "bearing" and run.excitation_plane in rigid
-    ]
+    rigid = {_alike(run): run for run in reversed(usable) if run.support == "rigid"}
+    pairs = [(rigid[_alike(run)], run) for run in usable if run.support == "bearing" and _alike(run) in rigid]
     if not pairs:
         raise MeasurementError(
             f"no rigid and bearing run of the standing rotor with the force at node {node} in the same plane; "
             f"the estimator needs both; there are: {'; '.join(map(_describe, runs))}"
         )
+    refused: list[MeasurementError] = []
     for first, second in pairs:
-        yield f"{first.name} / {second.name}", features_of_runs(first, second)
+        try:
+            features = features_of_runs(first, second)
+        except MeasurementError as error:
+            refused.append(error)
+        else:
+            yield f"{first.name} / {second.name}", features
+    if len(refused) == len(pairs):
+        raise refused[0]
+    for error in refused:
+        note(f"left out: {error}")
+
+
+def _alike(run: Run) -> tuple[object, ...]:
+    """What a rigid and a bearing run must have in common."""
+    return run.excitation_plane, run.quantity, run.force_amplitude_N if run.quantity == "acceleration" else None
 
 
 def _describe(run: Run) -> str:
-    return f"{run.name} ({run.support}, node {run.excitation_node} {run.excitation_plane}, {run.spin_rpm:g} rpm)"
+    force = f" at {run.force_amplitude_N:g} N" if run.quantity == "acceleration" and run.force_amplitude_N else ""
+    place = f"node {run.excitation_node} {run.excitation_plane}"
+    return f"{run.name} ({run.support}, {place}, {run.quantity}{force}, {run.spin_rpm:g} rpm)"
 
 
 def print_answers(answers: Sequence[Answer], *, as_json: bool) -> None:

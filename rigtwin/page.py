@@ -29,7 +29,7 @@ def write_page(template: str, path: Path, **content: Any) -> Path:
     text = environment.get_template(template).render(plotly_js=Markup(get_plotlyjs()), **content)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+        beside.write_text(text, encoding="utf-8", errors="replace")  # names of files may be any bytes
     return path
 
 

@@ -130,7 +130,7 @@ def _curve(run: Run) -> Curve:
     channel = point if point in run.channels else run.channels[int(np.argmax(np.abs(run.H).max(axis=0)))]
     place = f"node {channel.node} {channel.plane}"
     # Plotly reads labels as HTML.
-    return Curve(run, escape(f"{run.name}: {run.support} support, {place}"), channel)
+    return Curve(run, escape(f"{run.name}: {run.support} support, {place}", quote=False), channel)
 
 
 def _notes(runs: Sequence[Run]) -> list[str]:

@@ -64,6 +64,8 @@ def train(plan: TrainingPlan) -> Trained:
     for option, number in (("--rigs", plan.rigs), ("--calibration-rigs", plan.calibration_rigs)):
         if number < 16:
             raise UserError(f"{option} {number}: at least 16 are needed")
+    if plan.seed == CALIBRATION_SEED:
+        raise UserError(f"--seed {plan.seed}: the calibration rigs are drawn from that one; take another")
     rig = load_rig(plan.rig)
     prior, sweep_plan = PRIOR, FEATURE_PLAN
     if not is_shipped(rig):

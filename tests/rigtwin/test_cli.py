@@ -5,16 +5,20 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from numpy.testing import assert_allclose
 
+from rigtwin.console import say
+from rigtwin.estimate import answers_of_runs
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.modal import damped_modes
 from rotor.model import build_system
 from rotor.rig import load_rig
+from sim.campaign import MeasurementError
 from sim.formats import SUFFIXES, read_run, run_file
 from tests.rigtwin.conftest import run, run_json
 
@@ -71,6 +75,11 @@ def test_sweep_finds_the_modes_of_the_finite_element_model(rotor_fmu):
     assert found["parameters"] == settings
 
 
+def test_printed_text_is_what_was_said(capsys):
+    say("runs/r:x:b:100:.html [bold]")
+    assert capsys.readouterr().out == "runs/r:x:b:100:.html [bold]\n"
+
+
 def test_sweep_takes_a_rig_in_place_of_an_fmu():
     found = run_json("sweep", "nit-rourkela", "--support", "rigid", "--f-min", 90, "--f-max", 110, "--lines", 12)
     assert_allclose(found["modes"][0]["frequency_hz"], 100.5612, rtol=1e-5)
@@ -108,6 +117,27 @@ def test_estimate_finds_the_stiffness_of_two_swept_runs(swept):
     assert answer["valid"] is True
     assert answer["why_not_valid"] == []
     assert_allclose(answer["k_b"], swept.k_b, rtol=ESTIMATE)
+
+
+def test_a_pair_that_cannot_be_used_does_not_hide_one_that_can(swept, capsys):
+    rigid, bearing = read_run(swept.rigid, support="rigid"), read_run(swept.bearing, support="bearing")
+    narrow = replace(bearing.on_lines(bearing.frequency_hz < 150.0), name="narrow")
+    (answer,) = answers_of_runs([rigid, narrow, bearing], "nit-rourkela", None)
+    assert answer.estimate.valid
+    assert "left out: run 'narrow'" in capsys.readouterr().err
+    with pytest.raises(MeasurementError, match="narrow"):
+        answers_of_runs([rigid, narrow], "nit-rourkela", None)
+
+
+def test_responses_that_are_not_per_force_are_paired_by_their_force(swept):
+    per_newton = [read_run(swept.rigid, support="rigid"), read_run(swept.bearing, support="bearing")]
+    runs = [
+        replace(run, H=force * run.H, std=None, harmonics={}, quantity="acceleration", force_amplitude_N=force)
+        for force in (0.5, 2.0)
+        for run in per_newton
+    ]
+    answers = answers_of_runs(runs, "nit-rourkela", None)
+    assert [answer.estimate.valid for answer in answers] == [True, True]
 
 
 def test_the_estimator_fmu_answers_as_the_network_it_holds(swept, estimator_fmu):

@@ -12,6 +12,7 @@ from numpy.testing import assert_array_equal
 import rigtwin.training as training
 from estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, read_dataset
 from estimator.prior import PRIOR
+from rigtwin.exits import UserError
 from rigtwin.training import TRAINING_CSV, TrainingPlan, shipped_data, train
 
 OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
@@ -98,3 +99,8 @@ def test_another_rig_is_trained_in_its_own_range_band_and_driving_point(asked, t
     assert how["plan"].f_min_hz < 30 < 820 < how["plan"].f_max_hz  # modes at 51 to 81 and 422 to 701 Hz
     assert about["rig"] == "stepped-cantilever"
     assert np.all((rigs.k_b >= 1.2e5) & (rigs.k_b <= 3.4e7))
+
+
+def test_the_calibration_rigs_are_no_training_rigs(tmp_path):
+    with pytest.raises(UserError, match="--seed 2: the calibration rigs"):
+        train(TrainingPlan(out=tmp_path, seed=2))

@@ -42,10 +42,13 @@ const char *model_start(Model *model, double time)
 
 const char *model_step(Model *model, double time, double step)
 {
-    (void)time;
-    if (step > 0)
+    if (!isfinite(time + step))
+        snprintf(model->message, sizeof model->message, "the communication step must be finite, got %.9g s at %.9g s", step,
+                 time);
+    else if (!(step > 0))
+        snprintf(model->message, sizeof model->message, "the communication step must be positive, got %.9g s", step);
+    else
         return 0;
-    snprintf(model->message, sizeof model->message, "the communication step must be positive, got %.9g s", step);
     return model->message;
 }
 

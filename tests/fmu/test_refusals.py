@@ -249,7 +249,9 @@ ESTIMATOR_CALLS: dict[str, tuple[str, list[Any], str]] = {
     "output": ("set", [{"k_b": 1e7}], "k_b is an output and cannot be set"),
     "boolean output": ("set", [{"valid": True}], "valid is an output and cannot be set"),
     "step zero": ("doStep", [1.0, 0.0], "the communication step must be positive, got 0 s"),
-    "step NaN": ("doStep", [1.0, NAN], "the communication step must be positive, got nan s"),
+    "step NaN": ("doStep", [1.0, NAN], "the communication step must be finite, got nan s"),
+    "step infinite": ("doStep", [1.0, INF], "the communication step must be finite, got inf s"),
+    "time NaN": ("doStep", [NAN, 1.0], "the communication step must be finite, got 1 s at nan s"),
     "unknown": ("getReal", [[99]], "there is no Real variable with value reference 99"),
     "boolean as real": ("getReal", [[10]], "there is no Real variable with value reference 10"),
 }

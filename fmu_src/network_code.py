@@ -24,6 +24,10 @@ _INCLUDE = '#include "layer.h"\n'
 Tensor = NDArray[np.object_]
 
 
+# Neurons of a layer with tanh; ``WIDEST`` of native/layer.h.
+WIDEST = 64
+
+
 class UnknownOperationError(ValueError):
     """The network uses an operation that cannot be printed."""
 
@@ -64,6 +68,8 @@ class _Printer:
 
     def activation(self, x: Tensor) -> Tensor:
         """tanh of a long row."""
+        if x.size > WIDEST:
+            raise UnknownOperationError(f"tanh of {x.size} neurons: the C code takes {WIDEST} of them at most")
         output = self.name("a")
         self.lines.append(f"    float {output}[{x.size}];")
         self.lines.append(f"    tanh_of({x.size}, {self._row(x)}, {output});")

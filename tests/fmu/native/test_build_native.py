@@ -10,11 +10,15 @@ from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+import onnx
 import pytest
+from onnx import TensorProto, helper, numpy_helper
 
 from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
 from fmu_src import compiling
 from fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
+from fmu_src.network_code import WIDEST, UnknownOperationError, network_code
 from rigtwin import fmus
 from rigtwin.fmus import manifest
 from rotor.rig import load_rig
@@ -152,3 +156,27 @@ def test_where_the_compiler_fails_the_virtual_rig_says_so_and_goes_on(tmp_path, 
     fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
     assert fmu.is_file()
     assert "the C compiler failed; the virtual rig goes on" in capsys.readouterr().err
+
+
+def tanh_network(file: Path, neurons: int) -> Path:
+    """A network of one layer with so many neurons."""
+    weights = numpy_helper.from_array(np.ones((3, neurons), dtype=np.float32), "W")
+    answers = numpy_helper.from_array(np.ones((neurons, 1), dtype=np.float32), "V")
+    nodes = [
+        helper.make_node("MatMul", ["features", "W"], ["a"]),
+        helper.make_node("Tanh", ["a"], ["b"]),
+        helper.make_node("MatMul", ["b", "V"], ["estimate"]),
+    ]
+    ends = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, n]) for name, n in (("features", 3), ("estimate", 1))
+    ]
+    onnx.save(helper.make_model(helper.make_graph(nodes, "g", ends[:1], ends[1:], [weights, answers])), file)
+    return file
+
+
+def test_a_network_too_wide_for_the_code_in_c_is_refused(tmp_path):
+    header = (Path(compiling.__file__).parent / "native" / "layer.h").read_text(encoding="utf-8")
+    assert f"#define WIDEST {WIDEST} " in header
+    assert f"tanh_of({WIDEST}," in network_code(tanh_network(tmp_path / "n.onnx", WIDEST), "network")
+    with pytest.raises(UnknownOperationError, match="tanh of 68 neurons: the C code takes 64 of them at most"):
+        network_code(tanh_network(tmp_path / "n.onnx", WIDEST + 4), "network")

@@ -102,7 +102,7 @@ def _peaks(ranking: Ranking) -> str:
 With its best bearing stiffness, {_k_b(nominal)} MN/m (the paper says 1.3), the nominal model has:
 
 {table(("support", "listed, Hz", "nominal model, Hz", "listed − model, standard errors"), rows)}
-(`make demo` finds 1.11 from the paper's shifts: it takes 190 Hz for the second resonance, as the paper does; this fit
+(`make demo` finds more from the paper's shifts: it takes 190 Hz for the second resonance, as the paper does; this fit
 prefers 172 Hz.) Two things are wrong, and they are independent. On bearings, {_count(nominal.n_foreign)} of the four
 peaks have no counterpart: the nominal rotor has two resonances below 200 Hz in the plane of the force, and four are
 listed. On **rigid** supports, where no bearing acts, the first resonance is {off} below the model.

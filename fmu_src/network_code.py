@@ -23,7 +23,6 @@ _INCLUDE = '#include "layer.h"\n'
 # Names of C expressions, or numbers, one for each element of a tensor.
 Tensor = NDArray[np.object_]
 
-
 # Neurons of a layer with tanh; ``WIDEST`` of native/layer.h.
 WIDEST = 64
 

@@ -7,6 +7,7 @@ number's range count for nothing. The mean weight is the evidence over Laplace's
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -31,24 +32,14 @@ def sample(problem: Problem, fit: Fit, scale: float = 1.0, draws: Sequence[int] 
     """
     if nonlinear(fit.effects):
         return None
-    found = None
-    for count in draws:
-        found = _sampled(problem, fit, scale, count)
-        if found and found.trusted:
-            break
-    return found
-
-
-def _sampled(problem: Problem, fit: Fit, scale: float, draws: int) -> Sampled | None:
-    """The same with so many draws."""
     n_u, fixed = len(fit.u), 0 if fit.with_k_b else 1
     best = np.concatenate([fit.u, fit.nu])
     try:
         spread = np.linalg.cholesky(fit.covariance(scale)[fixed:, fixed:])
     except np.linalg.LinAlgError:  # numbers that the data do not tell apart at all
         return None
-    z = np.random.default_rng(0).standard_normal((draws, len(spread)))
-    drawn = np.tile(best, (draws, 1))
+    z = np.random.default_rng(0).standard_normal((draws[-1], len(spread)))
+    drawn = np.tile(best, (draws[-1], 1))
     drawn[:, fixed:] += z @ spread.T
     low, high = fit.hypothesis.ends[fixed:].T
     inside = ((drawn[:, fixed:n_u] >= low) & (drawn[:, fixed:n_u] <= high)).all(axis=1)
@@ -59,11 +50,20 @@ def _sampled(problem: Problem, fit: Fit, scale: float, draws: int) -> Sampled | 
         chi2 = problem.cost(fit.hypothesis, x[:n_u], x[n_u:]) - own
         return -(chi2 / scale**2 + penalty) / 2
 
-    log_weight, at_best = np.full(draws, -np.inf), log_likelihood(best)
-    for k in np.flatnonzero(inside):
-        log_weight[k] = log_likelihood(drawn[k]) - at_best + np.sum(z[k] ** 2) / 2
+    log_weight, at_best, found = np.full(draws[-1], -np.inf), log_likelihood(best), None
+    for before, count in itertools.pairwise((0, *draws)):
+        for k in before + np.flatnonzero(inside[before:count]):
+            log_weight[k] = log_likelihood(drawn[k]) - at_best + np.sum(z[k] ** 2) / 2
+        found = _summed_up(log_weight[:count])
+        if found and found.trusted:
+            break
+    return found
+
+
+def _summed_up(log_weight: FloatArray) -> Sampled | None:
+    """The mean weight of all draws, its error, and how many of them count; None where none does."""
     if not np.isfinite(log_weight).any():
         return None
-    total = float(np.logaddexp.reduce(log_weight))
+    draws, total = len(log_weight), float(np.logaddexp.reduce(log_weight))
     ess = float(np.exp(2 * total - np.logaddexp.reduce(2 * log_weight)))
     return Sampled(total - float(np.log(draws)), float(np.sqrt(max(draws / ess - 1, 0.0) / draws)), ess)

@@ -17,8 +17,9 @@ from gap.fit import Fit
 from gap.hypotheses import K_B_RANGE, Free, Hypothesis
 from gap.likelihood import Problem
 from gap.modal import over_receptance
-from gap.robust import Start, robust_misfit, unfitted
+from gap.robust import robust_misfit, unfitted
 from gap.score import Score
+from gap.search import Start
 from rotor.measured import measured_response
 from rotor.structure import FloatArray
 
@@ -138,7 +139,7 @@ def by_distance(problem: Problem, hypothesis: Hypothesis, rest: Rest, nu: FloatA
             cost = far(unfitted(problem, hypothesis, u, nu))
         except (ValueError, np.linalg.LinAlgError):
             cost = np.inf
-        found.append(Start(cost, hypothesis, u, nu))
+        found.append(Start(hypothesis, u, nu, cost))
     return found
 
 
@@ -149,12 +150,12 @@ def by_score(score: Score, rest: Rest, hypothesis: Hypothesis) -> list[Start]:
     for u in points_of(hypothesis, rest):
         gain, scale, moved = score.gain(hypothesis.effects(u[1:]))
         if scale <= 0:
-            found.append(Start(np.inf, hypothesis, u, nominal.nu))
+            found.append(Start(hypothesis, u, nominal.nu))
             continue
         moved = moved / scale  # of the effect as it stands
         at = hypothesis.clipped(np.concatenate([nominal.u + moved[:1], u[1:]]))
         left = nominal.cost - gain / scale * (2 - 1 / scale)
-        found.append(Start(left, hypothesis, at, np.clip(nominal.nu + moved[1:], -limit, limit)))
+        found.append(Start(hypothesis, at, np.clip(nominal.nu + moved[1:], -limit, limit), left))
     return found
 
 

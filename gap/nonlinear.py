@@ -135,7 +135,8 @@ class NonlinearModal:
             by_tolerance = there._by_tolerance(solved, drift, tolerance)
         else:
             by_tolerance = np.tensordot(self.sensitivity.T, D, axes=1)
-        return solved.H, np.concatenate([D, by_tolerance, there._by_level(solved)])
+        every = np.concatenate([D, by_tolerance, there._by_level(solved)])
+        return solved.H, np.where(solved.tells[:, None], every, 0.0)
 
     def driven(self, level: float) -> NonlinearModal:
         """The same under a force e^level as large as the run believes, remembered."""
@@ -364,8 +365,7 @@ class NonlinearModal:
         """(1, n_freq, n_channels) derivative by the level; none where the rotor is linear there."""
         balance = solved.balance
         states = self._force * balance.resolvent(self._omega, balance.loads)[..., -1:]  # (n_freq, K, n_states, 1)
-        by_force = self._answer(solved, balance.left @ states, self._read(balance) @ states[:, 1])
-        return by_force - np.where(solved.tells[:, None], solved.H, 0.0)
+        return self._answer(solved, balance.left @ states, self._read(balance) @ states[:, 1]) - solved.H
 
     def _held(self, balance: Balance, solved: Solved) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, K, n_joints) motion of a rotor's joints and (n_freq, n_channels) sensors under a motion's forces."""
@@ -393,8 +393,7 @@ class NonlinearModal:
         dN = np.einsum("fjun,funm->fjm", DN[:, 1], dX, optimize=True)
         to_sensors = self._read(balance) @ balance.resolvent(self._omega, balance.loads)[:, 1, :, :-1]
         change = self._unit * self._scale[:, None, None] * (own - to_sensors @ dN)
-        usable = solved.tells[:, None, None] & np.isfinite(change)
-        return np.moveaxis(np.where(usable, change, 0.0), 2, 0)
+        return np.moveaxis(np.where(np.isfinite(change), change, 0.0), 2, 0)
 
     # -- the run -----------------------------------------------------------------------------------
 

@@ -16,7 +16,6 @@ from gap.law_grid import Rest, axis, by_distance, by_score, distance, node_of, p
 from gap.likelihood import MODEL_ERROR, Problem
 from gap.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
 from gap.robust import (
-    Start,
     anew,
     best_of_each,
     cost_of,
@@ -30,7 +29,7 @@ from gap.robust import (
     unfitted,
 )
 from gap.score import Score
-from gap.search import NEAR, Progress, Search, best_first, first_of_each, recalibrate
+from gap.search import NEAR, Progress, Search, Start, best_first, first_of_each, recalibrate
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.
@@ -213,7 +212,7 @@ def _or_vaguer(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """
     chosen = []
     for fit in fits:
-        start = Start(fit.cost, fit.hypothesis, fit.u, fit.nu)
+        start = Start(fit.hypothesis, fit.u, fit.nu, fit.cost)
         ends = [replace(start, u=points[-1]) for points in _ranges(start)]
         others = fitted(problem, [*_told(problem, [start]), *ends])
         chosen.append(max([fit, *others], key=lambda each: each.log_evidence()))
@@ -260,7 +259,7 @@ def _of_mean(low: Problem, hypothesis: Hypothesis, calm: Fit, log_ratio: float) 
     for mean in _MEANS:
         low.forget()
         u = hypothesis.clipped(np.array([np.log(mean * calm.k_b) + _softer(log_ratio), ratio]))
-        starts.append(Start(distance(low, unfitted(low, hypothesis, u, calm.nu)), hypothesis, u, calm.nu))
+        starts.append(Start(hypothesis, u, calm.nu, distance(low, unfitted(low, hypothesis, u, calm.nu))))
     return min(starts, key=cost_of)
 
 
@@ -301,7 +300,7 @@ def _bent(problem: Problem, every: Problem, fits: Sequence[Fit]) -> list[Fit]:
     if plain is None or plain.chi2 < ADEQUATE_NONLINEAR * plain.n_data:
         return []
     law = plain.hypothesis
-    starts = [Start(np.inf, law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
+    starts = [Start(law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
     if not starts:
         return []
     some = thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, plain.k_b, _MIDDLE_ERROR)
@@ -317,7 +316,7 @@ def _at_believed_levels(problem: Problem, fits: Sequence[Fit]) -> tuple[Problem,
     for fit in fits:
         nu = fit.nu.copy()
         nu[sure.nuisances.level] = 0.0
-        starts.append(Start(fit.cost, fit.hypothesis, fit.u, nu))
+        starts.append(Start(fit.hypothesis, fit.u, nu, fit.cost))
     best = fitted(sure, starts[:1])
     if not best or best[0].log_evidence() < fits[0].log_evidence():
         return problem, fits
@@ -335,7 +334,7 @@ def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequen
         if other.ids == leader.hypothesis.ids and other != leader.hypothesis:
             ratio = np.log(size[node_of(other) - 1])
             moved = [{"gap": ratio, "stiffness": -2 * ratio}[free.name] for free in other.free]
-            starts.append(Start(np.inf, other, other.clipped(leader.u + np.array([0.0, *moved])), leader.nu))
+            starts.append(Start(other, other.clipped(leader.u + np.array([0.0, *moved])), leader.nu))
     return starts
 
 

@@ -6,7 +6,7 @@ Such a line counts by a loss that grows like a logarithm.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,7 +16,7 @@ from gap.helpers import Item, Result, each
 from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem
 from gap.residuals import Observed, residual
-from gap.search import first_of_each
+from gap.search import Start, first_of_each
 from rotor.structure import FloatArray
 
 # Misfit of a line, in standard errors, beyond which it counts as an outlier.
@@ -27,16 +27,6 @@ _ROUNDS, _STEPS = 3, 5
 
 # The same where few lines only have to tell candidates apart.
 _ROUNDS_THEN, _STEPS_THEN = 1, 4
-
-
-@dataclass(frozen=True)
-class Start:
-    """A point of the grid or of a descent."""
-
-    cost: float
-    hypothesis: Hypothesis
-    u: FloatArray
-    nu: FloatArray
 
 
 def cost_of(start: Start) -> float:
@@ -136,13 +126,13 @@ def descended(problem: Problem, start: Start, anneal: Sequence[float]) -> Start 
     if fit is None:
         return None
     loss, _ = robust_misfit(problem, fit)
-    return Start(loss + fit.penalty, start.hypothesis, fit.u, fit.nu)
+    return Start(start.hypothesis, fit.u, fit.nu, loss + fit.penalty)
 
 
 def settle(problem: Problem, starts: Sequence[Start]) -> list[Start]:
     """Robust fits from every start, which lines on another branch of the response pull nowhere; as in ``descend``."""
     fits = fitted(problem, starts, rounds=_ROUNDS_THEN, steps=_STEPS_THEN)
-    return best_of_each([Start(fit.cost, fit.hypothesis, fit.u, fit.nu) for fit in fits])
+    return best_of_each([Start(fit.hypothesis, fit.u, fit.nu, fit.cost) for fit in fits])
 
 
 def thinned(problem: Problem, every: int, k_b: float, error: float) -> Problem:

@@ -90,11 +90,12 @@ _HOPELESS, _FROM_THE_START = 400.0, 20.0
 
 @dataclass(frozen=True)
 class Start:
-    """Where a candidate's fit begins."""
+    """Where a candidate's fit begins, or where one ended."""
 
     hypothesis: Hypothesis
     u: FloatArray
     nu: FloatArray
+    cost: float = np.inf  # misfit there, as far as it is known
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,8 @@ def _make_and_diagnose(request: BlindRequest, name: str) -> str:
         diagnose_all(campaigns, answers, pool)
     made = len(json.loads((campaigns / "index.json").read_text(encoding="utf-8")))
     sealed = (campaigns / "labels.sha256").read_text(encoding="utf-8").split()[0]
-    by = f" by commit {commit()}" if commit() else ""
+    revision = commit()
+    by = f" by commit {revision}" if revision else ""
     return f"{made} campaigns, {datetime.now(UTC):%Y-%m-%d}{by}, labels sealed: {sealed}"
 
 

@@ -156,15 +156,17 @@ class LineReader:
         at = frequency_hz * (1 + self._rig.drift)
         if self._plan.dwell is None:
             return self._settled_line(frequency_hz, at)
-        self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
-        self._session.step(self._plan.dwell)
+        self._hold(at, self._plan.dwell)
         return self._line(frequency_hz, at, _Settled([], np.nan), 1.0)
 
     def pass_by(self, frequency_hz: float) -> None:
         """Hold a line for a settling time, unread."""
-        at = frequency_hz * (1 + self._rig.drift)
+        self._hold(frequency_hz * (1 + self._rig.drift), self._plan.settle_time)
+
+    def _hold(self, at: float, seconds: float) -> None:
+        """Drive the rotor at a frequency [Hz] for some time."""
         self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
-        self._session.step(self._plan.settle_time)
+        self._session.step(seconds)
 
     # -- waiting -------------------------------------------------------------------------------
 

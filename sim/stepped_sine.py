@@ -137,7 +137,10 @@ class _Raster:
     def at(self, frequencies: Iterable[float], passing: Set[float] = frozenset()) -> None:
         """Measure the lines that are not there yet, in the direction of the sweep, passing others on the way."""
         missing = set(map(float, frequencies)) - self.lines.keys()
-        for f in self._plan.in_order(missing | passing):
+        way = self._plan.in_order(missing | passing)
+        while way and way[-1] not in missing:  # nobody asks for what comes after the last line
+            way.pop()
+        for f in way:
             if f not in missing:
                 self._reader.pass_by(f)
                 continue

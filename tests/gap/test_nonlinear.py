@@ -32,9 +32,9 @@ from gap.nonlinear_search import (
 )
 from gap.predict import predict
 from gap.residuals import observe
-from gap.robust import Start, robust_fit, robust_misfit, settle, thinned, unfitted
+from gap.robust import robust_fit, robust_misfit, settle, thinned, unfitted
 from gap.score import Score
-from gap.search import recalibrate
+from gap.search import Start, recalibrate
 from gap.transfer import transfer_interval
 from rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
 from rotor.effects.effect import Effect
@@ -256,7 +256,7 @@ def clearance(request):
 def test_a_gap_is_looked_for_along_its_range(clearance):
     gap, problem, law, true = clearance
     for away in (-9.0, 9.0):
-        lost = Start(np.inf, law, law.clipped(true + np.array([0.0, away, 0.0])), np.zeros(problem.nuisances.n))
+        lost = Start(law, law.clipped(true + np.array([0.0, away, 0.0])), np.zeros(problem.nuisances.n))
         (found,) = _told(problem, [lost])
         found_gap = np.exp(found.u[1])
         assert found_gap > 1.2e-6 if gap == 1e-5 else found_gap == pytest.approx(gap, rel=0.3)
@@ -293,7 +293,7 @@ def test_a_contact_is_carried_over_to_other_places():
     problem = problem_of(runs)
     places = candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True)
     (here,) = (each for each in places if dict(each.terms[0].fixed)["node"] == 4)
-    found = Start(0.0, here, np.log([K_B, 1e5, 2e-5]), np.zeros(problem.nuisances.n))
+    found = Start(here, np.log([K_B, 1e5, 2e-5]), np.zeros(problem.nuisances.n), 0.0)
     carried = {str(start.hypothesis): start for start in _elsewhere(problem, places, [found])}
     assert len(carried) == len(places) - 1
     start = carried["rub node 5"]
@@ -340,7 +340,7 @@ def test_a_law_promises_more_than_noise_where_the_levels_own_resonances_tell_not
 def test_many_places_of_a_law_do_not_crowd_out_the_others(hardening):
     laws = candidates(hardening, STRUCTURE, all_but("bearing_cubic", "rub"), nonlinear=True)
     rubs, (cubic,) = ([h for h in laws if h.ids == (name,)] for name in ("rub", "bearing_cubic"))
-    starts = [Start(float(k), h, np.zeros(1), np.zeros(0)) for k, h in enumerate([*rubs, cubic, *rubs])]
+    starts = [Start(h, np.zeros(1), np.zeros(0), float(k)) for k, h in enumerate([*rubs, cubic, *rubs])]
     kept = _few_of_each(starts)
     assert len(rubs) > 2
     assert [start.hypothesis for start in kept] == [*rubs[:2], cubic]
@@ -427,7 +427,7 @@ def test_lines_on_another_branch_do_not_decide(hardening):
     fit = robust_fit(problem, cubic, u)
     assert fit is not None
     assert fit.effects[0].stiffness == pytest.approx(1e15, rel=0.03)
-    (settled,) = settle(problem, [Start(0.0, cubic, u, np.zeros(problem.nuisances.n))])
+    (settled,) = settle(problem, [Start(cubic, u, np.zeros(problem.nuisances.n), 0.0)])
     assert np.exp(settled.u[1]) == pytest.approx(1e15, rel=0.05)
 
 

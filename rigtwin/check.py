@@ -1,12 +1,14 @@
 """``rigtwin check``: the gates an FMU has to pass before it is released.
 
-Whatever runs the FMU runs in a process of its own: an FMU that crashes fails its gate, and the
-report is written all the same.
+Whatever runs the FMU runs in a process of its own: an FMU that crashes or hangs fails its gate, and
+the report is written all the same.
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -31,6 +33,7 @@ from rigtwin.fmus import ask, estimator_for, excitation_node, fmu_card, manifest
 from rigtwin.junit import write_junit
 from rigtwin.wording import percent, stiffness
 from sim.campaign import MeasurementError
+from sim.formats.atomic import check_writable
 from sim.session import FmuError, FmuSession
 from sim.stepped_sine import NotSettledError, Rig, sweep
 
@@ -41,6 +44,9 @@ ROTOR, ESTIMATOR = "RotorRig", "StiffnessEstimator"
 # What sets each kind of FMU in motion; other FMUs are stepped with their start values.
 _DRIVE = {"force_amplitude": 1.0, "force_frequency": 90.0}
 _SAMPLES = 25
+
+# Seconds of a gate.
+TIME_LIMIT = 600.0
 
 
 class GateError(Exception):
@@ -70,8 +76,8 @@ class Expectation:
     estimator: Path | None = None
 
 
-def run_gates(fmu: Path, expectation: Expectation | None = None) -> list[Gate]:
-    """Run every gate.
+def run_gates(fmu: Path, expectation: Expectation | None = None, time_limit: float = TIME_LIMIT) -> list[Gate]:
+    """Run every gate, for ``time_limit`` [s] at most each.
 
     Raises
     ------
@@ -80,9 +86,9 @@ def run_gates(fmu: Path, expectation: Expectation | None = None) -> list[Gate]:
     manifest(fmu)
     gates = [
         _gate("model description and archive (fmpy)", lambda: validate(fmu)),
-        _gate("FMU Manipulation Toolbox -check", lambda: fmutool(fmu)),
+        _gate("FMU Manipulation Toolbox -check", lambda: fmutool(fmu, time_limit)),
     ]
-    with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder, _Apart() as apart:
+    with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder, _Apart(time_limit) as apart:
         if expectation:
             expectation = _with_estimator(fmu, expectation, Path(folder))
         gates += [
@@ -109,9 +115,10 @@ def _gate(name: str, run: Callable[[], str]) -> Gate:
 
 
 class _Apart:
-    """A process to run gates in; where an FMU crashes it, the gate fails and the next gets a new one."""
+    """A process to run gates in; where an FMU crashes or hangs it, the gate fails and the next gets a new one."""
 
-    def __init__(self) -> None:
+    def __init__(self, time_limit: float) -> None:
+        self._time_limit = time_limit
         self._executor: ProcessPoolExecutor | None = None
 
     def __enter__(self) -> _Apart:
@@ -124,11 +131,20 @@ class _Apart:
     def __call__(self, run: Callable[..., str], *arguments: object) -> str:
         if self._executor is None:
             self._executor = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        process = self._executor.submit(os.getpid).result()
         try:
-            return self._executor.submit(run, *arguments).result()
+            return self._executor.submit(run, *arguments).result(self._time_limit)
         except BrokenProcessPool:
             self._executor = None
             raise GateError("the FMU crashed the process that ran it") from None
+        except TimeoutError:
+            os.kill(process, signal.SIGTERM)
+            self._executor = None
+            raise GateError(_too_slow(self._time_limit)) from None
+
+
+def _too_slow(time_limit: float) -> str:
+    return f"not done after {time_limit:g} s, stopped; --time-limit gives it longer"
 
 
 def _with_estimator(fmu: Path, expectation: Expectation, folder: Path) -> Expectation:
@@ -158,12 +174,15 @@ def validate(fmu: Path) -> str:
     return "no problems"
 
 
-def fmutool(fmu: Path) -> str:
-    """The FMU Manipulation Toolbox's own check, where it is installed."""
+def fmutool(fmu: Path, time_limit: float = TIME_LIMIT) -> str:
+    """The FMU Manipulation Toolbox's own check, where it is installed; for ``time_limit`` [s] at most."""
     if find_spec("fmu_manipulation_toolbox") is None:
         raise NotRun("fmu-manipulation-toolbox is not installed; pip install fmu-manipulation-toolbox")
     command = [sys.executable, "-m", "fmu_manipulation_toolbox", "-input", str(fmu), "-check"]
-    finished = subprocess.run(command, capture_output=True, text=True, check=False)
+    try:
+        finished = subprocess.run(command, capture_output=True, text=True, check=False, timeout=time_limit)
+    except subprocess.TimeoutExpired:
+        raise GateError(_too_slow(time_limit)) from None
     lines = (finished.stdout + finished.stderr).splitlines()
     problems = [line for line in lines if line.startswith(("ERROR", "CRITICAL", "FATAL"))]
     if finished.returncode or problems:
@@ -298,9 +317,13 @@ def print_gates(fmu: Path, gates: list[Gate]) -> None:
     say(f"{fmu}: " + (f"{failed} of {len(gates)} gates failed" if failed else "no gate failed"))
 
 
-def check_fmu(fmu: Path, expectation: Expectation | None, junit: Path | None, *, as_json: bool) -> bool:
+def check_fmu(
+    fmu: Path, expectation: Expectation | None, junit: Path | None, time_limit: float, *, as_json: bool
+) -> bool:
     """Run the gates, print them, write the report; returns whether no gate failed."""
-    gates = run_gates(fmu, expectation)
+    if junit:
+        check_writable(junit)
+    gates = run_gates(fmu, expectation, time_limit)
     ok = not any(gate.outcome == "failed" for gate in gates)
     if junit:
         write_junit(fmu, gates, junit)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 from enum import StrEnum
 from io import TextIOWrapper
@@ -219,16 +220,18 @@ def check(
     tolerance: Annotated[float, typer.Option(help="Largest relative error of it.")] = 0.05,
     estimator: Annotated[Path | None, typer.Option(help="Estimator FMU; default the one found.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write a JUnit report.")] = None,
+    time_limit: Annotated[float, typer.Option(help="Seconds that a gate may take; then it fails.")] = 600.0,
     as_json: JSON = False,
 ) -> None:
     """Gate for CI: does the FMU comply, replay, refuse, and give back a known stiffness? Exit 3 when not."""
     from rigtwin.check import Expectation, check_fmu
 
-    for option, value in (("--expect-k-b", expect_k_b), ("--tolerance", tolerance)):
+    options = (("--expect-k-b", expect_k_b), ("--tolerance", tolerance), ("--time-limit", time_limit))
+    for option, value in options:
         if value is not None and not 0 < value < float("inf"):
             raise UserError(f"{option} {value}: give a positive number")
     expectation = Expectation(expect_k_b, tolerance, estimator) if expect_k_b else None
-    if not check_fmu(fmu, expectation, junit, as_json=as_json):
+    if not check_fmu(fmu, expectation, junit, time_limit, as_json=as_json):
         raise typer.Exit(GATE_FAILED)
 
 
@@ -324,6 +327,7 @@ def main() -> None:
     """The ``rigtwin`` command."""
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: nothing is left half-written or behind
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "±" must not stop a command

@@ -25,11 +25,12 @@ from rotor.rig import load_rig
 from rotor.structure import Structure
 from sim.campaign import Campaign, Channel, Run
 from sim.campaign_folder import save_campaign
-from sim.formats.atomic import replacing
+from sim.formats.atomic import check_writable, replacing
 from sim.modal_fit import fit_modes
 from sim.session import FmuSession
 from sim.stepped_sine import Rig, SweepPlan, sweep
 
+RECORD = "demo.json"
 NOISE = 0.01
 NODE = Channel(2)  # the paper's accelerometer
 _NOISE = f"{100 * NOISE:g} %"
@@ -80,12 +81,13 @@ class Demo:
 def run_demo(out: Path, folder: Path) -> None:
     """Do everything, print the result, write OUT/index.html, OUT/demo.json and OUT/campaign."""
     begin = time.monotonic()
+    check_writable(out / RECORD)
     rotor_fmu = build_rotor(load_rig(SHIPPED_RIG), folder)
     estimator_fmu = build_estimator_fmu(folder)
     say(f"built {rotor_fmu} and {estimator_fmu}")
     demo = _measure(rotor_fmu, estimator_fmu)
     save_campaign(Campaign("default rig, virtual", SHIPPED_RIG, demo.runs), out / "campaign")
-    with replacing(out / "demo.json") as beside:
+    with replacing(out / RECORD) as beside:
         beside.write_text(to_json(_record(demo)) + "\n", encoding="utf-8")
     page = _write_page(demo, out / "index.html")
     _print(demo)

@@ -43,7 +43,7 @@ from rotor.effects import Effect, ForceDropout
 from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import Campaign, ComplexArray, Run
 from sim.campaign_folder import load_campaign
-from sim.formats.atomic import replacing
+from sim.formats.atomic import check_writable, replacing
 from sim.formats.run_file import write_beside
 from sim.session import FmuSession
 from sim.setup import SetupError
@@ -126,6 +126,7 @@ def _known(effect_ids: Sequence[str]) -> tuple[str, ...]:
 def _folder(path: Path) -> Iterator[None]:
     """A folder to write into; one that was made for it is taken away again where nothing comes of it."""
     new = not path.exists()
+    check_writable(path / DIAGNOSIS_FILE)
     path.mkdir(parents=True, exist_ok=True)
     try:
         yield

@@ -23,6 +23,7 @@ from rotor.rig import load_rig
 from sim.campaign import Campaign, Channel, MeasurementError, Run
 from sim.campaign_folder import load_campaign
 from sim.formats import read_run
+from sim.formats.atomic import check_writable
 from sim.formats.settings import UnknownSupportError
 from sim.modal_fit import fit_modes
 
@@ -38,6 +39,7 @@ class Sources:
 
 def write_report(sources: Sources, out: Path, estimator: Path | None) -> None:
     """Read, fit, estimate, write the page."""
+    check_writable(out)
     campaign = _read(sources)
     modes, unfitted = _modes(campaign.runs)
     answers, why_none = _estimate(campaign, estimator)

@@ -19,6 +19,7 @@ from rigtwin.wording import with_error
 from rotor.effects import EFFECTS, Effect, Parameter
 from sim.campaign import Plane, Run, SupportKind, SweepDirection
 from sim.formats import SUFFIXES, write_run
+from sim.formats.atomic import check_writable
 from sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
 from sim.runs import sweep_all
 from sim.session import FmuSession
@@ -109,10 +110,10 @@ def _check_output(out: Path | None) -> None:
     """Refuse before measuring what could not be written after it."""
     if out and out.suffix.lower() not in SUFFIXES:
         raise UserError(f"{out}: unknown kind of file; --out takes {', '.join(SUFFIXES)}")
-    if out and out.is_dir():
-        raise UserError(f"{out}: is a folder; give the file a name inside it")
     if out and not out.parent.is_dir():
         raise UserError(f"{out}: the folder {out.parent} does not exist; create it first")
+    if out:
+        check_writable(out)
 
 
 def _rig(session: FmuSession, request: SweepRequest) -> Rig:

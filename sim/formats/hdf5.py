@@ -29,7 +29,7 @@ def read(path: Path, given: RunSettings) -> Recording:
 def _contents(path: Path, name: str, item: Any) -> Any:
     if not isinstance(item, h5py.Dataset):
         raise MeasurementError(f"{path}: {name!r} is a group; put a run's arrays at the root of the file")
-    return item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
+    return item.asstr(errors="replace")[()] if h5py.check_string_dtype(item.dtype) else item[()]
 
 
 def write(run: Run, path: Path) -> None:

@@ -132,7 +132,7 @@ def _scalar(value: Any) -> Any:
     """A number or text out of the array a file keeps it in; anything else as it is, to be refused by name."""
     array = np.asarray(value)
     if array.dtype.kind == "S":
-        array = np.char.decode(array, "utf-8")
+        array = np.char.decode(array, "utf-8", errors="replace")
     texts = array.ravel().tolist()
     if array.size and all(isinstance(text, str) for text in texts):
         return "".join(texts)

@@ -109,6 +109,19 @@ def test_a_model_description_against_the_standard_fails_both_readers(estimator_f
     assert "FMU Manipulation Toolbox -check" in failed
 
 
+def test_an_fmu_that_hangs_fails_its_gates_and_the_next_gets_a_process_of_its_own(rotor_fmu, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # what a stopped process cannot clean up
+    hanging = altered(
+        rotor_fmu,
+        tmp_path / "hanging.fmu",
+        r"resources/rotor_\w+/simulator\.py",
+        lambda text: text + "\n\nimport time\ntime.sleep(1000)\n",
+    )
+    failed, printed = check_failing(hanging, "--time-limit", 5)
+    assert set(failed.values()) == {"not done after 5 s, stopped; --time-limit gives it longer"}
+    assert [name.split(",")[0].split()[0] for name in failed] == ["loads", "a", "a"], printed
+
+
 def test_an_fmu_that_crashes_fails_its_gates_and_the_report_is_written(rotor_fmu, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))  # what a crashed process cannot clean up
     crashing = altered(

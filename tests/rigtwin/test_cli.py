@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -322,6 +324,23 @@ def test_a_folder_that_cannot_be_made_is_named(refused, tmp_path, command):
     assert f"{tmp_path}/file" in refused(*command, tmp_path / "file" / "dist")
 
 
+@pytest.mark.parametrize(
+    "command",
+    [("demo", "--out"), ("report", "nosuch.csv", "--out"), ("check", "nosuch.fmu", "--junit")],
+    ids=["demo", "report", "check"],
+)
+def test_what_cannot_be_written_is_refused_before_any_work(refused, tmp_path, command):
+    (tmp_path / "file").touch()
+    place = tmp_path / "file" / "result"
+    assert f"{place}" in refused(*command, place)
+    assert "cannot be written" in refused(*command, place)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_page_needs_a_name_of_its_own(refused, tmp_path):
+    assert f"{tmp_path}: is a folder; give the file a name inside it" in refused("report", PAPER, "--out", tmp_path)
+
+
 def test_training_without_torch_says_what_to_install(refused, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "pip install '.[train]'" in refused("train", "--from-data")
@@ -346,6 +365,23 @@ def test_an_interrupted_command_exits_with_130(monkeypatch):
     monkeypatch.setattr("rigtwin.build.build_fmus", interrupted)
     result = run("build")
     assert (result.exit_code, result.stderr) == (130, "rigtwin: interrupted\n")
+
+
+def test_a_terminated_command_leaves_nothing_behind(rotor_fmu, tmp_path):
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    command = [sys.executable, "-m", "rigtwin", "sweep", rotor_fmu, "--out", tmp_path / "run.csv"]
+    environment = {**os.environ, "TMPDIR": str(scratch)}
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        while process.poll() is None and not any(scratch.rglob("*.py")):  # until the FMU is unpacked
+            time.sleep(0.01)
+        process.terminate()
+        _, errors = process.communicate()
+    assert (process.returncode, errors.splitlines()[-1]) == (130, "rigtwin: interrupted")
+    assert [path for path in scratch.iterdir() if path.is_dir()] == []
+    assert list(tmp_path.iterdir()) == [scratch]
 
 
 # --- the documentation -----------------------------------------------------------------------------

@@ -625,3 +625,13 @@ def test_hdf5_groups_are_refused(tmp_path):
         file.create_group("results")
     with pytest.raises(MeasurementError, match=r"run\.h5: 'results' is a group; put a run's arrays at the root"):
         read_run(tmp_path / "run.h5", support="rigid")
+
+
+@pytest.mark.parametrize("as_attribute", [True, False], ids=["attribute", "dataset"])
+def test_hdf5_texts_in_another_encoding_are_refused_by_name(tmp_path, as_attribute):
+    save_h5(tmp_path / "run.h5", arrays())
+    with h5py.File(tmp_path / "run.h5", "a") as file:
+        texts = file.attrs if as_attribute else file
+        texts["support"] = np.bytes_("gelagert, h\u00e4ngend".encode("latin-1"))
+    with pytest.raises(MeasurementError, match=r"run\.h5.*support"):
+        read_run(tmp_path / "run.h5")

@@ -57,9 +57,11 @@ class Mode:
 def fit_modes(run: Run, n_modes: int | None = None) -> tuple[Mode, ...]:
     """Fit every resonance of a run, lowest first, or only the ``n_modes`` lowest.
 
+    Where no number of modes is asked for, a resonance that cannot be fitted is left out, with a warning.
+
     Raises
     ------
-    ModalFitError : fewer resonances than asked for, or too few lines round one of them
+    ModalFitError : fewer resonances than asked for; too few lines round one that is asked for, or round every one
     """
     if run.magnitude_only:
         raise ModalFitError(f"run {run.name!r} holds magnitudes only; a modal fit needs the phase")
@@ -73,7 +75,19 @@ def fit_modes(run: Run, n_modes: int | None = None) -> tuple[Mode, ...]:
             f"run {run.name!r} shows {len(found)} resonances between {run.frequency_hz[0]:g} and "
             f"{run.frequency_hz[-1]:g} Hz, {n_modes or 1} are needed; widen the band or refine the lines"
         )
-    return tuple(fit_mode(run, f) for f in found[:n_modes])
+    if n_modes is not None:
+        return tuple(fit_mode(run, f) for f in found[:n_modes])
+    modes, errors = [], []
+    for f in found:
+        try:
+            modes.append(fit_mode(run, f))
+        except ModalFitError as error:
+            errors.append(error)
+    if not modes:
+        raise errors[0]
+    for error in errors:
+        logger.warning("a resonance is left out: %s", error)
+    return tuple(modes)
 
 
 def fit_mode(run: Run, near_hz: float) -> Mode:

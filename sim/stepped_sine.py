@@ -25,6 +25,9 @@ logger = logging.getLogger(__name__)
 _SHARPEST, _SHARPEST_JUMP = 1e-7, 1e-4
 _JUMP_BAND = 1e-3
 
+# Looks for resonances that the lines of others have brought to light.
+_ROUNDS = 4
+
 Progress = Callable[[int], None]
 
 
@@ -161,20 +164,31 @@ class _Raster:
             self._reader.start()
 
     def refine(self) -> None:
-        """Add lines until every resonance is resolved, then lay a raster over its band."""
+        """Add lines until every resonance is resolved, then lay a raster over its band.
+
+        Lines beside one resonance may show another that the base lines had missed.
+        """
+        seen: list[tuple[float, float]] = []  # where, and how far from there it is the same resonance
+        for _ in range(_ROUNDS):
+            fresh = [peak for peak in self._candidates() if not any(abs(peak - f) <= near for f, near in seen)]
+            for peak in fresh:
+                closest = self._close_in(peak)
+                seen.append((peak, 0.0))
+                if closest is not None:
+                    seen.append(self._lay_raster(closest))
+
+    def _lay_raster(self, peak: float) -> tuple[float, float]:
+        """Measure the lines of a peak's band; returns where the resonance is and how wide its band [Hz]."""
         plan = self._plan
+        centre, width = half_power_band(*self._magnitude(), peak)
+        if self._keep_states:
+            width = max(width, _JUMP_BAND * centre)
         half = plan.lines_per_half_power_band // 2
         inner = np.arange(-half, half + 1) / (2 * half)
         outer = np.array([-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0])
-        for peak in self._candidates():
-            closest = self._close_in(peak)
-            if closest is None:
-                continue
-            centre, width = half_power_band(*self._magnitude(), closest)
-            if self._keep_states:
-                width = max(width, _JUMP_BAND * centre)
-            raster = centre + width * np.concatenate([inner, outer])
-            self.at(f for f in raster if plan.f_min_hz <= f <= plan.f_max_hz)
+        raster = centre + width * np.concatenate([inner, outer])
+        self.at(f for f in raster if plan.f_min_hz <= f <= plan.f_max_hz)
+        return centre, max(width, abs(peak - centre))
 
     def _warn_of_resonance_beyond(self, end: float) -> None:
         """Say so where a resonance lies less than a base line outside the band: 1 / magnitude goes to zero there."""

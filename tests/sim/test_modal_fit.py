@@ -328,6 +328,16 @@ def test_eight_lines_round_a_resonance_are_enough_and_seven_are_not():
         fit_modes(seven)
 
 
+def test_a_resonance_that_cannot_be_fitted_is_left_out_unless_asked_for(caplog):
+    fine = two_modes()[0].frequency_hz * (1 + 1e-3 * np.linspace(-4, 4, 33))
+    run = measured(two_modes(), lines=np.union1d(np.linspace(20, 400, 96), fine))
+    (mode,) = fit_modes(run)
+    assert round(mode.frequency_hz) == 96
+    assert re.match(r"a resonance is left out: run 'run': only \d lines within .* at 29\d\.", caplog.messages[-1])
+    with pytest.raises(ModalFitError, match=r"only \d lines within"):
+        fit_modes(run, 2)
+
+
 def test_magnitudes_alone_are_refused():
     run = measured(two_modes())
     magnitudes = replace(run, H=np.abs(run.H).astype(complex), magnitude_only=True)

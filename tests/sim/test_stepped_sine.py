@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from rotor.condition import Condition
+from rotor.effects import PlaneAnisotropy
 from rotor.frequency_response import accelerance
 from rotor.modal import damped_modes
 from rotor.model import build_system
@@ -154,6 +155,21 @@ def test_every_resonance_is_resolved(session, rig, shaft_damping_ratio):
     assert len(modes) >= 2
     for natural, zeta in modes:
         assert np.count_nonzero(np.abs(f - natural) <= zeta * natural) >= PLAN.lines_per_half_power_band
+
+
+def test_both_of_two_resonances_between_the_same_base_lines_are_resolved(session):
+    """Bearings with principal directions: the modes of the two planes lie eight half-power bandwidths apart."""
+    effect = PlaneAnisotropy(anisotropy=0.05, angle=np.pi / 4)
+    rig = Rig("bearing", parameters={"k_b": 1.3e6}, effects=(effect,), sensor_planes=("y", "z"))
+    plan = SweepPlan(f_min_hz=50.0, f_max_hz=110.0, n_lines=31)
+    system = build_system(paper_structure(), Condition(k_b=1.3e6), [effect])
+    modes = damped_modes(system)
+    pair = list(zip(modes.frequency_hz[:2], modes.damping_ratio[:2], strict=True))
+    width = 2 * pair[0][0] * pair[0][1]
+    assert 3 * width < pair[1][0] - pair[0][0] < BASE_STEP
+    f = sweep(session, rig, plan).run.frequency_hz
+    for natural, zeta in pair:
+        assert np.count_nonzero(np.abs(f - natural) <= zeta * natural) >= plan.lines_per_half_power_band
 
 
 def test_base_lines_are_even_and_stay_in_the_refined_sweep(session):

@@ -69,18 +69,18 @@ PRIOR = Prior()
 _PRIOR_K_B, _PRIOR_F2 = 1e7, 324.0
 
 
-def prior_for(structure: Structure, k_b: float) -> Prior:
-    """PRIOR carried over to another rotor with bearings of about this stiffness [N/m].
+def prior_for(structure: Structure, k_b: float, limits: tuple[float, float] = (0.0, np.inf)) -> Prior:
+    """PRIOR carried over to another rotor with bearings of about this stiffness [N/m], and never beyond these limits.
 
-    k_b spans the same factors, and the bearings' loss factor c omega_2 / k_b the same range.
+    k_b spans the same factors as far as its limits let it, the bearings' loss factor c omega_2 / k_b the same range.
     """
     f2 = elastic_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)[1]
     stiffer = k_b / _PRIOR_K_B
     more_damped = stiffer * _PRIOR_F2 / float(f2)
     return replace(
         PRIOR,
-        k_b=_scaled(PRIOR.k_b, stiffer),
-        k_b_trained=_scaled(PRIOR.k_b_trained, stiffer),
+        k_b=_within(_scaled(PRIOR.k_b, stiffer), limits),
+        k_b_trained=_within(_scaled(PRIOR.k_b_trained, stiffer), limits),
         bearing_damping=_scaled(PRIOR.bearing_damping, more_damped),
     )
 
@@ -88,3 +88,7 @@ def prior_for(structure: Structure, k_b: float) -> Prior:
 def _scaled(limits: tuple[float, float], factor: float) -> tuple[float, float]:
     low, high = limits
     return factor * low, factor * high
+
+
+def _within(span: tuple[float, float], limits: tuple[float, float]) -> tuple[float, float]:
+    return max(span[0], limits[0]), min(span[1], limits[1])

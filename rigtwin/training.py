@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 CALIBRATION_RIGS, CALIBRATION_SEED, CALIBRATION_ELEMENTS = 128, 2, 4
 NETWORK_SEED = 0
 
+# Largest over smallest k_b of a rig that an estimator is worth training for.
+_NARROWEST = 2.0
+
 # The order of sums, and with it the optimiser's path, depends on the number of threads.
 _THREADS = 2
 
@@ -70,7 +73,13 @@ def train(plan: TrainingPlan) -> Trained:
     prior, sweep_plan = PRIOR, FEATURE_PLAN
     if not is_shipped(rig):
         structure = assemble(rig)
-        prior = prior_for(structure, rig.k_b.start_N_per_m)
+        limits = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
+        if limits[1] < _NARROWEST * limits[0]:
+            raise UserError(
+                f"{plan.rig}: k_b: from {limits[0]:g} to {limits[1]:g} N/m is too narrow a range to train for; "
+                f"widen it to a factor of {_NARROWEST:g}"
+            )
+        prior = prior_for(structure, rig.k_b.start_N_per_m, limits)
         sweep_plan = feature_plan(structure, prior)
     rotor_fmu = build_rotor(rig, plan.out)
     finer = max(CALIBRATION_ELEMENTS, 2 * rig.elements_between_nodes)

@@ -107,3 +107,9 @@ def test_a_rotor_scaled_as_a_whole_has_the_prior_scaled_with_it(factor):
     assert_allclose(prior.k_b_trained, factor * np.array(PRIOR.k_b_trained))
     assert_allclose(loss_factors(scaled, prior), loss_factors(structure, PRIOR), rtol=1e-3)
     assert prior.shaft_damping_ratio == PRIOR.shaft_damping_ratio
+
+
+def test_a_prior_stays_within_the_limits_of_the_rig():
+    prior = prior_for(paper_structure(), 1e7, (2e6, 1.2e8))
+    assert (prior.k_b, prior.k_b_trained) == ((2e6, PRIOR.k_b[1]), (2e6, 1.2e8))
+    assert prior.bearing_damping == prior_for(paper_structure(), 1e7).bearing_damping

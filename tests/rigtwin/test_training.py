@@ -101,6 +101,27 @@ def test_another_rig_is_trained_in_its_own_range_band_and_driving_point(asked, t
     assert np.all((rigs.k_b >= 1.2e5) & (rigs.k_b <= 3.4e7))
 
 
+def limited(folder, low, high):
+    """The own rotor with k_b from ``low`` to ``high`` [N/m]."""
+    text = OWN_ROTOR.read_text(encoding="utf-8").replace("[k_b]", f"[k_b]\nmin_N_per_m = {low}\nmax_N_per_m = {high}")
+    (folder / "rig.toml").write_text(text, encoding="utf-8")
+    return str(folder / "rig.toml")
+
+
+def test_no_training_rig_is_outside_the_limits_of_the_rig(asked, tmp_path):
+    train(TrainingPlan(rig=limited(tmp_path, 1.5e6, 4e6), rigs=32, out=tmp_path))
+    (_, coarse, _), (_, fine, _), (prior, _) = asked
+    for rigs in (coarse, fine):
+        assert 1.5e6 <= rigs.k_b.min() < 1.7e6
+        assert 3.6e6 < rigs.k_b.max() <= 4e6
+    assert prior.k_b == (1.5e6, 4e6)
+
+
+def test_a_rig_with_hardly_a_range_of_stiffness_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"from 1\.9e\+06 to 2\.1e\+06 N/m is too narrow"):
+        train(TrainingPlan(rig=limited(tmp_path, 1.9e6, 2.1e6), out=tmp_path))
+
+
 def test_the_calibration_rigs_are_no_training_rigs(tmp_path):
     with pytest.raises(UserError, match="--seed 2: the calibration rigs"):
         train(TrainingPlan(out=tmp_path, seed=2))

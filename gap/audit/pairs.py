@@ -69,7 +69,8 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
     far = a.away(2.0)[rows[0]] & b.away(2.0)[rows[1]]
     cols = [a.channels.index(x) for x, _ in paired], [b.channels.index(y) for _, y in paired]
     A, B = a.H[:, cols[0]], b.H[:, cols[1]]
-    slope = np.abs(np.gradient(np.log(A + np.finfo(float).tiny), a.f, axis=0)) * a.f[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a dropped line has no slope, and takes no part
+        slope = np.abs(np.gradient(A, a.f, axis=0) / A) * a.f[:, None]  # not of log A, whose phase is wrapped
     noise = np.hypot((a.std[:, cols[0]] / np.abs(A))[rows[0]], (b.std[:, cols[1]] / np.abs(B))[rows[1]])
     sigma = np.hypot(noise, np.sqrt(2) * drift * slope[rows[0]])
     L: Any = _log_ratio(A[rows[0]], B[rows[1]])

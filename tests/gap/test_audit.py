@@ -15,7 +15,8 @@ from numpy.testing import assert_array_equal
 
 from gap.audit import audit, believed_errors, estimate_noise
 from gap.audit.noise import mean_square
-from gap.audit.prepared import Prepared
+from gap.audit.pairs import compare
+from gap.audit.prepared import Prepared, prepare
 from gap.audit.wild import wild_lines, without_wild_lines
 from gap.diagnosis import Finding
 from rotor.assembly import assemble
@@ -563,6 +564,19 @@ def test_repeats_of_a_rig_without_errors_of_gain_may_differ_by_their_noise():
     one, two = measure(BEARING), measure(BEARING, seed=1)
     belief = NominalBelief(gain_tolerance=0.0)
     assert not troubles(audit(in_campaign(one, two, nominal=belief)), "repeatability")
+
+
+def test_what_noise_explains_is_the_same_whatever_the_phase():
+    """A phase near 180 degrees is at both ends of the circle; that is no slope."""
+    one, two = measure(BEARING), measure(BEARING, seed=1)
+    ratios = []
+    for turn in (1.0, 1j):
+        a, b = prepare((replace(one, H=turn * one.H), replace(two, H=turn * two.H)))
+        found = compare(a, b, [(c, c) for c in a.channels], 1e-4)
+        assert found
+        ratios.append(found.ratio)
+        assert found.expected < 0.02
+    assert ratios[0] == pytest.approx(ratios[1], rel=1e-6)
 
 
 def test_a_gain_that_changed_between_repeats_is_found():

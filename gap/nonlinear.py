@@ -290,20 +290,23 @@ class NonlinearModal:
     # -- a sweep ---------------------------------------------------------------------------------
 
     def _by_sweep(self, balance: Balance) -> Solved:
-        """Follow the run's sweep from its first line; where a branch ends, fall onto the one that comes from beyond."""
+        """Follow the run's sweep from its first line; where a branch ends, fall onto the one that comes from beyond.
+
+        Where that has none either, Newton's method starts from the last motion, and may not come to another.
+        """
         n = len(self._omega)
         order = range(n - 1, -1, -1) if self.run.sweep == "down" else range(n)
         joints = np.zeros((n, balance.harmonics + 1, balance.n_joints), dtype=complex)
         before: tuple[float, ComplexArray] | None = None
+        last = joints[0]
         for line in order:
             hz = float(self.run.frequency_hz[line])
             X = None if before is None else self._follow(balance, *before, hz)
             if X is None:
                 X = self._land(balance, hz)
             before = None if X is None else (hz, X)
-            joints[line] = np.nan if X is None else X
-        filled = np.where(np.isfinite(joints), joints, 0.0)
-        return self._solve(balance, filled)
+            last = joints[line] = last if X is None else X
+        return self._solve(balance, joints)
 
     def _follow(self, balance: Balance, hz_before: float, before: ComplexArray, hz: float) -> ComplexArray | None:
         """The motion (K, n_joints) that continues a known one; None where the branch ends on the way."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -101,13 +102,17 @@ def measure(
     drift=0.0,
     **settings,
 ) -> Run:
-    """A run with noise in proportion to each value, and with the standard errors that belong to it."""
-    rng = np.random.default_rng(seed)
+    """A run with noise, as in ``with_noise``."""
     run = blank(support, settings.pop("frequency_hz", lines(support, effects)), name=f"{support}-{seed}", **settings)
-    H = gain * truth(run, effects, drift)
+    return with_noise(run, gain * truth(run, effects, drift), seed, noise)
+
+
+def with_noise(run: Run, H: ComplexArray, seed: int, noise: float = NOISE) -> Run:
+    """The run with these values, noise in proportion to each, and the standard errors that belong to it."""
+    rng = np.random.default_rng(seed)
     error = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
     std = noise * np.abs(H)
-    return Run(**(vars(run) | {"H": H + std * error, "std": std}))
+    return replace(run, H=H + std * error, std=std)
 
 
 def both_supports(*effects: Effect, seed: int = 0, **settings) -> tuple[Run, Run]:

@@ -46,7 +46,6 @@ from tests.gap.conftest import (
     BELIEF,
     CHANNELS,
     K_B,
-    NOISE,
     RIG,
     STRUCTURE,
     all_but,
@@ -55,6 +54,7 @@ from tests.gap.conftest import (
     condition,
     lines,
     truth,
+    with_noise,
 )
 
 CUBIC = BearingCubic(stiffness=1e15)
@@ -66,19 +66,13 @@ def swept(effect: Effect, level: float, seed: int = 0, resolution=FINE, **settin
     run = blank("bearing", lines("bearing"), force_amplitude_N=level, sweep="up", name=f"{level} N", **settings)
     forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=resolution)
     modal = forward.modal(run, K_B, (effect,))
-    return noisy(run, np.where(modal.found()[:, None], modal.response(), np.nan), seed)
-
-
-def noisy(run, H, seed: int):
-    rng = np.random.default_rng(seed)
-    error = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
-    return replace(run, H=H + NOISE * np.abs(H) * error, std=NOISE * np.abs(H))
+    return with_noise(run, np.where(modal.found()[:, None], modal.response(), np.nan), seed)
 
 
 def runs_of(effect: Effect):
     """A rigid run, and runs on bearings at three levels."""
     rigid = blank("rigid", lines("rigid"), force_amplitude_N=1.0, name="rigid")
-    return noisy(rigid, truth(rigid), 9), *(swept(effect, level, seed) for seed, level in enumerate(LEVELS))
+    return with_noise(rigid, truth(rigid), 9), *(swept(effect, level, seed) for seed, level in enumerate(LEVELS))
 
 
 def problem_of(runs):
@@ -383,7 +377,7 @@ def test_hysteresis_needs_no_more_samples_than_it_has(monkeypatch):
 def test_a_bilinear_support_starts_from_one_level():
     """The mean stiffness that narrow resonances need takes several harmonics."""
     rigid = blank("rigid", lines("rigid"), force_amplitude_N=0.2, name="rigid")
-    runs = (noisy(rigid, truth(rigid), 9), swept(BilinearSupport(ratio=1.15), 0.2, 0, FINAL))
+    runs = (with_noise(rigid, truth(rigid), 9), swept(BilinearSupport(ratio=1.15), 0.2, 0, FINAL))
     problem = problem_of(runs)
     (law,) = candidates(runs, STRUCTURE, all_but("bilinear_support"), nonlinear=True)
     calm = recalibrate(problem)

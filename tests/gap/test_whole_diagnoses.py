@@ -1,0 +1,118 @@
+"""From a campaign to a verdict where one effect at one level is not all: laws, pairs, what the virtual rig measures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gap.diagnose import diagnose
+from gap.forward import Forward, acting
+from rotor.effects import AttachedMass, BearingCubic, BearingDamping
+from sim.lines import NotSettledError
+from sim.setup import SetupError
+from tests.gap.conftest import (
+    BELIEF,
+    K_B,
+    MASS,
+    NOISE,
+    STRUCTURE,
+    all_but,
+    blank,
+    both_supports,
+    campaign_of,
+    lines,
+    truth,
+    with_noise,
+)
+
+# A force sensor and accelerometers that err as the campaign believes they may.
+GAINS = 1.02 * (1 + 0.01 * np.array([1.0, -1.0, 0.5, -0.5, 1.0, -1.0, 0.0]))
+
+
+def on_the_virtual_rig(runs, effects, k_b):
+    """Exact sensors, exact forces."""
+    return [_response(run, acting(effects, run.support), k_b) for run in runs], "rig"
+
+
+def _response(run, effects, k_b):
+    if not any(effect.family == "nonlinear" for effect in effects):
+        return truth(run, effects, k_b=k_b)
+    return Forward(STRUCTURE, BELIEF).made(with_data=False).modal(run, k_b, effects).response()
+
+
+# -- the virtual rig's figures ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quantity", ["accelerance", "acceleration"])
+def test_what_the_virtual_rig_measures_is_the_figure_under_the_gains_of_the_runs(quantity):
+    runs = both_supports(MASS, seed=3, gain=GAINS, quantity=quantity, force_amplitude_N=2.0)
+    found = diagnose(campaign_of(*runs), exclude=all_but("attached_mass"), confirm=on_the_virtual_rig).diagnosis
+    assert found.shrink.verified_by == "rig"
+    assert_allclose(found.shrink.after, found.shrink.after_model, rtol=0.02)
+    assert_allclose(found.shrink.after, found.shrink.floor, rtol=0.2)
+
+
+@pytest.mark.parametrize(
+    "error", [SetupError("no such sensor"), NotSettledError("no end of the transient", 90.0, 1e-3)]
+)
+def test_where_the_virtual_rig_has_no_figure_the_models_own_stands(error):
+    def refused(*_):
+        raise error
+
+    runs = both_supports(MASS, seed=3)
+    shrink = diagnose(campaign_of(*runs), exclude=all_but("attached_mass"), confirm=refused).diagnosis.shrink
+    assert shrink.verified_by == "model"
+    assert shrink.after == shrink.after_model < 2 * NOISE
+
+
+# -- laws -------------------------------------------------------------------------------------------
+
+CUBIC = BearingCubic(stiffness=1e15)
+LEVELS, FORCES = (0.05, 0.2, 0.8), (0.0515, 0.194, 0.808)  # as the force sensor says, and as they are [N]
+
+
+@pytest.fixture(scope="module")
+def hardened():
+    """Accelerations at three levels, the forces up to 3 % off."""
+    rigid = blank("rigid", lines("rigid"), force_amplitude_N=1.0, name="rigid")
+    runs = [with_noise(rigid, truth(rigid), 9)]
+    for seed, level in enumerate(LEVELS):
+        settings = {"quantity": "acceleration", "sweep": "up", "name": f"{level} N"}
+        driven = blank("bearing", lines("bearing"), force_amplitude_N=FORCES[seed], **settings)
+        run = blank("bearing", lines("bearing"), force_amplitude_N=level, **settings)
+        runs.append(with_noise(run, _response(driven, (CUBIC,), K_B), seed))
+    exclude = all_but("bearing_cubic", "attached_mass")
+    return diagnose(campaign_of(*runs), exclude=exclude, confirm=on_the_virtual_rig)
+
+
+def test_a_law_is_named_where_levels_differ(hardened):
+    found = hardened.diagnosis
+    assert (found.verdict, found.causes[0].effects) == ("cause", ("bearing_cubic",))
+    assert found.where.regime == "amplitude_dependent"
+    stiffness = found.causes[0].parameters["stiffness"]
+    assert abs(stiffness.value - CUBIC.stiffness) < 4 * stiffness.std
+    assert found.next_test is not None
+    assert len(hardened.curves) == 4
+
+
+def test_the_virtual_rig_is_driven_by_the_forces_that_were_found(hardened):
+    shrink = hardened.diagnosis.shrink
+    assert shrink.verified_by == "rig"
+    assert_allclose(shrink.after, shrink.after_model, rtol=0.1)
+    assert shrink.after < 1.3 * shrink.floor < 0.2 * shrink.before
+
+
+# -- pairs ------------------------------------------------------------------------------------------
+
+
+def test_two_effects_are_one_cause_with_the_numbers_and_places_of_both():
+    pair = AttachedMass(mass=0.1, node=3), BearingDamping(damping=150.0)
+    names = ("attached_mass", "bearing_damping", "disk_mass")
+    found = diagnose(campaign_of(*both_supports(*pair, seed=2)), exclude=all_but(*names)).diagnosis
+    cause = found.causes[0]
+    assert (found.verdict, set(cause.effects)) == ("cause", {"attached_mass", "bearing_damping"})
+    assert set(cause.parameters) == {"attached_mass.mass", "bearing_damping.damping"}
+    assert {location.kind for location in cause.locations} == {"node", "bearings"}
+    for name, true in (("attached_mass.mass", 0.1), ("bearing_damping.damping", 150.0)):
+        assert abs(cause.parameters[name].value - true) < 4 * cause.parameters[name].std

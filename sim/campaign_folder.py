@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import json
 import re
 import tomllib
@@ -50,8 +49,8 @@ class _PeaksTable(_Table):
             raise ValueError(
                 f"frequencies_Hz has {len(f)} numbers and std_Hz {len(self.std_Hz)}; give one for each peak"
             )
-        if any(b <= a for a, b in itertools.pairwise(f)):
-            raise ValueError("frequencies_Hz must increase")
+        if len(set(f)) < len(f):
+            raise ValueError("frequencies_Hz names a resonance twice; remove one")
         return self
 
 
@@ -103,9 +102,15 @@ def load_campaign(folder: str | Path) -> Campaign:
         title=table.title,
         rig=rig,
         runs=tuple(dataclasses.replace(run, name=name) for run, name in zip(runs, names, strict=True)),
-        peaks=tuple(PeakList(p.support, np.array(p.frequencies_Hz), np.array(p.std_Hz)) for p in table.peaks),
+        peaks=tuple(_peak_list(peaks) for peaks in table.peaks),
         nominal=_belief(table.nominal, model),
     )
+
+
+def _peak_list(table: _PeaksTable) -> PeakList:
+    """Resonances in ascending order."""
+    frequency_hz, std_hz = np.array(sorted(zip(table.frequencies_Hz, table.std_Hz, strict=True))).T
+    return PeakList(table.support, frequency_hz, std_hz)
 
 
 def _belief(table: _NominalTable, rig: Rig) -> NominalBelief:

@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.campaign import ComplexArray, FloatArray, MeasurementError, Run
 from sim.formats.csv_header import FREQUENCY, Column, Header, parse_header
-from sim.formats.recording import Recording
+from sim.formats.recording import Recording, falls
 from sim.formats.settings import RunSettings
 
 
@@ -52,24 +52,34 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
 def _table(path: Path, header: Header, lines: Iterator[tuple[int, list[str]]]) -> dict[str, FloatArray]:
     """Column name -> (n_freq,) values."""
     rows: list[list[float]] = []
-    frequency, last = header.names.index(FREQUENCY), 0.0
+    places: list[int] = []
     for line, cells in lines:
         if len(cells) != len(header.names):
             raise MeasurementError(
                 f"{path}, line {line}: {len(cells)} cells, but the header names {len(header.names)} columns; "
                 "fill or remove the line, and write decimals with a point"
             )
-        row = [_number(path, line, header, name, cell) for name, cell in zip(header.names, cells, strict=True)]
-        if row[frequency] <= last:
-            raise MeasurementError(
-                f"{path}, line {line}, column {FREQUENCY}: {row[frequency]!r} Hz does not come after {last!r} Hz; "
-                "frequencies must be positive and increase: sort the lines and remove repeats"
-            )
-        last = row[frequency]
-        rows.append(row)
+        rows.append([_number(path, line, header, name, cell) for name, cell in zip(header.names, cells, strict=True)])
+        places.append(line)
     if not rows:
         raise MeasurementError(f"{path}: nothing below the header; add one line per frequency")
-    return dict(zip(header.names, np.array(rows).T, strict=True))
+    table = dict(zip(header.names, np.array(rows).T, strict=True))
+    _check_order(path, places, table[FREQUENCY])
+    return table
+
+
+def _check_order(path: Path, places: list[int], frequency_hz: FloatArray) -> None:
+    """Lines go up, or down throughout; ``places`` are their line numbers in the file."""
+    if falls(frequency_hz) and frequency_hz[-1] > 0:
+        return
+    before = np.concatenate([[0.0], frequency_hz[:-1]])
+    wrong = np.flatnonzero((frequency_hz <= before) | (frequency_hz <= 0))
+    if len(wrong):
+        line, here, last = places[wrong[0]], float(frequency_hz[wrong[0]]), float(before[wrong[0]])
+        raise MeasurementError(
+            f"{path}, line {line}, column {FREQUENCY}: {here!r} Hz does not come after {last!r} Hz; "
+            "frequencies must be positive and increase (or all decrease): sort the lines and remove repeats"
+        )
 
 
 def _number(path: Path, line: int, header: Header, name: str, cell: str) -> float:

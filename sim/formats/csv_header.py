@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
 from sim.campaign import Channel, MeasurementError
+
+logger = logging.getLogger(__name__)
 
 FREQUENCY = "frequency_Hz"
 
@@ -40,9 +43,9 @@ class Header:
     names: tuple[str, ...]  # every column, in the file's order
     columns: dict[str, Column]  # the same without the frequency
     channels: tuple[Channel, ...]  # in order of appearance
-    orders: tuple[int, ...]  # harmonic orders, from 2
+    orders: tuple[int, ...]  # harmonic orders of all channels, from 2
     magnitude_only: bool
-    has_std: bool
+    has_std: bool  # of all channels
 
 
 def parse_header(place: str, cells: list[str]) -> Header:
@@ -106,24 +109,24 @@ def _check_partner(place: str, column: Column, present: set[Column]) -> None:
 
 
 def _complete(place: str, names: tuple[str, ...], columns: dict[str, Column], channels: tuple[Channel, ...]) -> Header:
-    """All channels must give the same: magnitudes or complex values, std or none, the same harmonics."""
-    present = columns.values()
+    """All channels must give magnitudes or complex values; errors and harmonics that not all give are passed over."""
+    present = set(columns.values())
     magnitude_only = any(c.part == "abs" for c in present)
     if magnitude_only and any(c.part == "re" for c in present):
-        mixed = next(c for c in present if c.part == "abs")
+        mixed = next(c for c in columns.values() if c.part == "abs")
         raise MeasurementError(
             f"{place}, column {mixed}: other columns are complex (_re, _im); put the nodes that have "
             "magnitudes only in a run file of their own"
         )
-    has_std = any(c.part == "std" for c in present)
-    orders = tuple(sorted({c.order for c in present} - {1}))
     value: Part = "abs" if magnitude_only else "re"
-    needed = [Column(channel, "std") for channel in channels if has_std]
-    needed += [Column(channel, value, order) for channel in channels for order in orders]
-    for column in needed:
-        if column not in present:
-            raise MeasurementError(
-                f"{place}: column {column} is missing, other nodes have it; give it for every node or none, "
-                "or put these nodes in a run file of their own"
-            )
+
+    def of_all(part: Part, order: int = 1) -> bool:
+        missing = [channel for channel in channels if Column(channel, part, order) not in present]
+        if missing and len(missing) < len(channels):
+            what = "standard errors are" if part == "std" else f"harmonics of order {order} are"
+            logger.warning("%s: %s missing for %s, and left out for all", place, what, ", ".join(map(str, missing)))
+        return not missing
+
+    has_std = of_all("std")
+    orders = tuple(order for order in sorted({c.order for c in present} - {1}) if of_all(value, order))
     return Header(names, columns, channels, orders, magnitude_only, has_std)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +23,27 @@ class Recording:
     magnitude_only: bool = False
     settings: RunSettings = field(default_factory=RunSettings)  # what the file itself says
 
+    def upwards(self) -> Recording:
+        """A downward sweep with its lines in ascending order."""
+        return replace(
+            self,
+            frequency_hz=self.frequency_hz[::-1],
+            H=self.H[::-1],
+            std=None if self.std is None else self.std[::-1],
+            harmonics={order: values[::-1] for order, values in self.harmonics.items()},
+            settings={"sweep": "down", **self.settings},
+        )
+
+
+def falls(frequency_hz: FloatArray) -> bool:
+    """Whether lines stand in the order of a downward sweep."""
+    return len(frequency_hz) > 1 and bool(np.all(np.diff(frequency_hz) < 0))
+
 
 def as_run(path: Path, recording: Recording, given: RunSettings, usual_node: int) -> Run:
     """Check a recording and add the settings. Raises MeasurementError that names the file."""
+    if falls(recording.frequency_hz):
+        recording = recording.upwards()
     settings = settle(path, given, recording.settings, usual_node)
     _check_frequencies(path, recording.frequency_hz)
     run = Run(
@@ -50,7 +68,7 @@ def _check_frequencies(path: Path, frequency_hz: FloatArray) -> None:
         row = int(np.argmax(wrong))
         raise MeasurementError(
             f"{path}: frequency {row + 1} of {len(frequency_hz)} is {float(frequency_hz[row])!r} Hz; "
-            "frequencies must be positive numbers that increase: sort the lines and remove repeats"
+            "frequencies must be positive numbers that increase, or all decrease: sort the lines and remove repeats"
         )
 
 

@@ -183,7 +183,7 @@ def test_data_files_may_lie_in_subfolders_and_one_file_may_serve_two_runs(tmp_pa
             HEAD + PEAKS.replace(", 3.0", ""),
             "peaks 1: frequencies_Hz has 2 numbers and std_Hz 1; give one for each peak",
         ),
-        (HEAD + PEAKS.replace("320.0", "32.0"), "peaks 1: frequencies_Hz must increase"),
+        (HEAD + PEAKS.replace("320.0", "95.0"), "peaks 1: frequencies_Hz names a resonance twice; remove one"),
         (HEAD + PEAKS.replace('"rigid"', '"free"'), "peaks 1 support: Input should be 'rigid' or 'bearing'"),
         (HEAD + PEAKS.replace("95.0, 320.0", ""), "peaks 1 frequencies_Hz: List should have at least 1 item"),
     ],

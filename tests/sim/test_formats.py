@@ -6,6 +6,7 @@ import logging
 import pkgutil
 import re
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -266,14 +267,6 @@ GOOD = "frequency_Hz,node2_re,node2_im\n95,1,2\n"
             "frequency_Hz,node2_abs,node3_re,node3_im\n95,1,1,1\n",
             "run.csv, line 1, column node2_abs: other columns are complex (_re, _im); put the nodes",
         ),
-        (
-            "frequency_Hz,node2_abs,node2_std,node3_abs\n95,1,1,1\n",
-            "run.csv, line 1: column node3_std is missing, other nodes have it; give it for every node or none",
-        ),
-        (
-            "frequency_Hz,node2_abs,node3_abs,node3_h2_abs\n95,1,1,1\n",
-            "run.csv, line 1: column node2_h2_abs is missing, other nodes have it",
-        ),
         (GOOD + "96,1,two\n", "run.csv, line 3, column node2_im: 'two' is not a number; correct the cell"),
         (GOOD + "\n96,1,\n", "run.csv, line 4, column node2_im: '' is not a number"),
         (GOOD + "96,1_000,1\n", "run.csv, line 3, column node2_re: '1_000' is not a number"),
@@ -282,7 +275,9 @@ GOOD = "frequency_Hz,node2_re,node2_im\n95,1,2\n"
         (GOOD + "inf,1,1\n", "run.csv, line 3, column frequency_Hz: 'inf' is not a finite number"),
         (GOOD + "96,1,5,2,5\n", "run.csv, line 3: 5 cells, but the header names 3 columns; fill or remove the line"),
         (GOOD + "96,1,2\n96,1,2\n", "run.csv, line 4, column frequency_Hz: 96.0 Hz does not come after 96.0 Hz"),
-        (GOOD + "94,1,2\n", "run.csv, line 3, column frequency_Hz: 94.0 Hz does not come after 95.0 Hz"),
+        (GOOD + "97,1,2\n94,1,2\n", "run.csv, line 4, column frequency_Hz: 94.0 Hz does not come after 97.0 Hz"),
+        (GOOD + "94,1,2\n94,1,2\n", "run.csv, line 3, column frequency_Hz: 94.0 Hz does not come after 95.0 Hz"),
+        (GOOD + "94,1,2\n-1,1,2\n", "run.csv, line 3, column frequency_Hz: 94.0 Hz does not come after 95.0 Hz"),
         (
             "frequency_Hz,node2_abs\n0,1\n",
             "run.csv, line 2, column frequency_Hz: 0.0 Hz does not come after 0.0 Hz; freq",
@@ -297,6 +292,35 @@ GOOD = "frequency_Hz,node2_re,node2_im\n95,1,2\n"
 )
 def test_a_wrong_csv_is_refused_with_file_line_and_column(tmp_path, text, message):
     assert refusal(tmp_path, text).startswith(message)
+
+
+def test_standard_errors_and_harmonics_of_some_nodes_alone_are_left_out_with_a_warning(tmp_path, caplog):
+    names = "frequency_Hz,node2_abs,node2_std,node3_abs,node3_h2_abs,node2_h3_abs,node3_h3_abs"
+    run = read_text(tmp_path, f"{names}\n95,1,0.1,2,3,4,5\n")
+    assert run.H.tolist() == [[1, 2]]
+    assert run.std is None
+    assert run.harmonics[3].tolist() == [[4, 5]]
+    assert list(run.harmonics) == [3]
+    assert [message.split("line 1: ")[1] for message in caplog.messages] == [
+        "standard errors are missing for node3, and left out for all",
+        "harmonics of order 2 are missing for node2, and left out for all",
+    ]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_downward_sweep_may_stand_in_its_own_order(tmp_path, suffix):
+    run = a_run(sweep="up")
+    down = replace(
+        run,
+        H=run.H[::-1],
+        std=run.std[::-1],
+        harmonics={order: values[::-1] for order, values in run.harmonics.items()},
+        sweep=None,
+    )
+    object.__setattr__(down, "frequency_hz", run.frequency_hz[::-1])  # which no run of this program has
+    write_run(down, tmp_path / f"run{suffix}")
+    assert_same_run(read_run(tmp_path / f"run{suffix}", support="bearing"), replace(run, sweep="down"))
+    assert read_run(tmp_path / f"run{suffix}", support="bearing", sweep="up").sweep == "up"
 
 
 def test_a_csv_in_another_encoding_is_refused(tmp_path):

@@ -87,8 +87,12 @@ def diagnose(
     clock.lap("recalibration")
     library = _library(problem, exclude)
     whole, enough = problem, nominal.n_data >= LEAST_DATA
-    with helped_by(helpers):
-        problem, nominal, fits = _explained(problem, nominal, library, amplitude_dependent(findings), progress, clock)
+    fits = [nominal]
+    if enough:
+        with helped_by(helpers):
+            problem, nominal, fits = _explained(
+                problem, nominal, library, amplitude_dependent(findings), progress, clock
+            )
     standing = standing_of(problem, nominal, fits)
     clock.lap("form")
     ranked = rank(problem, nominal, standing)
@@ -118,10 +122,11 @@ def _library(problem: Problem, exclude: Sequence[str]) -> _Library:
 
 def _at_several_levels(runs: Sequence[Run]) -> list[int]:
     """Runs on supports that were measured at more than one level."""
-    levels: dict[str, set[float | None]] = {}
+    levels: dict[str, set[float]] = {}
     for run in runs:
-        levels.setdefault(run.support, set()).add(run.force_amplitude_N)
-    return [r for r, run in enumerate(runs) if len(levels[run.support]) > 1]
+        if run.force_amplitude_N is not None:
+            levels.setdefault(run.support, set()).add(run.force_amplitude_N)
+    return [r for r, run in enumerate(runs) if len(levels.get(run.support, ())) > 1]
 
 
 def _explained(

@@ -116,7 +116,7 @@ def lines_to_measure(held_out: BoolArray, effects: Sequence[Effect]) -> BoolArra
     """(n_freq,) lines for the virtual rig: all, or some that were held out where each is integrated in time."""
     if not nonlinear(effects):
         return np.ones(len(held_out), dtype=bool)
-    places = np.flatnonzero(held_out)
+    places = np.flatnonzero(held_out) if held_out.any() else np.arange(1)  # of one line none was held out
     chosen = np.zeros(len(held_out), dtype=bool)
     chosen[places[:: max(len(places) // _INTEGRATED, 1)]] = True
     return chosen

@@ -37,7 +37,7 @@ from gap.audit.one_run import (
 )
 from gap.audit.pairs import check_pairs
 from gap.audit.phase import check_delay, check_sign, find_delays
-from gap.audit.prepared import Prepared, prepare
+from gap.audit.prepared import Prepared, prepare, without_dropped
 from gap.audit.wild import check_wild_lines, tamed, without_wild_lines
 from gap.diagnosis import Finding
 from sim.campaign import Campaign, NominalBelief
@@ -65,9 +65,9 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
 
 
 def usable(campaign: Campaign) -> Campaign:
-    """The campaign as it is diagnosed: without wild lines and dead channels, nor dead runs beside others."""
+    """The campaign as it is diagnosed: without dropped or wild lines, without dead channels or runs."""
     geometry = geometry_of(campaign.rig)
-    runs = without_wild_lines(campaign).runs
+    runs = without_wild_lines([without_dropped(run) for run in campaign.runs])
     alive = [run for run in runs if not is_dead(run, geometry)] or runs
     return replace(campaign, runs=tuple(without_dead_channels(run, geometry) for run in alive))
 

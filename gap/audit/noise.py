@@ -28,6 +28,9 @@ _WINDOW, _WINDOW_MAGNITUDE = (9, 6), (11, 8)
 # Scatter about wide fits over that about narrow ones from which it is no noise: a window holds more than one resonance.
 _UNRESOLVED = 1.6
 
+# A run whose lines fill fewer wide windows holds a resonance in each of them.
+_WINDOWS = 2
+
 # Degrees of numerator and denominator.
 _DEGREES, _DEGREES_MAGNITUDE = (2, 1), (3, 2)
 
@@ -41,6 +44,9 @@ _DENOMINATOR_PRIOR = 3.0
 
 # Lines with a higher leverage say too little of their own error.
 _LARGEST_LEVERAGE = 0.9
+
+# A channel is as large as this share of its lines reach.
+_USUALLY = 0.9
 
 # Responses in any unit are smaller than this, and larger than one over it; squares stay floats.
 _LARGEST = 1e60
@@ -106,7 +112,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         H_live = H[np.ix_(lines, live)]
         windows = _WINDOW_MAGNITUDE if run.magnitude_only else _WINDOW
         wide, narrow = (_scatter(run.frequency_hz[lines], H_live, run.magnitude_only, window) for window in windows)
-        resolved = not np.median(wide.relative / narrow.relative) > _UNRESOLVED
+        resolved = n >= _WINDOWS * windows[0] and not np.median(wide.relative / narrow.relative) > _UNRESOLVED
         found = wide if resolved else narrow
         draws[np.ix_(lines, live)] = found.draws
         std[:, live] = np.sqrt((found.share * np.abs(H[:, live])) ** 2 + found.floor**2)
@@ -176,18 +182,21 @@ def believed_errors(run: Run) -> FloatArray:
     """(n_freq, n_channels) standard errors to fit with: the given ones, as far as the lines' scatter bears them out.
 
     Where none are given, the scatter, or what a careful laboratory reaches where the lines are too few to show any.
-    Errors that are wrong by a factor are scaled as a whole. Values with far too small an error get their scatter. It is
-    taken throughout where other values have far too large a one, as when one error stands for all lines of a channel;
-    and where the errors scatter themselves, as those from few repeats do. Lines too far apart contradict nothing.
+    A given zero is no error. Errors that are wrong by a factor are scaled as a whole. Values with far too small an
+    error get their scatter. It is taken throughout where other values have far too large a one, as when one error
+    stands for all lines of a channel; and where the errors scatter themselves, as those from few repeats do. Lines too
+    far apart contradict nothing.
     """
     noise = estimate_noise(run)
     own = of_complex(noise.std, run)
+    estimated = own if noise.resolved else np.minimum(own, _MOST_NOISE * np.abs(run.H))
+    estimated = estimated if np.isfinite(own[:, live_channels(run)]).any() else USUAL_NOISE * np.abs(run.H)
     if run.std is None:
-        own = own if noise.resolved else np.minimum(own, _MOST_NOISE * np.abs(run.H))
-        return own if np.isfinite(own).any() else USUAL_NOISE * np.abs(run.H)
+        return estimated
+    stated = np.where((run.std > 0) | (run.H == 0), run.std, estimated)
     if not noise.resolved:
-        return run.std
-    given = weigh_errors(run.std, own, run.H)
+        return stated
+    given = weigh_errors(stated, own, run.H)
     if not (given.rough or given.uneven):
         return given.std
     throughout = given.rough or given.too_large > CONTRADICTED_SHARE
@@ -201,7 +210,8 @@ def live_channels(run: Run) -> np.ndarray:
     """
     H = responses(run)
     there = np.count_nonzero(np.isfinite(H) & (H != 0), axis=0) * 2 >= max(len(H), 2)
-    size = np.max(np.abs(np.where(np.isfinite(H), H, 0.0)), axis=0, initial=0.0)
+    known = np.abs(np.where(np.isfinite(H), H, 0.0))
+    size = np.quantile(known, _USUALLY, axis=0) if len(H) else known.sum(axis=0)  # of one wild line nothing follows
     return there & (size > SILENT * size.max(initial=0.0))
 
 

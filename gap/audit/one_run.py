@@ -11,6 +11,8 @@ from gap.audit.noise import (
     CONTRADICTED,
     CONTRADICTED_SHARE,
     ROUGH_ERRORS,
+    NoiseEstimate,
+    estimate_noise,
     mean_square,
     of_complex,
     responses,
@@ -100,7 +102,8 @@ def check_missing_lines(p: Prepared) -> Iterator[Finding]:
         yield p.finding(
             "missing_lines",
             "warning",
-            f"{n_bad} of {len(p.run.frequency_hz)} lines lack a number in a channel and are left out; repeat them.",
+            f"{n_bad} of {len(p.run.frequency_hz)} lines lack a number, or are exactly zero, in a channel that moves "
+            "elsewhere; that is left out: repeat them.",
             float(n_bad),
             0.0,
         )
@@ -258,7 +261,7 @@ def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
 
 
 def without_dead_channels(run: Run, geometry: Geometry) -> Run:
-    """A run without channels that say nothing: no number, zero where the shaft moves, or one value.
+    """A run without channels that say nothing: no number, zero where the shaft moves, one value, or noise alone.
 
     A run that would lose all of its channels is left as it is.
     """
@@ -274,8 +277,15 @@ def is_dead(run: Run, geometry: Geometry) -> bool:
 
 def _live_channels(run: Run, geometry: Geometry) -> list[int]:
     """Places of the channels that say something."""
-    H = responses(run)
-    return [i for i, c in enumerate(run.channels) if _is_alive(H[:, i], bool(_stands_still(run, c, geometry)))]
+    H, noise = responses(run), estimate_noise(run)
+    still = [bool(_stands_still(run, channel, geometry)) for channel in run.channels]
+    alive = [i for i in range(len(still)) if _is_alive(H[:, i], still[i])]
+    return [i for i in alive if still[i] or not is_only_noise(noise, i)] or alive
+
+
+def is_only_noise(noise: NoiseEstimate, channel: int) -> bool:
+    """Whether the lines of a channel follow no curve; lines too far apart do not say."""
+    return noise.resolved and bool(noise.relative[channel] > ONLY_NOISE)
 
 
 def _stands_still(run: Run, channel: Channel, geometry: Geometry) -> str:
@@ -321,9 +331,9 @@ def _channel_problem(
             words = f"Channel {name} sits at a rigid support but moves by {100 * share:.2g} % of the largest channel"
             return "note", f"{words}: the support gives way or the sensor sees something else.", share, RIGID_SHARE
         return None
-    if relative > ONLY_NOISE:
+    if is_only_noise(p.noise, i):
         words = f"Channel {name} scatters by {100 * relative:.2g} % from line to line: it carries noise, not the rotor"
-        return "warning", f"{words}; leave it out or raise the force.", relative, ONLY_NOISE
+        return "warning", f"{words}, and is left out where there are others; raise the force.", relative, ONLY_NOISE
     if share < 1e-4:
         words = f"Channel {name} is {share:.1g} of the largest channel, as if its cable or gain were wrong"
         return "warning", f"{words}; check it.", share, 1e-4

@@ -77,7 +77,7 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
     use = far[:, None] & np.isfinite(L) & (sigma < 0.2)
     if np.count_nonzero(use) < _COMMON_LINES:
         return None
-    L = np.where(use, L, np.nan)
+    L = np.where(use, L, complex(np.nan, np.nan))
     known = np.flatnonzero(np.isfinite(L.real).sum(axis=0) >= 3)
     gains = np.array([np.nanmedian(L[:, c].real) for c in known])  # (n_known,)
     if not len(known):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -118,5 +118,12 @@ class Prepared:
 
 
 def prepare(runs: tuple[Run, ...]) -> tuple[Prepared, ...]:
-    """Every run with a label of its own."""
-    return tuple(Prepared(run, run.name or f"run {place}") for place, run in enumerate(runs, start=1))
+    """Every run with a label of its own, without the values that were dropped."""
+    return tuple(Prepared(without_dropped(run), run.name or f"run {k}") for k, run in enumerate(runs, start=1))
+
+
+def without_dropped(run: Run) -> Run:
+    """A run with nan where a channel that moves elsewhere is exactly zero: so instruments write what they dropped."""
+    zero = run.H == 0
+    dropped = zero & ~zero.all(axis=0)
+    return replace(run, H=np.where(dropped, np.nan, run.H)) if dropped.any() else run

@@ -7,7 +7,7 @@ it is, because the lines that are left keep missing their curves.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,14 +16,20 @@ from numpy.typing import NDArray
 from gap.audit.noise import estimate_noise, responses
 from gap.audit.prepared import Prepared
 from gap.diagnosis import Finding
-from sim.campaign import Campaign, FloatArray, Run
+from sim.campaign import FloatArray, Run
 
 # Error of a line from which it is wild: in standard errors, and relative to its own and its neighbours' size.
 WILD, _PLAIN = 12.0, 0.03
 
 # Wild lines are at most this share of a run, or so few. So many of them within so many lines are no accident.
-_SHARE, _FEW = 0.03, 3
+_SHARE, _FEW = 0.1, 3
 _CROWD, _WITHIN = 3, 6
+
+# Of fewer lines none is called wild: each may be a resonance.
+_FEWEST = 20
+
+# A peak lifts the lines beside it over those beyond by this factor; a line that is wild does not.
+_LIFTED = 1.05
 
 
 def wild_lines(run: Run) -> NDArray[np.bool_]:
@@ -39,9 +45,9 @@ def wild_lines(run: Run) -> NDArray[np.bool_]:
     return none if _crowded(np.flatnonzero(wild)) else wild
 
 
-def without_wild_lines(campaign: Campaign) -> Campaign:
-    """The campaign without their values; they were swept all the same, as a fast sweep's next lines tell."""
-    return replace(campaign, runs=tuple(_silenced(run) for run in campaign.runs))
+def without_wild_lines(runs: Sequence[Run]) -> list[Run]:
+    """Runs without their values; they were swept all the same, as a fast sweep's next lines tell."""
+    return [_silenced(run) for run in runs]
 
 
 def tamed(p: Prepared) -> Prepared:
@@ -68,12 +74,27 @@ def _silenced(run: Run) -> Run:
 
 def _errors(run: Run) -> FloatArray:
     """(n_freq,) error of every line in its worst channel, in standard errors; 0 where unknown."""
-    noise, size = estimate_noise(run), np.abs(np.nan_to_num(responses(run)))
+    noise, own = estimate_noise(run), np.abs(np.nan_to_num(responses(run)))
+    size, draws = own.copy(), noise.draws
     size[1:-1] = np.maximum.reduce([size[:-2], size[1:-1], size[2:]])
     with np.errstate(all="ignore"):
-        error = noise.draws / noise.std
-    plain = np.isfinite(error) & (noise.draws > _PLAIN * size)
+        if run.magnitude_only:  # whose fits are of squares: between larger ones, an error of a small one is larger
+            draws = draws * own / size
+        error = draws / noise.std
+    plain = np.isfinite(error) & (draws > _PLAIN * size) & (len(own) >= _FEWEST)
+    if run.magnitude_only:
+        plain[_beside_peaks(np.linalg.norm(own, axis=1))] = False
     return np.max(np.where(plain, error, 0.0), axis=1, initial=0.0)
+
+
+def _beside_peaks(size: FloatArray) -> NDArray[np.bool_]:
+    """(n_freq,) lines of peaks: a sharp one of magnitudes follows no smooth curve, but lifts the lines beside it."""
+    lifted = _LIFTED * size[:-1] < size[1:], size[:-1] > _LIFTED * size[1:]  # (n_freq - 1,) towards a peak, and away
+    tops = 2 + np.flatnonzero(lifted[0][:-3] & lifted[0][1:-2] & lifted[1][2:-1] & lifted[1][3:])
+    near = np.zeros(len(size), dtype=bool)
+    for shift in range(-2, 3):
+        near[tops + shift] = True
+    return near
 
 
 def _crowded(places: NDArray[np.intp]) -> bool:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
-from gap.audit import audit, believed_errors, estimate_noise
+from gap.audit import audit, believed_errors, estimate_noise, usable
 from gap.audit.noise import mean_square
 from gap.audit.pairs import compare
 from gap.audit.prepared import Prepared, prepare
@@ -280,7 +280,7 @@ def test_wild_lines_are_found_and_left_out(condition):
     assert len(seen) >= len(places) - 1  # next to a dense raster a line alone says little
     (found,) = troubles(audit(in_campaign(odd)), "missing_lines")
     assert found.value == len(seen)
-    (tamed,) = without_wild_lines(in_campaign(odd)).runs
+    (tamed,) = without_wild_lines([odd])
     assert_array_equal(tamed.frequency_hz, run.frequency_hz)
     assert np.flatnonzero(np.isnan(tamed.H).all(axis=1)).tolist() == seen
     assert_array_equal(np.delete(tamed.H, seen, axis=0), np.delete(odd.H, seen, axis=0))
@@ -767,3 +767,89 @@ def test_a_node_that_must_move_against_the_force_is_not_inverted():
     turned = replace(run, H=run.H * np.array([1, -1, 1, 1, 1]))
     (found,) = troubles(audit(Campaign("own", OWN_ROTOR, (turned,))), "sign")
     assert "node2" in found.words
+
+
+# -- what instruments write where they have no value -------------------------------------------------------
+
+
+def on_lines(n, **settings):
+    """A rigid run on so many even lines, 1 % noise."""
+    return measure(RIGID, np.linspace(20.0, 400.0, n), noise=0.01, **settings)
+
+
+def test_an_exact_zero_between_others_is_a_value_that_was_dropped():
+    run = on_lines(200)
+    H = run.H.copy()
+    H[60], H[80:110, 2], H[:, 4] = 0, 0, 0
+    (left,) = usable(in_campaign(replace(run, H=H))).runs
+    assert [channel.node for channel in left.channels] == [1, 2, 3, 4, 6, 7]  # 5 is dead, 1 and 7 are held
+    assert np.isnan(left.H[60, 1:5]).all()
+    assert np.isnan(left.H[80:110, 2]).all()
+    assert np.count_nonzero(np.isnan(left.H)) == 4 + 30
+    (found,) = troubles(audit(in_campaign(replace(run, H=H))), "missing_lines")
+    assert found.value == 31
+
+
+def test_a_standard_error_of_zero_is_none():
+    run = on_lines(200)
+    std = run.std.copy()
+    std[::10] = 0
+    for stated in (std, 0 * std):
+        believed = believed_errors(replace(run, std=stated))[:, 1:-1]
+        assert_allclose(np.median(believed / run.std[:, 1:-1]), 1, rtol=0.2)
+        assert np.min(believed / run.std[:, 1:-1]) > 0.5
+
+
+@pytest.mark.parametrize("n", [8, 10, 12, 16])
+@pytest.mark.parametrize("magnitude", [False, True])
+def test_a_few_lines_do_not_tell_their_noise(n, magnitude):
+    run = on_lines(n)
+    run = replace(run, H=np.abs(run.H).astype(complex), magnitude_only=True) if magnitude else run
+    assert_array_equal(believed_errors(run), run.std)
+    assert np.max(believed_errors(replace(run, std=None))[:, 1:-1] / np.abs(run.H[:, 1:-1])) < 0.05
+    assert not wild_lines(run).any()
+
+
+@pytest.mark.parametrize("zeta", [0.001, 0.005])
+@pytest.mark.parametrize("spacing", [2.0, 1.0, 0.5])
+def test_peaks_and_dips_of_magnitudes_are_not_wild(zeta, spacing):
+    for condition in (replace(RIGID, shaft_damping_ratio=zeta), replace(BEARING, shaft_damping_ratio=zeta)):
+        run = measure(condition, np.arange(20.0, 400.5, spacing), noise=0.005)
+        assert not wild_lines(replace(run, H=np.abs(run.H).astype(complex), magnitude_only=True)).any()
+
+
+def test_four_slips_in_a_hundred_lines_are_still_slips():
+    run = on_lines(200)
+    H, places = run.H.copy(), np.array([5, 27, 60, 77, 101, 133, 150, 190])
+    H[places] *= 5
+    assert np.flatnonzero(wild_lines(replace(run, H=H))).tolist() == places.tolist()
+
+
+def test_one_wild_value_does_not_silence_the_other_channels():
+    run = on_lines(200)
+    run.H[70, 3] *= 1e6
+    assert usable(in_campaign(run)).runs[0].channels == run.channels
+    assert np.flatnonzero(wild_lines(run)).tolist() == [70]
+
+
+def test_a_sensor_that_carries_noise_alone_is_left_out_where_there_are_others():
+    run = measure(BEARING, noise=0.01)
+    H = run.H.copy()
+    H[:, 2] = 0.02 * np.median(np.abs(H[:, 0])) * circular(np.random.default_rng(1), len(H))
+    (left,) = usable(in_campaign(replace(run, H=H))).runs
+    assert left.channels == tuple(channel for channel in CHANNELS if channel != Channel(3))
+    alone = replace(run, H=H).with_channels([2])
+    assert usable(in_campaign(alone)).runs[0].channels == (Channel(3),)
+
+
+def test_lines_that_are_not_compared_have_no_phase():
+    """An inverted sensor shows on the few lines whose noise is small."""
+    one = measure(BEARING, noise=0.01)
+    two = replace(one, H=-one.H)
+    loud = np.arange(len(one.H)) % 3 > 0
+    std = np.where(loud[:, None], np.abs(one.H), one.std)
+    a, b = prepare((one, two))
+    a.__dict__["std"] = std[:, a.live]
+    found = compare(a, b, [(c, c) for c in a.channels], 1e-4)
+    assert found
+    assert abs(found.phase) > 3

@@ -13,10 +13,11 @@ from gap.forward import acting, nonlinear
 from gap.modal import TOLERANCES
 from gap.nonlinear import FINAL
 from gap.prepare import forward_of
+from rotor.condition import Condition
 from rotor.effects import Effect
 from rotor.effects.library import EFFECTS
 from rotor.rig import load_rig
-from rotor.structure import ComplexArray
+from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Campaign, MeasurementError, Run
 
 _DEFAULT_K_B = 1e7
@@ -46,30 +47,57 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
     """
     if document.get("schema") != SCHEMA:
         raise MeasurementError(f"diagnosis: schema is {document.get('schema')!r}, expected {SCHEMA!r}; diagnose again")
+    damaged = "the file is damaged or of another rig, diagnose again"
     try:
-        return tuple(_predict(document, campaign))
+        told = _told(document)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise MeasurementError(f"diagnosis: {error}; the file is damaged or of another rig, diagnose again") from error
+        raise MeasurementError(f"diagnosis: {error}; {damaged}") from error
+    try:
+        return tuple(_predict(told, campaign))
+    except MeasurementError:  # of the campaign
+        raise
+    except ValueError as error:  # effects that do not go with its rotor
+        raise MeasurementError(f"diagnosis: {error}; {damaged}") from error
 
 
-def _predict(document: Mapping[str, Any], campaign: Campaign) -> Iterator[Predicted]:
+@dataclass(frozen=True)
+class _Told:
+    """What a document says of the rig."""
+
+    nominal_k_b: float  # [N/m]
+    k_b: float  # of the corrected model [N/m]
+    effects: tuple[Effect, ...]
+    damping: Mapping[str, float]
+    tolerance: FloatArray  # (len(TOLERANCES),)
+    sensor_gain: Mapping[str, float]  # by channel
+
+
+def _told(document: Mapping[str, Any]) -> _Told:
     effects, k_b = corrected_rotor(document)
-    nominal_k_b = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
     calibration = (document.get("calibration") if _explains(document) else None) or {}
-    belief = {key: value for key in DAMPING if (value := document["nominal"].get(key)) is not None}
-    forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **belief)))
+    nominal_k_b = float((document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B))
+    return _Told(
+        nominal_k_b=Condition(k_b=nominal_k_b).k_b,  # which refuses what is no stiffness
+        k_b=Condition(k_b=float(k_b)).k_b,
+        effects=effects,
+        damping={key: float(value) for key in DAMPING if (value := document["nominal"].get(key)) is not None},
+        tolerance=np.array([float(calibration.get("tolerance", {}).get(name, 0.0)) for name in TOLERANCES]),
+        sensor_gain={channel: float(gain) for channel, gain in calibration.get("sensor_gain", {}).items()},
+    )
+
+
+def _predict(told: _Told, campaign: Campaign) -> Iterator[Predicted]:
+    forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **told.damping)))
     forward = forward.made(refined=True, resolution=FINAL, with_data=False)
-    tolerance = np.array([float(calibration.get("tolerance", {}).get(name, 0.0)) for name in TOLERANCES])
-    forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, k_b)
+    forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, told.k_b)
     for run in campaign.runs:
-        before = forward.modal(run, nominal_k_b).response()
-        there = acting(effects, run.support)
+        before = forward.modal(run, told.nominal_k_b).response()
+        there = acting(told.effects, run.support)
         if not nonlinear(there):
-            forward.bend(run, k_b, there)
-        after = forward.modal(run, k_b, there)
-        gains = [float(calibration.get("sensor_gain", {}).get(str(channel), 1.0)) for channel in run.channels]
-        response = after.response(None, tolerance) * np.array(gains)
-        yield Predicted(run, _with(run, before), _with(run, response))
+            forward.bend(run, told.k_b, there)
+        after = forward.modal(run, told.k_b, there)
+        gains = np.array([told.sensor_gain.get(str(channel), 1.0) for channel in run.channels])
+        yield Predicted(run, _with(run, before), _with(run, after.response(None, told.tolerance) * gains))
 
 
 def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], float]:
@@ -78,14 +106,27 @@ def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], fl
     if not _explains(document):
         return (), nominal
     cause = document["causes"][0]
+    places = cause["places"] if "places" in cause else _by_location(cause)
     effects = []
     for name in cause["effects"]:
         values = _of_effect(cause["parameters"], name, alone=len(cause["effects"]) == 1)
-        values = {key: entry["value"] for key, entry in values.items()} | _of_effect(cause["places"], name, alone=False)
+        values = {key: entry["value"] for key, entry in values.items()} | _of_effect(places, name, alone=False)
         if "node" in values:
             values["node"] = int(values["node"])
         effects.append(EFFECTS[name](**values))
     return tuple(effects), (cause["k_b"] or {}).get("value", nominal)
+
+
+def _by_location(cause: Mapping[str, Any]) -> dict[str, Any]:
+    """Places of the effects where only locations are told."""
+    located = zip(cause["effects"], cause.get("locations") or [cause["location"]], strict=False)
+    numbers = [(name, {"node": spot.get("node"), "position": spot.get("x_m")}) for name, spot in located]
+    return {
+        f"{name}.{key}": value
+        for name, values in numbers
+        for key, value in values.items()
+        if value is not None and key in EFFECTS[name].roles()
+    }
 
 
 def _explains(document: Mapping[str, Any]) -> bool:

@@ -91,13 +91,13 @@ def report(
     believed = drawn.bare(nominal)
     corrected = drawn.predict(best) if best is not nominal or verdict == "no_gap" else [None] * len(believed)
     curves = tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True))
-    where = locate(drawn, nominal, believed, _regime(verdict, causes, findings))
+    equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
+    where = locate(drawn, nominal, believed, _regime(causes[:1] if verdict == "cause" else equivalent, findings))
     clock.lap("where")
     shrink: Shrink | None = None
     if best is not nominal:
         shrink = measure_shrink(problem, nominal, best, answer.scale, confirm)
         clock.lap("held out")
-    equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
@@ -216,11 +216,16 @@ def _equivalent(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     return tuple(chosen)
 
 
-def _regime(verdict: Verdict, causes: Sequence[Cause], findings: Sequence[Finding]) -> Regime:
-    """What kind of gap it is: by the family of a cause that is named, or else by whether levels differ."""
-    if verdict != "cause":
-        return "amplitude_dependent" if amplitude_dependent(findings) else "linear"
-    families = {EFFECTS[name].family for name in causes[0].effects}
+def _regime(answered: Sequence[Cause], findings: Sequence[Finding]) -> Regime:
+    """What kind of gap it is: by the families of the causes that are answered, or else by whether levels differ."""
+    regimes: set[Regime] = {_regime_of(cause) for cause in answered}
+    if len(regimes) == 1:
+        return next(iter(regimes))
+    return "amplitude_dependent" if amplitude_dependent(findings) else "linear"
+
+
+def _regime_of(cause: Cause) -> Regime:
+    families = {EFFECTS[name].family for name in cause.effects}
     if "nonlinear" in families:
         return "amplitude_dependent"
     return "measurement_chain" if families == {"chain"} else "linear"

@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 from gap.diagnosis import Cause, Diagnosis, NextTest, Shrink, Verdict, explainable
 from gap.hypotheses import SURE
 from gap.phrases import effects_at, part, place, supports
+from gap.ranking import ANSWERED
 from rotor.rig import Rig, load_rig
 from sim.campaign import SUPPORTS, Campaign
 
@@ -41,13 +42,18 @@ def sentence(diagnosis: Diagnosis) -> str:
     if len(diagnosis.equivalent) < 2:
         surely = part(diagnosis.causes[0].probability)
         return f"The gap may come from {first} (probability {surely}), or be none{tail}"
-    others = ", or ".join(map(named, diagnosis.equivalent))
-    return f"These data cannot tell apart {others}; the first{tail}"
+    choices = [*map(named, diagnosis.equivalent), *(["no gap at all"] if _may_be_none(diagnosis) else [])]
+    words = f"These data cannot tell apart {', or '.join(choices)}"
+    return f"{words}." if tail == "." else f"{words}; the first{tail}"
+
+
+def _may_be_none(diagnosis: Diagnosis) -> bool:
+    return diagnosis.nominal.get("probability", 0.0) > 1 - ANSWERED
 
 
 def _takes_away(shrink: Shrink | None) -> str:
     """What the cause explains, and what gains and tolerances would without it, where that is much."""
-    if shrink is None or not math.isfinite(shrink.explainable):
+    if shrink is None or not math.isfinite(shrink.explainable) or shrink.before < _PLAINLY * shrink.floor:
         return "."
     words = f": it takes away {part(shrink.explainable)} of the gap that can be explained"
     if shrink.without_effect is not None:
@@ -55,6 +61,9 @@ def _takes_away(shrink: Shrink | None) -> str:
         words += f"; gains and tolerances without it, {part(alone)}" if alone > _MUCH else ""
     return f"{words}."
 
+
+# A gap over its floor that leaves something to take away on single lines.
+_PLAINLY = 1.1
 
 # Share of the gap from which it is said what goes without the cause.
 _MUCH = 0.5
@@ -87,11 +96,9 @@ def next_test(
         return NextTest(words)
     runs = [run for run in campaign.runs if run.support == "bearing"] or list(campaign.runs)
     run = max(runs, key=lambda r: r.force_amplitude_N or 0.0)
-    settings = {
-        "support": run.support,
-        "excitation_node": run.excitation_node,
-        "force_amplitude_N": run.force_amplitude_N or 1.0,
-    }
+    settings = {"support": run.support, "excitation_node": run.excitation_node}
+    settings |= {"excitation_plane": run.excitation_plane} if run.excitation_plane != "y" else {}
+    settings |= {"force_amplitude_N": run.force_amplitude_N} if run.force_amplitude_N else {}
     there = {run.support for run in campaign.runs}
     for support in SUPPORTS:
         if support not in there:
@@ -104,15 +111,20 @@ def next_test(
         words = f"Measure at {'nodes' if len(more) > 1 else 'node'} {nodes} too"
         return NextTest(f"{words}: with few accelerometers several places explain the same gap.", settings)
     levels = {run.force_amplitude_N for run in runs}
+    force = run.force_amplitude_N or 1.0
     if len(levels) < 2 and verdict == "unknown":
         words = f"Repeat the run on {supports(run.support)} at a third and at three times the force, once from the "
         words += "highest line down: a nonlinear cause changes with level, a drift of rig or sensors with time."
-        return NextTest(words, settings | {"force_amplitude_N": 3 * settings["force_amplitude_N"]})
+        return NextTest(words, settings | {"force_amplitude_N": 3 * force})
     if verdict == "unknown" and not any(r.sweep == "down" for r in runs):
-        words = f"Repeat the run on {supports(run.support)} at {settings['force_amplitude_N']:.3g} N from the highest "
+        words = f"Repeat the run on {supports(run.support)} at {force:.3g} N from the highest "
         words += "line down: where a law has several motions, or the rig drifts, it comes out otherwise."
         return NextTest(words, settings | {"sweep": "down"})
-    (node,) = _spread(structure, {r.excitation_node for r in runs}, 1) or (run.excitation_node,)
+    elsewhere = _spread(structure, {r.excitation_node for r in runs}, 1)
+    if not elsewhere:
+        words = f"Repeat the run on {supports(run.support)} with a known mass at a node that moves: "
+        return NextTest(words + "what it changes is known, and what the rig makes of it is not.", settings)
+    (node,) = elsewhere
     words = f"Drive the rotor on {supports(run.support)} at node {node} instead of {run.excitation_node}"
     words += ", accelerometers as they are"
     if verdict == "cause" and causes:

@@ -240,7 +240,7 @@ def diagnose(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of the campaign.")],
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json and report.html.")],
     exclude: Annotated[
-        list[str] | None, typer.Option(metavar="EFFECT", help="Effect that is no candidate; repeat.")
+        list[str] | None, typer.Option(metavar="EFFECT", help="Effect that is no candidate; repeat, or A,B.")
     ] = None,
     no_fmu: Annotated[
         bool, typer.Option("--no-fmu", help="Build no FMU: the shrink is the fitting model's own.")
@@ -253,7 +253,7 @@ def diagnose(
     """Where the gap between a campaign and the nominal model lies, which effect causes it, how far it shrinks."""
     from rigtwin.diagnose import DiagnosisRequest, run_diagnose
 
-    excluded = tuple(exclude or ())
+    excluded = tuple(name for names in exclude or () for name in names.split(",") if name)
     run_diagnose(DiagnosisRequest(campaign, out, excluded, fmu=not no_fmu, as_json=as_json, workers=workers))
 
 

@@ -58,8 +58,8 @@ _VERIFIED = {"fmu": "verified by the FMU", "rig": "verified on the virtual rig",
 _KEYS: dict[str, type | tuple[type, ...]] = {"verdict": str, "nominal": dict, "where": dict, "causes": list}
 _CAUSE_KEYS: dict[str, type | tuple[type, ...]] = {
     "effects": list,
+    "location": dict,
     "parameters": dict,
-    "places": dict,
     "k_b": (dict, type(None)),
 }
 
@@ -204,7 +204,7 @@ def measured_on_the_virtual_rig(
         for number, run in enumerate(runs):
             tell(number, len(runs), f"virtual rig: run {number + 1} of {len(runs)}")
             measured.append(_measure(session, run, parameters, tuple(effects)))
-    return measured, "fmu" if all(effect.in_fmu for effect in effects) else "rig"
+    return measured, "fmu" if all(effect.family != "chain" for effect in effects) else "rig"
 
 
 def _measure(session: FmuSession, run: Run, parameters: dict[str, float], effects: tuple[Effect, ...]) -> ComplexArray:

@@ -28,7 +28,10 @@ def check_coverage(campaign: Campaign, runs: Sequence[Prepared], geometry: Geome
             severity,
             f"The campaign holds {what}: damping, place and shape of a gap cannot be told; measure a run.",
         )
-    supports = {p.run.support for p in runs} | {peaks.support for peaks in campaign.peaks}
+    if runs and campaign.peaks:
+        words = "Lists of resonances beside runs are not used"
+        yield Finding("coverage", "note", f"{words}: the runs hold more; leave out the runs to look at the lists.")
+    supports = {each.support for each in (campaign.runs or campaign.peaks)}
     if len(supports) == 1:
         missing = "bearing" if supports == {"rigid"} else "rigid"
         words = f"Only {supports.pop()} supports were measured: causes on shaft and at supports cannot be told apart"

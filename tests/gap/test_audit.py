@@ -769,6 +769,13 @@ def test_a_node_that_must_move_against_the_force_is_not_inverted():
     assert "node2" in found.words
 
 
+def test_lists_beside_runs_are_not_counted_as_measured():
+    lists = (PeakList("bearing", np.array([80.0, 200.0]), np.array([1.0, 1.0])),)
+    found = [f.words for f in audit(in_campaign(measure(RIGID), peaks=lists)) if f.check == "coverage"]
+    assert any(words.startswith("Only rigid supports were measured") for words in found)
+    assert any(words.startswith("Lists of resonances beside runs are not used") for words in found)
+
+
 # -- what instruments write where they have no value -------------------------------------------------------
 
 

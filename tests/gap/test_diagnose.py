@@ -17,13 +17,13 @@ from gap.adequacy import Adequacy, judge
 from gap.audit import usable
 from gap.curves import nrmse
 from gap.diagnose import _library, _not_ruled_out, diagnose
-from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Location
+from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Finding, Location
 from gap.held_out import _figures, _held_out, lines_to_measure
 from gap.hypotheses import candidates
 from gap.predict import predict
 from gap.prepare import prepared
 from gap.ranking import Ranked, verdict_of
-from gap.report import _equivalent
+from gap.report import _equivalent, _regime
 from gap.search import recalibrate
 from gap.standing import excess_of
 from rotor.effects import (
@@ -258,6 +258,17 @@ def test_a_cause_is_named_only_where_it_is_sure():
         assert verdict_of(None, nominal, ranked, standing) == verdict  # type: ignore[arg-type]
     causes = [Cause((name,), Location("shaft"), p, {}, None, 0.0) for name, p in (("a", 0.5), ("b", 0.45), ("c", 1e-9))]
     assert [cause.effects for cause in _equivalent(causes)] == [("a",), ("b",)]
+
+
+def test_the_regime_is_that_of_all_causes_that_are_answered():
+    place = Location("sensor", 3)
+    gain, delay, mass = (
+        Cause((name,), place, 0.5, {}, None, 0.0) for name in ("sensor_gain", "sensor_delay", "attached_mass")
+    )
+    assert _regime((gain, delay), ()) == "measurement_chain"
+    assert _regime((gain, mass), ()) == _regime((mass,), ()) == _regime((), ()) == "linear"
+    bent = Finding("level", "note", "The resonance moves: the rig depends on amplitude.", "one, two", 0.01, 0.001)
+    assert _regime((gain, mass), (bent,)) == "amplitude_dependent"
 
 
 @pytest.mark.parametrize("magnitude", [False, True])

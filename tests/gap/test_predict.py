@@ -178,3 +178,22 @@ def damaged(*keys, to=None):
 def test_a_damaged_document_is_refused(document):
     with pytest.raises(MeasurementError, match="diagnos"):
         predict(document, campaign_of(elsewhere()))
+
+
+def test_places_may_be_told_by_locations_alone(weighed):
+    document = json.loads(weighed.diagnosis.to_json())
+    for keys in (("places",), ("places", "locations")):
+        bare = json.loads(weighed.diagnosis.to_json())
+        for cause in bare["causes"]:
+            for key in keys:
+                cause.pop(key)
+        assert corrected_rotor(bare) == corrected_rotor(document)
+    ((mass,), _) = corrected_rotor(document)
+    assert isinstance(mass, AttachedMass)
+    assert mass.node == MASS.node == 3
+
+
+def test_what_is_wrong_with_the_campaign_is_not_blamed_on_the_diagnosis(weighed):
+    run = blank("bearing", lines("bearing"), channels=(Channel(9),))
+    with pytest.raises(MeasurementError, match=r"^(?!diagnosis).*9"):
+        predict(json.loads(weighed.diagnosis.to_json()), campaign_of(run))

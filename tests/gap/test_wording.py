@@ -23,6 +23,44 @@ def test_what_goes_without_the_cause_is_said_where_it_is_much(without, said):
     assert sentence(diagnosis).endswith(said)  # type: ignore[arg-type]
 
 
+def ambiguous(no_gap: float, shrink):
+    first, second = (Cause((name,), Location("disks"), 0.4, {}, None, 0.0) for name in ("disk_mass", "disk_inertia"))
+    told = {"verdict": "ambiguous", "causes": (first, second), "equivalent": (first, second), "shrink": shrink}
+    return SimpleNamespace(**told, nominal={"probability": no_gap})
+
+
+def test_causes_that_cannot_be_told_apart_are_all_named_and_so_is_none():
+    words = sentence(ambiguous(0.0, None))  # type: ignore[arg-type]
+    assert words.endswith("tell apart disk mass at the disks, or diametral inertia of the disks at the disks.")
+    words = sentence(ambiguous(0.4, shrink(0.4)))  # type: ignore[arg-type]
+    assert ", or no gap at all; the first: it takes away" in words
+
+
+def test_of_a_gap_like_the_noise_no_share_is_said():
+    small = Shrink("stretches", 0.0101, 0.02, 0.01, -1.0, -94.0, (-1.0, 0.5), "model")
+    assert sentence(ambiguous(0.0, small)).endswith("at the disks.")  # type: ignore[arg-type]
+
+
+def test_a_run_in_the_other_plane_is_proposed_in_that_plane_and_an_unknown_force_is_none():
+    one = blank("bearing", lines("bearing"), force_amplitude_N=None, excitation_plane="z")
+    proposed = next_test("unknown", Campaign("", "nit-rourkela", (one,)))
+    assert proposed
+    assert proposed.run == {"support": "rigid", "excitation_node": 2, "excitation_plane": "z"}
+
+
+def test_where_every_free_node_was_driven_no_node_is_proposed():
+    drives = [
+        blank(s, lines(s), excitation_node=n, force_amplitude_N=f, sweep="down")
+        for s in ("rigid", "bearing")
+        for n in range(2, 7)
+        for f in (1.0, 3.0)
+    ]
+    proposed = next_test("unknown", Campaign("", "nit-rourkela", tuple(drives)))
+    assert proposed
+    assert "instead of" not in proposed.words
+    assert "known mass" in proposed.words
+
+
 def test_what_nobody_knows_is_measured_at_other_levels_then_downwards():
     runs = [blank(support, lines(support), force_amplitude_N=1.0) for support in ("rigid", "bearing")]
     louder = blank("bearing", lines("bearing"), force_amplitude_N=3.0, name="louder")

@@ -129,6 +129,9 @@ def test_the_diagnosis_gets_the_campaign_the_exclusions_and_the_virtual_rig(aske
     run("diagnose", campaign, "--out", tmp_path / "out", *options)
     assert [r.name for r in asked.campaigns[0].runs] == ["first", "more/second"]
     assert asked.options["exclude"] == ("open_crack", "rub")
+    several = ("--exclude", "open_crack", "rub", campaign, "--exclude", "unbalance,gyroscopic")
+    run("diagnose", *several, "--out", tmp_path / "out")
+    assert asked.options["exclude"] == ("open_crack", "rub", "unbalance", "gyroscopic")
     assert callable(asked.options["confirm"])
     run("diagnose", campaign, "--out", tmp_path / "out", "--no-fmu")
     assert asked.options["exclude"] == ()

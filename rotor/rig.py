@@ -33,13 +33,13 @@ class Segment(_Table):
     """A stretch of shaft, round (``diameter_m``) or of any doubly symmetric section.
 
     A general section gives ``area_m2``, ``second_moment_y_m4`` (bending in y, that is about the
-    z axis), ``second_moment_z_m4`` (default: the same) and ``shear_factor``.
+    z axis), ``second_moment_z_m4`` (default: the same) and ``shear_factor`` (default: a solid circle's).
     """
 
     length_m: Positive
     youngs_modulus_Pa: Positive
     density_kg_per_m3: Positive
-    poisson: Annotated[float, Field(ge=0, lt=0.5)]
+    poisson: Annotated[float, Field(ge=0, lt=0.5)] = 0.3
     diameter_m: Positive | None = None
     bore_m: NonNegative = 0.0
     area_m2: Positive | None = None
@@ -49,9 +49,8 @@ class Segment(_Table):
 
     @model_validator(mode="after")
     def _one_kind_of_section(self) -> Segment:
-        general = (self.area_m2, self.second_moment_y_m4, self.shear_factor)
-        if self.diameter_m is None and None in general:
-            raise ValueError("give diameter_m, or all of area_m2, second_moment_y_m4 and shear_factor")
+        if self.diameter_m is None and None in (self.area_m2, self.second_moment_y_m4):
+            raise ValueError("give diameter_m, or both of area_m2 and second_moment_y_m4")
         if self.diameter_m is not None and (self.area_m2 or self.second_moment_y_m4 or self.second_moment_z_m4):
             raise ValueError("give diameter_m or area_m2 with second_moment_y_m4, not both")
         if self.diameter_m is None and self.bore_m:
@@ -68,8 +67,9 @@ class Segment(_Table):
             second_y = second_z = math.pi * (self.diameter_m**4 - self.bore_m**4) / 64
             kappa = self.shear_factor or cowper_shear_factor(self.poisson, self.bore_m / self.diameter_m)
         else:
-            assert self.area_m2 and self.second_moment_y_m4 and self.shear_factor
-            area, second_y, kappa = self.area_m2, self.second_moment_y_m4, self.shear_factor
+            assert self.area_m2 and self.second_moment_y_m4
+            area, second_y = self.area_m2, self.second_moment_y_m4
+            kappa = self.shear_factor or cowper_shear_factor(self.poisson, 0.0)
             second_z = self.second_moment_z_m4 or second_y
         return tuple(
             Section(area, second, self.density_kg_per_m3, self.youngs_modulus_Pa, shear_modulus, kappa)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from ctypes import byref
+from pathlib import Path
 
+from fmpy import platform_tuple, sharedLibraryExtension
 from fmpy.fmi2 import (
     FMU2Slave,
     defaultCallbacks,
@@ -102,9 +104,20 @@ def instance(description: ModelDescription, folder: str) -> Instance:
     kind = _INSTANCES.get(str(description.fmiVersion))
     if description.coSimulation is None or kind is None:
         raise ValueError(f"{description.modelName} is not an FMI 2.0 or 3.0 co-simulation FMU")
+    identifier = description.coSimulation.modelIdentifier
     return kind(
         guid=description.guid,
         unzipDirectory=folder,
-        modelIdentifier=description.coSimulation.modelIdentifier,
+        modelIdentifier=identifier,
         instanceName=description.modelName,
+        **(_own_library(folder, identifier) if kind is FMU2Instance else {}),
     )
+
+
+def _own_library(folder: str, identifier: str) -> dict[str, str]:
+    """The binary of this processor, where an FMU 2.0 has one under the name that FMI 3.0 gives it.
+
+    FMI 2.0 has names for x86 alone, and fmpy takes those on every processor.
+    """
+    library = Path(folder) / "binaries" / str(platform_tuple) / f"{identifier}{sharedLibraryExtension}"
+    return {"libraryPath": str(library)} if library.is_file() else {}

@@ -261,10 +261,13 @@ def general_section(**keys: float) -> dict:
 def test_a_round_section_given_by_its_moments_is_the_same_beam():
     round_rig = rigs.pinned_beam(rigs.round_shaft(0.5, 0.02))
     section = rigs.section_of(round_rig)
-    keys = {"area_m2": section.area, "second_moment_y_m4": section.second_moment, "shear_factor": section.shear_factor}
-    general = rigs.pinned_beam(general_section(**keys))
-    for matrix in ("M", "K", "G"):
-        assert_allclose(getattr(assemble(general), matrix), getattr(assemble(round_rig), matrix), rtol=1e-15)
+    least = {"area_m2": section.area, "second_moment_y_m4": section.second_moment}
+    segment = general_section(**least)
+    del segment["poisson"]  # steel's
+    for general in (general_section(**least, shear_factor=section.shear_factor), segment):
+        beam = rigs.pinned_beam(general)
+        for matrix in ("M", "K", "G"):
+            assert_allclose(getattr(assemble(beam), matrix), getattr(assemble(round_rig), matrix), rtol=1e-15)
 
 
 def test_a_flat_bar_is_stiff_in_one_plane_and_soft_in_the_other():

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import platform, platform_tuple
 from numpy.testing import assert_array_equal
 
 from sim.session import FmuError, FmuSession
@@ -56,6 +57,17 @@ def zip_with(target: Path, **files: str) -> Path:
 def response_from_start(session: FmuSession) -> np.ndarray:
     session.start(SINE)
     return session.sample([NODE_2, "force_applied"], 1e-3, 50)
+
+
+def test_a_binary_that_is_named_by_its_processor_is_the_one_that_is_loaded(tmp_path, rotor_fmu):
+    """FMI 2.0 has no name for processors other than x86."""
+    usual = f"binaries/{platform}/"
+    two = repacked(rotor_fmu, tmp_path / "two.fmu", lambda name, content: b"another's" if usual in name else content)
+    with zipfile.ZipFile(rotor_fmu) as original, zipfile.ZipFile(two, "a") as copy:
+        for name in (name for name in original.namelist() if usual in name):
+            copy.writestr(name.replace(usual, f"binaries/{platform_tuple}/"), original.read(name))
+    with FmuSession(two) as session, FmuSession(rotor_fmu) as plain:
+        assert_array_equal(response_from_start(session), response_from_start(plain))
 
 
 # -- a run ---------------------------------------------------------------------------------------

@@ -177,7 +177,7 @@ def train(
     """Measure rigs through the FMU and train the estimator; started again, it goes on where it stopped."""
     from rigtwin.training import TrainingPlan, print_trained, train, train_from_data
 
-    plan = TrainingPlan(rig, rigs, seed, calibration_rigs, out, executor)
+    plan = TrainingPlan(rig=rig, rigs=rigs, seed=seed, calibration_rigs=calibration_rigs, out=out, executor=executor)
     if from_data and (rig, rigs, seed, calibration_rigs, executor) != (RIG, 512, 1, 128, None):
         raise UserError(
             "--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed, "
@@ -271,8 +271,8 @@ def predict(
 
 @app.command(short_help="The diagnosis on campaigns whose cause is sealed.")
 def blind(
-    sets: Annotated[list[str], typer.Argument(metavar="SET...", help="W1 to W8.")],
-    out: Annotated[Path, typer.Option(help="Folder for campaigns, answers and blind.md.")],
+    sets: Annotated[list[str] | None, typer.Argument(metavar="[SET...]", help="W1 to W8; default all.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for campaigns, answers and blind.md.")] = Path("runs/blind"),
     split: Annotated[str, typer.Option(help="tuning or report.")] = "tuning",
     count: Annotated[int, typer.Option(help="Campaigns of each set.", min=1)] = 20,
     seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 1,
@@ -286,11 +286,23 @@ def blind(
     ] = False,
 ) -> None:
     """Make sealed campaigns with a generator of its own, diagnose them, score the answers. What exists is kept."""
-    from rigtwin.blind import BlindRequest, run_blind
+    from rigtwin.blind import SETS, BlindRequest, run_blind
 
     if split not in ("tuning", "report"):
         raise UserError(f"--split {split}: give tuning or report")
-    run_blind(BlindRequest(tuple(sets), split, count, out, seed, workers, executor, page, render_only))
+    run_blind(
+        BlindRequest(
+            sets=tuple(sets or SETS),
+            split=split,
+            count=count,
+            out=out,
+            seed=seed,
+            workers=workers,
+            executor=executor,
+            page=page,
+            render_only=render_only,
+        )
+    )
 
 
 @app.command(short_help="What reality may have and the nominal rotor lacks.")

@@ -104,7 +104,7 @@ def instance(description: ModelDescription, folder: str) -> Instance:
     kind = _INSTANCES.get(str(description.fmiVersion))
     if description.coSimulation is None or kind is None:
         raise ValueError(f"{description.modelName} is not an FMI 2.0 or 3.0 co-simulation FMU")
-    identifier = description.coSimulation.modelIdentifier
+    identifier = str(description.coSimulation.modelIdentifier)
     return kind(
         guid=description.guid,
         unzipDirectory=folder,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from fmu_src.documentation import _rows
 from fmu_src.estimator_variables import estimator_variables
 from fmu_src.rotor_variables import RotorFacts, rotor_variables
 from fmu_src.variables import Variable
+from gap.blind.page import page
+from gap.blind.results import from_row
 from rotor.rig import Disk, Mass, Rig, Segment, SupportTable
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -42,8 +45,33 @@ def test_every_key_of_a_rig_file_is_documented(table):
         assert f"`{key}" in section or f"[{key}]" in section, key
 
 
+PAGES = [
+    *ROOT.glob("*.md"),
+    *(page for room in ("docs", "examples", "benchmarks") for page in (ROOT / room).rglob("*.md")),
+]
+
+
+def anchors(page: Path) -> set[str]:
+    """What links into a page may name: its headings, as GitHub spells them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 def test_links_between_the_pages_lead_somewhere():
-    for page in [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")]:
-        for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
-            if not target.startswith("http"):
-                assert (page.parent / target).exists(), f"{page.name} links to {target}"
+    links = [
+        (page, *target.partition("#")[::2])
+        for page in PAGES
+        for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
+        if not target.startswith("http")
+    ]
+    assert len(links) > 50
+    for page, file, anchor in links:
+        target = page.parent / file if file else page
+        assert target.exists(), f"{page.name} links to {file}"
+        assert not anchor or anchor in anchors(target), f"{page.name} links to {file}#{anchor}"
+
+
+def test_the_page_of_the_blind_benchmark_is_the_one_of_its_results():
+    results = json.loads((ROOT / "docs" / "blind.json").read_text(encoding="utf-8"))
+    made = page([from_row(row) for row in results["campaigns"]], results["facts"])
+    assert made == (ROOT / "docs" / "blind.md").read_text(encoding="utf-8")

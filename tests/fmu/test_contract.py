@@ -19,6 +19,36 @@ ROTOR = {
     **{f"node_{n}.acceleration_{p}": ("Real", "output", "continuous", None) for p in "yz" for n in range(1, 8)},
     "force_applied": ("Real", "output", "continuous", None),
 }
+# Effect: its parameters; * fixed, the others tunable; # an integer, ``enabled`` a switch, the others numbers.
+EFFECTS = """
+attached_mass: enabled mass node#
+exciter_suspension: enabled stiffness damping
+disk_mass: enabled change
+disk_inertia: enabled factor
+hub_stiffening: enabled factor
+shaft_modulus: enabled factor
+axial_load: enabled force
+open_crack: enabled reduction position
+shaft_damping: enabled damping_ratio
+bearing_damping: enabled damping
+bearing_tilt_stiffness: enabled stiffness
+pedestal_flexibility: enabled* stiffness mass damping block_compliance* block_mass*
+bearing_asymmetry: enabled asymmetry
+bearing_offset: enabled offset
+compliant_rigid_support: enabled* stiffness
+plane_anisotropy: enabled anisotropy angle
+viscoelastic_support: enabled* strength relaxation_time spread*
+bearing_cubic: enabled stiffness
+bearing_hertz: enabled preload
+bearing_clearance: enabled gap preload
+bearing_friction: enabled force stiffness spread
+bilinear_support: enabled ratio
+rub: enabled stiffness gap node#
+sensor_mass: enabled mass node#
+sensor_position: enabled offset node#
+gyroscopic: enabled factor
+unbalance: enabled moment phase node#
+"""
 ESTIMATOR = {
     **{name: ("Real", "input", "continuous") for name in ("delta_f1", "delta_f2", "amplitude_ratio")},
     **{f"{name}_std": ("Real", "input", "continuous") for name in ("delta_f1", "delta_f2", "amplitude_ratio")},
@@ -42,6 +72,17 @@ def declared(fmu):
 def test_the_rotor_has_the_variables_of_its_contract(rotor_fmu):
     found = declared(rotor_fmu)
     assert {name: found.get(name) for name in ROTOR} == ROTOR
+
+
+def test_the_rotor_has_the_parameters_of_every_effect(rotor_fmu):
+    found = declared(rotor_fmu)
+    for line in EFFECTS.strip().splitlines():
+        effect, names = line.split(": ")
+        for name in names.split():
+            plain = name.strip("*#")
+            kind = "Boolean" if plain == "enabled" else "Integer" if "#" in name else "Real"
+            variability = "fixed" if "*" in name else "tunable"
+            assert found[f"{effect}.{plain}"][:3] == (kind, "parameter", variability), f"{effect}.{plain}"
 
 
 def test_beyond_its_contract_the_rotor_has_only_effects_that_are_off(rotor_fmu):

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
+from rigtwin.blind import SETS, BlindRequest
 from rigtwin.console import say
 from rigtwin.estimate import answers_of_runs
 from rotor.assembly import assemble
@@ -344,6 +345,33 @@ def test_a_page_needs_a_name_of_its_own(refused, tmp_path):
 def test_training_without_torch_says_what_to_install(refused, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "pip install '.[train]'" in refused("train", "--from-data")
+
+
+def test_the_blind_benchmark_is_asked_for_what_the_options_say(monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr("rigtwin.blind.run_blind", asked.append)
+    options = ("--split", "report", "--count", 7, "--seed", 9, "--workers", 3, "--executor", "dask://here:1")
+    assert run("blind", "W3", "W1", *options, "--out", tmp_path, "--page", "p.md", "--render-only").exit_code == 0
+    assert run("blind").exit_code == 0
+    assert asked == [
+        BlindRequest(
+            sets=("W3", "W1"),
+            split="report",
+            count=7,
+            out=tmp_path,
+            seed=9,
+            workers=3,
+            executor="dask://here:1",
+            page=Path("p.md"),
+            render_only=True,
+        ),
+        BlindRequest(sets=tuple(SETS), split="tuning", count=20, out=Path("runs/blind"), seed=1, workers=2),
+    ]
+
+
+def test_sets_and_splits_that_do_not_exist_are_refused(refused):
+    assert "W9: no such set; the sets are W1, W2" in refused("blind", "W9")
+    assert "--split other: give tuning or report" in refused("blind", "W1", "--split", "other")
 
 
 def test_a_fault_of_our_own_shows_its_traceback(monkeypatch):

@@ -12,8 +12,11 @@ from numpy.testing import assert_array_equal
 import rigtwin.training as training
 from estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, read_dataset
 from estimator.prior import PRIOR
+from estimator.runtime import StiffnessEstimator
+from estimator.training import data_digest
 from rigtwin.exits import UserError
 from rigtwin.training import TRAINING_CSV, TrainingPlan, shipped_data, train
+from tests.rigtwin.conftest import run
 
 OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
 
@@ -125,3 +128,22 @@ def test_a_rig_with_hardly_a_range_of_stiffness_is_refused(tmp_path):
 def test_the_calibration_rigs_are_no_training_rigs(tmp_path):
     with pytest.raises(UserError, match="--seed 2: the calibration rigs"):
         train(TrainingPlan(out=tmp_path, seed=2))
+
+
+def test_the_shipped_network_says_which_shipped_data_it_was_trained_on():
+    card = StiffnessEstimator().card
+    for name, key in ((TRAINING_CSV, "training"), (training.CALIBRATION_CSV, "calibration")):
+        assert data_digest(read_dataset(shipped_data(name))) == card[f"{key}_data_sha256"]
+
+
+def test_the_command_asks_for_what_its_options_say(monkeypatch, tmp_path):
+    plans = []
+    monkeypatch.setattr(training, "train", lambda plan: plans.append(plan))
+    monkeypatch.setattr(training, "print_trained", lambda trained: None)
+    options = ("--rig", "mine.toml", "--rigs", 33, "--calibration-rigs", 17, "--seed", 5, "--out", tmp_path)
+    result = run("train", *options, "--executor", "dask://here:1")
+    assert result.exit_code == 0, result.stderr
+    (plan,) = plans
+    assert plan == TrainingPlan(
+        rig="mine.toml", rigs=33, calibration_rigs=17, seed=5, out=tmp_path, executor="dask://here:1"
+    )

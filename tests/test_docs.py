@@ -45,10 +45,8 @@ def test_every_key_of_a_rig_file_is_documented(table):
         assert f"`{key}" in section or f"[{key}]" in section, key
 
 
-PAGES = [
-    *ROOT.glob("*.md"),
-    *(page for room in ("docs", "examples", "benchmarks") for page in (ROOT / room).rglob("*.md")),
-]
+ROOMS = ("docs", "examples", "benchmarks")
+PAGES = [*ROOT.glob("*.md"), *(file for room in ROOMS for file in (ROOT / room).rglob("*.md"))]
 
 
 def anchors(page: Path) -> set[str]:
@@ -59,16 +57,16 @@ def anchors(page: Path) -> set[str]:
 
 def test_links_between_the_pages_lead_somewhere():
     links = [
-        (page, *target.partition("#")[::2])
-        for page in PAGES
-        for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
-        if not target.startswith("http")
+        (source, *link.partition("#")[::2])
+        for source in PAGES
+        for link in re.findall(r"\]\(([^)\s]+)\)", source.read_text(encoding="utf-8"))
+        if not link.startswith("http")
     ]
     assert len(links) > 50
-    for page, file, anchor in links:
-        target = page.parent / file if file else page
-        assert target.exists(), f"{page.name} links to {file}"
-        assert not anchor or anchor in anchors(target), f"{page.name} links to {file}#{anchor}"
+    for source, file, anchor in links:
+        target = source.parent / file if file else source
+        assert target.exists(), f"{source.name} links to {file}"
+        assert not anchor or anchor in anchors(target), f"{source.name} links to {file}#{anchor}"
 
 
 def test_the_page_of_the_blind_benchmark_is_the_one_of_its_results():

@@ -53,14 +53,35 @@ def test_both_fmus_pass(rotor_fmu, estimator_fmu):
     assert len(report["gates"]) == 5
 
 
-def test_another_stiffness_than_expected_fails_with_both_numbers(rotor_fmu, estimator_fmu, tmp_path):
+@pytest.fixture
+def stuck(rotor_fmu, tmp_path) -> Path:
     """A rig whose k_b does nothing, so that it always measures 10 MN/m."""
-    stuck = altered(
+    return altered(
         rotor_fmu,
         tmp_path / "stuck.fmu",
         r"resources/rotor_\w+/design\.py",
         lambda text: text.replace("stiffness=condition.k_b", "stiffness=1e7"),
     )
+
+
+def test_a_stiffness_may_be_as_far_off_as_the_tolerance(stuck, estimator_fmu):
+    four_off, six_off = (("--expect-k-b", 1e7 * factor, "--estimator", estimator_fmu) for factor in (1.04, 1.06))
+    assert run_json("check", stuck, *four_off)["passed"] is True
+    assert len(check_failing(stuck, *six_off)[0]) == 1
+    assert len(check_failing(stuck, *four_off, "--tolerance", 0.03)[0]) == 1
+
+
+def test_a_rotor_that_nothing_moves_fails(rotor_fmu, tmp_path):
+    still = altered(
+        rotor_fmu,
+        tmp_path / "still.fmu",
+        r"resources/rotor_slave_\w+\.py",
+        lambda text: text.replace("self._simulator.advance(time, h)", "pass"),
+    )
+    assert check_failing(still)[0]["loads, initialises, steps"] == "a force of 1 N moves nothing"
+
+
+def test_another_stiffness_than_expected_fails_with_both_numbers(stuck, estimator_fmu, tmp_path):
     junit = tmp_path / "reports" / "junit.xml"
     failed, _ = check_failing(stuck, "--expect-k-b", 1.3e6, "--estimator", estimator_fmu, "--junit", junit)
     ((name, message),) = failed.items()

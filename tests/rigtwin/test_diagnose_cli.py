@@ -17,12 +17,14 @@ from numpy.testing import assert_allclose
 from gap.diagnosis import SCHEMA, Diagnosis
 from gap.prepare import structure_of
 from rigtwin.diagnose import load_document, measured_on_the_virtual_rig
+from rigtwin.diagnosis_words import VERIFIED
 from rotor.condition import Condition
 from rotor.effects import EFFECTS
 from rotor.measured import measured_response
 from sim.campaign import Campaign, Channel, NominalBelief, Run
 from sim.campaign_folder import save_campaign
 from sim.formats import read_run, run_file
+from tests.gap.conftest import MASS, all_but, both_supports, campaign_of
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_diagnose_page import DIAGNOSIS
 
@@ -436,3 +438,32 @@ def test_every_document_that_is_written_can_be_read_again(tmp_path):
     few = Diagnosis("", "nit-rourkela", "not_enough_data", "", {"k_b": None, "gap": float("nan")}, DIAGNOSIS.where)
     for diagnosis in (DIAGNOSIS, few):
         assert load_document(diagnosis.save(tmp_path))["verdict"] == diagnosis.verdict
+
+
+# --- all of it -------------------------------------------------------------------------------------
+
+
+def test_a_campaign_on_disk_becomes_a_verified_diagnosis_and_a_prediction(tmp_path):
+    runs = both_supports(MASS, seed=3)
+    save_campaign(replace(campaign_of(*runs), title="a mass at node 3"), tmp_path / "campaign")
+    excluded = ",".join(all_but("attached_mass", "disk_mass"))
+    done = run("diagnose", tmp_path / "campaign", "--out", tmp_path / "out", "--workers", 1, "--exclude", excluded)
+    assert done.exit_code == 0, done.stderr
+    document = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert (document["verdict"], document["causes"][0]["effects"]) == ("cause", ["attached_mass"])
+    assert set(document["causes"][0]["parameters"]) == {"mass"}
+    assert document["shrink"]["verified_by"] == "fmu"
+    assert_allclose(document["shrink"]["after"], document["shrink"]["after_model"], rtol=0.01)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for said in ("a mass at node 3", document["sentence"].split(" (")[0], VERIFIED["fmu"]):
+        assert said in page, said
+    assert page.count("Plotly.newPlot(") >= 4
+    done = run("predict", tmp_path / "out" / "diagnosis.json", tmp_path / "campaign", "--out", tmp_path / "predicted")
+    assert done.exit_code == 0, done.stderr
+    for measured in runs:
+        nominal, corrected = (
+            read_run(tmp_path / "predicted" / kind / f"{measured.name}.csv", support=measured.support)
+            for kind in ("nominal", "corrected")
+        )
+        off = [np.linalg.norm(each.H - measured.H) for each in (nominal, corrected)]
+        assert off[1] < 0.2 * off[0]

@@ -5,18 +5,11 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.root_finding import StiffnessFinder
 from rigtwin.fmus import open_estimator
 from rigtwin.paper import PaperReading, printed, read_paper, verdict
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.frequency_response import accelerance
-from rotor.model import build_system
-from rotor.rig import load_rig
 
 PAPER_TABLES = Path(__file__).resolve().parents[2] / "benchmarks" / "paper_tables.toml"
 
@@ -56,31 +49,6 @@ def test_the_verdict_names_every_number(paper):
     text = " ".join(verdict(paper))
     for number in ("1.125", "1.108", "1.112", "1.3 MN/m", "0.78", "19 N s/m", "95 Hz against 100.6 Hz"):
         assert number in text
-
-
-@pytest.mark.parametrize(("k_b", "damping"), [(1.1e6, 0.0), (1.1e6, 19.0), (6e6, 40.0)])
-def test_the_amplitude_ratio_is_that_of_the_response_at_resonance(k_b, damping):
-    """Against the response itself; neighbouring modes hold less than 1 % of it."""
-    structure = assemble(load_rig("nit-rourkela"))
-
-    def peak(rigid: bool) -> float:
-        system = build_system(structure, Condition(k_b, rigid, damping))
-        coarse = np.linspace(60, 110, 20_001)
-        top = coarse[np.argmax(np.abs(accelerance(system, coarse)[:, 1, 0]))]
-        return float(np.abs(accelerance(system, np.linspace(top - 0.01, top + 0.01, 2001))[:, 1, 0]).max())
-
-    ratio = StiffnessFinder(structure).amplitude_ratio(k_b, damping)
-    assert_allclose(ratio, peak(False) / peak(True), rtol=0.01)
-
-
-def test_the_damping_found_for_a_ratio_gives_that_ratio():
-    finder = StiffnessFinder(assemble(load_rig("nit-rourkela")))
-    assert_allclose(finder.amplitude_ratio(1.3e6, finder.bearing_damping_for_ratio(1.3e6, 0.78)), 0.78, rtol=1e-6)
-
-
-@pytest.mark.parametrize("ratio", [5.0, 1e-4], ids=["above the undamped", "below any"])
-def test_a_ratio_that_no_damping_gives_has_none(ratio):
-    assert np.isnan(StiffnessFinder(assemble(load_rig("nit-rourkela"))).bearing_damping_for_ratio(1.3e6, ratio))
 
 
 def test_the_demos_copy_of_the_printed_numbers_is_the_benchmarks():

@@ -337,14 +337,29 @@ def test_the_file_holds_what_was_agreed(outcome, request, tmp_path):
         "excluded",
     }
     assert keys <= set(document)
+    assert {"title", "rig", "timing_s", "calibration", "unknown_score"} <= set(document)
     assert document["verdict"] == diagnosis.verdict
+    assert {"k_b", "gap"} <= set(document["nominal"])
+    assert {"f_lo", "f_hi", "mode", "share"} <= set(document["where"]["bands"][0])
+    assert {"node", "share"} <= set(document["where"]["nodes"][0])
+    assert {"check", "severity", "words", "run"} <= set(document["audit"][0])
+    if document["shrink"]:
+        figures = {"before", "after", "floor", "shrink", "explainable", "ci90", "verified_by"}
+        assert {"held_out", *figures} <= set(document["shrink"])
+        assert len(document["shrink"]["ci90"]) == 2
+    if document["next_test"]:
+        assert {"words", "run"} <= set(document["next_test"])
     assert {"bands", "supports", "nodes", "regime", "levels", "joint"} <= set(document["where"])
     assert {"value", "std", "unit"} == set(document["nominal"]["k_b"])
     for cause, written in zip(diagnosis.causes, document["causes"], strict=True):
         assert written["effects"] == list(cause.effects)
-        assert {"location", "probability", "parameters", "k_b", "log_evidence"} <= set(written)
+        named = {"location", "probability", "parameters", "k_b", "log_evidence", "ess"}
+        extended = {"locations", "places", "at_prior_edge", "place_probability", "other_places"}
+        assert named | extended <= set(written)
+        assert {"kind"} <= set(written["location"]) <= {"kind", "node", "x_m"}
         for name, estimate in cause.parameters.items():
             assert written["parameters"][name]["value"] == estimate.value
+            assert {"value", "std", "unit"} <= set(written["parameters"][name])
 
 
 # -- an effect in another form than the library's -----------------------------------------------------

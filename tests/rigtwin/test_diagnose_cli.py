@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,12 +19,14 @@ from gap.diagnosis import SCHEMA, Diagnosis
 from gap.prepare import structure_of
 from rigtwin.diagnose import load_document, measured_on_the_virtual_rig
 from rigtwin.diagnosis_words import VERIFIED
+from rigtwin.exits import UserError
 from rotor.condition import Condition
 from rotor.effects import EFFECTS
 from rotor.measured import measured_response
 from sim.campaign import Campaign, Channel, NominalBelief, Run
 from sim.campaign_folder import save_campaign
 from sim.formats import read_run, run_file
+from sim.setup import SetupError
 from tests.gap.conftest import MASS, all_but, both_supports, campaign_of
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_diagnose_page import DIAGNOSIS
@@ -70,6 +73,7 @@ def asked(monkeypatch) -> Asked:
     """A diagnosis that takes no time."""
     asked = Asked()
     monkeypatch.setattr("gap.diagnose.diagnose", asked)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)  # no helpers for what takes no time
     return asked
 
 
@@ -138,6 +142,13 @@ def test_the_diagnosis_gets_the_campaign_the_exclusions_and_the_virtual_rig(aske
     run("diagnose", campaign, "--out", tmp_path / "out", "--no-fmu")
     assert asked.options["exclude"] == ()
     assert asked.options["confirm"] is None
+
+
+def test_fits_are_shared_among_as_many_processes_as_asked_for(asked, campaign, tmp_path):
+    run("diagnose", campaign, "--out", tmp_path / "out", "--workers", 1)
+    assert asked.options["helpers"] is None
+    run("diagnose", campaign, "--out", tmp_path / "out", "--workers", 2)
+    assert isinstance(asked.options["helpers"], Executor)
 
 
 def test_an_interrupted_diagnosis_leaves_the_one_before(monkeypatch, campaign, tmp_path):
@@ -284,14 +295,26 @@ def test_an_effect_of_the_rotor_is_verified_by_the_fmu_and_tells_how_far_it_is()
     assert told[-1][2] == "virtual rig: run 2 of 2"
 
 
-def test_an_interrupted_virtual_rig_leaves_the_diagnosis_its_own_figure(asked, campaign, tmp_path, monkeypatch, capsys):
-    def interrupted(*_):
-        raise KeyboardInterrupt
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (KeyboardInterrupt(), "was interrupted"),
+        (RuntimeError("unsettled"), "does not confirm the cause (unsettled)"),
+        (SetupError("no such node"), "does not confirm the cause (no such node)"),
+        (UserError("no compiler"), "does not confirm the cause (no compiler)"),
+        (OSError("disk full"), "does not confirm the cause (disk full)"),
+    ],
+)
+def test_a_virtual_rig_without_an_answer_leaves_the_diagnosis_its_own_figure(
+    asked, campaign, tmp_path, monkeypatch, capsys, error, said
+):
+    def fails(*_):
+        raise error
 
     run("diagnose", campaign, "--out", tmp_path / "out")
-    monkeypatch.setattr("rigtwin.diagnose._measure", interrupted)
+    monkeypatch.setattr("rigtwin.diagnose.measured_on_the_virtual_rig", fails)
     assert asked.options["confirm"]((plain_run("one"),), (), 1e7) == ([], "model")
-    assert "the virtual rig was interrupted" in capsys.readouterr().err
+    assert f"the virtual rig {said}: the after-figure is the fitting model's own" in capsys.readouterr().err
 
 
 # --- predict ---------------------------------------------------------------------------------------

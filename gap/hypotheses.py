@@ -229,7 +229,9 @@ def candidates(
 
 
 def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
-    if effect.family == "spinning" or effect.id == "coarse_grid":
+    if effect.id in ("coarse_grid", "unbalance"):  # a raster moves nothing, an unbalance is at the spin's own frequency
+        return False
+    if effect.family == "spinning" and not any(run.spin_rpm for run in runs):
         return False
     supports = {run.support for run in runs}
     if effect.location == "bearings" and "bearing" not in supports:

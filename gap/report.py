@@ -228,6 +228,8 @@ def _regime_of(cause: Cause) -> Regime:
     families = {EFFECTS[name].family for name in cause.effects}
     if "nonlinear" in families:
         return "amplitude_dependent"
+    if "spinning" in families:
+        return "spin_dependent"
     return "measurement_chain" if families == {"chain"} else "linear"
 
 

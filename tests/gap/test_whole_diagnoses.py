@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from gap.diagnose import diagnose
 from gap.forward import Forward, acting
-from rotor.effects import AttachedMass, BearingCubic, BearingDamping
+from gap.hypotheses import candidates
+from rotor.effects import AttachedMass, BearingCubic, BearingDamping, Gyroscopic
+from rotor.measured import measured_response
+from sim.campaign import Channel
 from sim.lines import NotSettledError
 from sim.setup import SetupError
 from tests.gap.conftest import (
@@ -21,6 +26,7 @@ from tests.gap.conftest import (
     blank,
     both_supports,
     campaign_of,
+    condition,
     lines,
     truth,
     with_noise,
@@ -116,3 +122,28 @@ def test_two_effects_are_one_cause_with_the_numbers_and_places_of_both():
     assert {location.kind for location in cause.locations} == {"node", "bearings"}
     for name, true in (("attached_mass.mass", 0.1), ("bearing_damping.damping", 150.0)):
         assert abs(cause.parameters[name].value - true) < 4 * cause.parameters[name].std
+
+
+# -- spin -------------------------------------------------------------------------------------------
+
+
+def test_what_splits_the_modes_of_a_spinning_rotor_is_named():
+    """Accelerometers in both planes, at rest and at 6000 rev/min."""
+    channels = tuple(Channel(node, plane) for plane in ("y", "z") for node in (2, 4, 6))
+    effect = Gyroscopic(factor=0.8)
+    runs = [spinning(rpm, effect, channels, seed) for seed, rpm in enumerate((0.0, 6000.0))]
+    names = ("gyroscopic", "plane_anisotropy", "bearing_asymmetry", "disk_inertia", "attached_mass")
+    found = diagnose(campaign_of(*runs), exclude=all_but(*names), confirm=None).diagnosis
+    assert (found.verdict, found.causes[0].effects) == ("cause", ("gyroscopic",))
+    assert found.where.regime == "spin_dependent"
+    factor = found.causes[0].parameters["factor"]
+    assert abs(factor.value - 0.8) < 4 * factor.std < 0.4
+    assert not {"gyroscopic", "unbalance"} & {h.ids[0] for h in candidates(runs[:1], STRUCTURE)}
+
+
+def spinning(rpm, effect, channels, seed):
+    """A run of a rotor that turns."""
+    run = blank("bearing", lines("bearing"), channels=channels, spin_rpm=rpm, name=f"{rpm:g} rpm")
+    turning = replace(condition("bearing"), spin_speed=rpm * np.pi / 30)
+    planes = [measured_response(STRUCTURE, turning, (effect,), run.frequency_hz, [2, 4, 6], plane=k) for k in (1, 2)]
+    return with_noise(run, np.hstack(planes), seed)

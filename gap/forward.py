@@ -266,7 +266,9 @@ class Forward:
         rows = [system.read_out(1 if channel.plane == "y" else 2)[channel.node - 1] for channel in channels]
         outputs = np.vstack([*rows, exciter])
         # Dashpots in series with springs couple even modes far above, and so does spin.
-        space = StateSpace(system, condition.spin_speed, np.inf if len(system.massless) or condition.spin_speed else limit_hz)
+        space = StateSpace(
+            system, condition.spin_speed, np.inf if len(system.massless) or condition.spin_speed else limit_hz
+        )
         poles, residues = space.poles(exciter[:, None], outputs)
         upper = space.upper_residual(exciter[:, None], outputs)
         return _Rotor(poles, residues[:, 0], upper, sensitivity_of(system))

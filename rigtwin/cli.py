@@ -138,6 +138,7 @@ def sweep(
     noise: Annotated[float, typer.Option(min=0.0, max=100.0, help="Sensor noise, relative to each line.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .unv, .h5 or .mat.")] = None,
+    executor: ExecutorOption = None,
     as_json: JSON = False,
 ) -> None:
     """Measure stepped-sine runs on the virtual rig, with effects, and fit their modes."""
@@ -160,6 +161,7 @@ def sweep(
             spin_rpm=spin_rpm,
             out=out,
             as_json=as_json,
+            executor=executor,
         )
     )
 

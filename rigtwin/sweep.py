@@ -59,18 +59,21 @@ class SweepRequest:
     spin_rpm: float
     out: Path | None
     as_json: bool
+    executor: str | None = None  # "dask://host:port"; default processes here
 
 
 def run_sweep(request: SweepRequest) -> None:
     """Measure, write the files, print what was found."""
     _check_output(request.out)
+    if request.executor and not request.source.lower().endswith(".fmu"):
+        raise UserError(f"--executor: give an FMU that all workers see in place of the rig {request.source}")
     plan = noisy(request.plan, request.noise, request.seed) if request.noise else request.plan
     plans = [replace(plan, force_amplitude=level) for level in request.levels or (plan.force_amplitude,)]
     results: dict[int, Sweep] = {}
     with rotor_fmu(request.source) as fmu:
         with FmuSession(fmu) as session:
             rig, guid = _rig(session, request), str(session.description.guid)
-        for place, result in _measure(fmu, rig, plans):
+        for place, result in _measure(fmu.resolve(), rig, plans, request.executor):
             results[place] = result
             if out := _file_of(request, plans[place]):
                 write_run(result.run, out)
@@ -85,14 +88,14 @@ def run_sweep(request: SweepRequest) -> None:
         print_json({"runs": summaries} if request.levels else summaries[0])
 
 
-def _measure(fmu: Path, rig: Rig, plans: Sequence[SweepPlan]) -> Iterator[tuple[int, Sweep]]:
-    """A run for each plan, with its place, as it is done; several at once, one for each core."""
-    if len(plans) == 1:
+def _measure(fmu: Path, rig: Rig, plans: Sequence[SweepPlan], where: str | None) -> Iterator[tuple[int, Sweep]]:
+    """A run for each plan, with its place, as it is done; several at once, one for each core, or on a cluster."""
+    if len(plans) == 1 and not where:
         words = f"{rig.support} support, {plans[0].force_amplitude:g} N"
         with FmuSession(fmu) as session, progress(words, rig.carry_out(plans[0]).n_lines) as count:
             yield 0, sweep(session, rig, plans[0], count)
         return
-    with executor() as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
+    with executor(where) as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
         runs = sweep_all(fmu, [(rig, plan) for plan in plans], pool)
         for number, done in enumerate(runs, start=1):
             count(number)

@@ -25,6 +25,7 @@ from rotor.effects import FastSweep, ForceDropout
 from sim.runs import sweep_all
 from sim.session import FmuSession
 from sim.stepped_sine import NotSettledError, Rig, SetupError, SweepPlan, sweep
+from tests.rigtwin.conftest import run
 
 COARSE = SweepPlan(n_lines=96)
 PATIENCE = 60.0  # seconds for a process to come up
@@ -124,6 +125,20 @@ def test_runs_are_those_of_one_instance_wherever_they_are_measured(rotor_fmu):
         for place, (rig, plan) in enumerate(runs):
             assert found[place].run.force_amplitude_N == plan.force_amplitude
             assert_array_equal(found[place].run.H, sweep(session, rig, plan).run.H)
+
+
+def test_levels_are_swept_on_a_cluster(rotor_fmu, cluster, tmp_path):
+    options = ("sweep", rotor_fmu, "--levels", "1,2", "--lines", 24, "--f-max", 90)
+    for place, where in (("there.csv", ("--executor", f"dask://{cluster.address}")), ("here.csv", ())):
+        done = run(*options, "--out", tmp_path / place, *where)
+        assert done.exit_code == 0, done.stderr
+    for level in (1, 2):
+        there, here = (tmp_path / f"{place}_{level}N.csv" for place in ("there", "here"))
+        assert there.read_text(encoding="utf-8") == here.read_text(encoding="utf-8")
+
+
+def test_a_cluster_does_not_see_a_rig_that_is_built_here(refused):
+    assert "give an FMU that all workers see" in refused("sweep", "--executor", "dask://127.0.0.1:1")
 
 
 def test_a_worker_process_that_dies_is_told_in_a_sentence():

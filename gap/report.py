@@ -146,12 +146,17 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
     problem, nominal = answer.problem, answer.nominal
     return {
         "k_b": _k_b(problem, nominal, answer.scale),
-        "gap": float(np.nanmean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves])),
-        "gap_dB": float(np.nanmean([log_distance_db(c.run.H, c.nominal) for c in curves])),
+        "gap": _mean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]),
+        "gap_dB": _mean([log_distance_db(c.run.H, c.nominal) for c in curves]),
         "misfit": judge(problem, nominal).misfit,
         "probability": _known(answer) * answer.ranked.no_gap,
         **{key: getattr(campaign.nominal, key) for key in DAMPING},
     }
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Over the runs that have a value; nan where none has."""
+    return float(np.nanmean(values)) if np.isfinite(values).any() else math.nan
 
 
 def _next_test(

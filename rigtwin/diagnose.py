@@ -58,7 +58,6 @@ _VERIFIED = {"fmu": "verified by the FMU", "rig": "verified on the virtual rig",
 _KEYS: dict[str, type | tuple[type, ...]] = {"verdict": str, "nominal": dict, "where": dict, "causes": list}
 _CAUSE_KEYS: dict[str, type | tuple[type, ...]] = {
     "effects": list,
-    "location": dict,
     "parameters": dict,
     "k_b": (dict, type(None)),
 }
@@ -315,7 +314,8 @@ def load_document(path: Path) -> dict[str, Any]:
     for number, cause in enumerate(document["causes"], start=1):
         if not isinstance(cause, dict):
             raise UserError(f"{path}: cause {number} is not a table; diagnose again")
-        _check_keys(path, cause, f"cause {number} ", _CAUSE_KEYS)
+        where: dict[str, type | tuple[type, ...]] = {"places" if "places" in cause else "location": dict}
+        _check_keys(path, cause, f"cause {number} ", _CAUSE_KEYS | where)
         for effect_id in cause["effects"]:
             _check_effect(path, number, effect_id)
     return document

@@ -174,7 +174,7 @@ def validate(fmu: Path) -> str:
     return "no problems"
 
 
-def fmutool(fmu: Path, time_limit: float = TIME_LIMIT) -> str:
+def fmutool(fmu: Path, time_limit: float) -> str:
     """The FMU Manipulation Toolbox's own check, where it is installed; for ``time_limit`` [s] at most."""
     if find_spec("fmu_manipulation_toolbox") is None:
         raise NotRun("fmu-manipulation-toolbox is not installed; pip install fmu-manipulation-toolbox")

@@ -9,9 +9,10 @@ import sys
 from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperCommand
 
 from rigtwin.exits import GATE_FAILED, CommandGroup, UserError
 from rigtwin.scale_out import ONE_THREAD, ExecutorOption
@@ -237,7 +238,23 @@ def check(
         raise typer.Exit(GATE_FAILED)
 
 
-@app.command(short_help="Where the gap to the model lies, and what causes it.")
+class ExcludingCommand(TyperCommand):
+    """Takes ``--exclude A B`` as ``--exclude A --exclude B``: options take one value."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The arguments with the option before every effect that follows one."""
+        if "--exclude" not in args:
+            return super().parse_args(ctx, args)
+        from rotor.effects import EFFECTS
+
+        told: list[str] = []
+        for word in args:
+            follows = told[-2:-1] == ["--exclude"] and word in EFFECTS
+            told += ["--exclude", word] if follows else [word]
+        return super().parse_args(ctx, told)
+
+
+@app.command(cls=ExcludingCommand, short_help="Where the gap to the model lies, and what causes it.")
 def diagnose(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of the campaign.")],
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json and report.html.")],

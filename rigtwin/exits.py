@@ -17,8 +17,6 @@ from typer.exceptions import Abort, TyperException
 
 OUR_FAULT, WRONG_INPUT, GATE_FAILED, INTERRUPTED = 1, 2, 3, 130
 
-_EXCLUDE = "--exclude"
-
 # Errors that say in a sentence what is wrong with the input. An exception of one of these classes
 # can only be there when its module has been loaded, so none is loaded for asking.
 _SENTENCES = {
@@ -47,8 +45,7 @@ class CommandGroup(TyperGroup):
     def main(self, args: Sequence[str] | None = None, *other: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         """Run and exit; ``standalone_mode`` is what Typer's test runner passes."""
         try:
-            told = _repeated(list(sys.argv[1:] if args is None else args))
-            code = super().main(told, *other, standalone_mode=False, **extra)
+            code = super().main(args, *other, standalone_mode=False, **extra)
         except TyperException as error:
             code = complain(error.format_message() + " See rigtwin COMMAND --help.", error.exit_code)
         except (Abort, KeyboardInterrupt):
@@ -61,19 +58,6 @@ class CommandGroup(TyperGroup):
         if code == INTERRUPTED:
             complain("interrupted", code)
         sys.exit(code or 0)
-
-
-def _repeated(args: list[str]) -> list[str]:
-    """``--exclude A B`` as ``--exclude A --exclude B``: options of this parser take one value."""
-    if _EXCLUDE not in args:
-        return args
-    from rotor.effects import EFFECTS
-
-    told: list[str] = []
-    for word in args:
-        follows = len(told) > 1 and told[-2] == _EXCLUDE and word in EFFECTS
-        told += [_EXCLUDE, word] if follows else [word]
-    return told
 
 
 def complain(message: str, code: int) -> int:

@@ -33,6 +33,7 @@ from gap.audit.one_run import (
     check_saturation,
     check_sweep_rate,
     is_dead,
+    telling_channels,
     without_dead_channels,
 )
 from gap.audit.pairs import check_pairs
@@ -67,9 +68,10 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
 def usable(campaign: Campaign) -> Campaign:
     """The campaign as it is diagnosed: without dropped or wild lines, without dead channels or runs."""
     geometry = geometry_of(campaign.rig)
-    runs = without_wild_lines([without_dropped(run) for run in campaign.runs])
-    alive = [run for run in runs if not is_dead(run, geometry)] or runs
-    return replace(campaign, runs=tuple(without_dead_channels(run, geometry) for run in alive))
+    tame = without_wild_lines([without_dropped(run) for run in campaign.runs])
+    runs = [(run, telling_channels(run, geometry)) for run in tame]
+    alive = [(run, telling) for run, telling in runs if not is_dead(run, telling, geometry)] or runs
+    return replace(campaign, runs=tuple(without_dead_channels(run, telling) for run, telling in alive))
 
 
 def _as_measured(p: Prepared, left: Prepared) -> Iterator[Finding]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -260,23 +260,19 @@ def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
         )
 
 
-def without_dead_channels(run: Run, geometry: Geometry) -> Run:
-    """A run without channels that say nothing: no number, zero where the shaft moves, one value, or noise alone.
-
-    A run that would lose all of its channels is left as it is.
-    """
-    kept = _live_channels(run, geometry)
-    return run.with_channels(kept) if 0 < len(kept) < len(run.channels) else run
+def without_dead_channels(run: Run, telling: Sequence[int]) -> Run:
+    """A run with the channels that say something alone; one that would lose all of its channels is left as it is."""
+    return run.with_channels(telling) if 0 < len(telling) < len(run.channels) else run
 
 
-def is_dead(run: Run, geometry: Geometry) -> bool:
+def is_dead(run: Run, telling: Sequence[int], geometry: Geometry) -> bool:
     """Whether every channel says nothing of those that have to move."""
     moving = {i for i, channel in enumerate(run.channels) if not _stands_still(run, channel, geometry)}
-    return bool(moving) and not moving & set(_live_channels(run, geometry))
+    return bool(moving) and not moving & set(telling)
 
 
-def _live_channels(run: Run, geometry: Geometry) -> list[int]:
-    """Places of the channels that say something."""
+def telling_channels(run: Run, geometry: Geometry) -> list[int]:
+    """Places of the channels that say something: not no number, zero where the shaft moves, one value, noise alone."""
     H, noise = responses(run), estimate_noise(run)
     still = [bool(_stands_still(run, channel, geometry)) for channel in run.channels]
     alive = [i for i in range(len(still)) if _is_alive(H[:, i], still[i])]

@@ -16,7 +16,7 @@ from gap.prepare import structure_of
 from gap.report import Outcome
 from gap.residuals import observe
 from rotor.condition import Condition
-from rotor.effects import EFFECTS, AttachedMass, Effect
+from rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
 from rotor.measured import measured_response
 from rotor.modal import damped_modes
 from rotor.model import build_system
@@ -148,6 +148,10 @@ def all_but(*names: str) -> tuple[str, ...]:
 # What the campaigns' diagnoses may choose from: enough to be wrong, and few enough to be fast.
 MASS = AttachedMass(mass=0.1, node=3)
 RIVALS = ("attached_mass", "disk_mass", "shaft_modulus")
+
+# A law that bends the resonances, and the forces [N] at which it does so more and more.
+CUBIC = BearingCubic(stiffness=1e15)
+LEVELS = (0.05, 0.2, 0.8)
 
 
 @pytest.fixture(scope="session")

@@ -45,7 +45,9 @@ from rotor.rig import load_rig
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,
+    CUBIC,
     K_B,
+    LEVELS,
     RIG,
     STRUCTURE,
     all_but,
@@ -56,9 +58,6 @@ from tests.gap.conftest import (
     truth,
     with_noise,
 )
-
-CUBIC = BearingCubic(stiffness=1e15)
-LEVELS = (0.05, 0.2, 0.8)
 
 
 def swept(effect: Effect, level: float, seed: int = 0, resolution=FINE, **settings):

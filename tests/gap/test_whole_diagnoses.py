@@ -11,14 +11,16 @@ from numpy.testing import assert_allclose
 from gap.diagnose import diagnose
 from gap.forward import Forward, acting
 from gap.hypotheses import candidates
-from rotor.effects import AttachedMass, BearingCubic, BearingDamping, Gyroscopic
+from rotor.effects import AttachedMass, BearingDamping, Gyroscopic
 from rotor.measured import measured_response
 from sim.campaign import Channel
 from sim.lines import NotSettledError
 from sim.setup import SetupError
 from tests.gap.conftest import (
     BELIEF,
+    CUBIC,
     K_B,
+    LEVELS,
     MASS,
     NOISE,
     STRUCTURE,
@@ -74,8 +76,7 @@ def test_where_the_virtual_rig_has_no_figure_the_models_own_stands(error):
 
 # -- laws -------------------------------------------------------------------------------------------
 
-CUBIC = BearingCubic(stiffness=1e15)
-LEVELS, FORCES = (0.05, 0.2, 0.8), (0.0515, 0.194, 0.808)  # as the force sensor says, and as they are [N]
+FORCES = (0.0515, 0.194, 0.808)  # where the force sensor says LEVELS [N]
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,14 @@ def altered(fmu: Path, target: Path, member: str, change: Callable[[str], str]) 
     return target
 
 
+def with_slave(fmu: Path, target: Path, what: str, instead: str) -> Path:
+    """A copy of a rotor FMU whose slave does something else."""
+    return altered(fmu, target, r"resources/rotor_slave_\w+\.py", lambda text: text.replace(what, instead))
+
+
+STEP = "self._simulator.advance(time, h)"
+
+
 def outcomes(report: dict) -> dict[str, str]:
     """Outcome of each gate by the first word of its name."""
     return {gate["name"].split()[0]: gate["outcome"] for gate in report["gates"]}
@@ -72,12 +80,7 @@ def test_a_stiffness_may_be_as_far_off_as_the_tolerance(stuck, estimator_fmu):
 
 
 def test_a_rotor_that_nothing_moves_fails(rotor_fmu, tmp_path):
-    still = altered(
-        rotor_fmu,
-        tmp_path / "still.fmu",
-        r"resources/rotor_slave_\w+\.py",
-        lambda text: text.replace("self._simulator.advance(time, h)", "pass"),
-    )
+    still = with_slave(rotor_fmu, tmp_path / "still.fmu", STEP, "pass")
     assert check_failing(still)[0]["loads, initialises, steps"] == "a force of 1 N moves nothing"
 
 
@@ -145,12 +148,7 @@ def test_an_fmu_that_hangs_fails_its_gates_and_the_next_gets_a_process_of_its_ow
 
 def test_an_fmu_that_crashes_fails_its_gates_and_the_report_is_written(rotor_fmu, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))  # what a crashed process cannot clean up
-    crashing = altered(
-        rotor_fmu,
-        tmp_path / "crashing.fmu",
-        r"resources/rotor_slave_\w+\.py",
-        lambda text: text.replace("self._simulator.advance(time, h)", "import os; os._exit(1)"),
-    )
+    crashing = with_slave(rotor_fmu, tmp_path / "crashing.fmu", STEP, "import os; os._exit(1)")
     junit = tmp_path / "junit.xml"
     failed, _ = check_failing(crashing, "--junit", junit)
     assert set(failed.values()) == {"the FMU crashed the process that ran it"}
@@ -161,12 +159,8 @@ def test_an_fmu_that_crashes_fails_its_gates_and_the_report_is_written(rotor_fmu
 
 
 def test_a_state_that_is_not_whole_fails_the_replay(rotor_fmu, tmp_path):
-    forgetful = altered(
-        rotor_fmu,
-        tmp_path / "forgetful.fmu",
-        r"resources/rotor_slave_\w+\.py",
-        lambda text: text.replace("self._simulator.restore(state, self._condition(), self._effects())", "pass"),
-    )
+    restoring = "self._simulator.restore(state, self._condition(), self._effects())"
+    forgetful = with_slave(rotor_fmu, tmp_path / "forgetful.fmu", restoring, "pass")
     failed, _ = check_failing(forgetful)
     assert list(failed) == ["a saved state replays exactly"]
 

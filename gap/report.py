@@ -107,7 +107,7 @@ def report(
         where=where,
         causes=causes,
         equivalent=equivalent,
-        next_test=_next_test(campaign, answer, verdict, causes, equivalent),
+        next_test=_next_test(campaign, answer, findings, verdict, causes, equivalent),
         shrink=shrink,
         audit=(*findings, *_noise_finding(problem, answer.standing.quality)),
         excluded=tuple(exclude),
@@ -160,9 +160,16 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _next_test(
-    campaign: Campaign, answer: Answer, verdict: Verdict, causes: Sequence[Cause], equivalent: Sequence[Cause]
+    campaign: Campaign,
+    answer: Answer,
+    findings: Sequence[Finding],
+    verdict: Verdict,
+    causes: Sequence[Cause],
+    equivalent: Sequence[Cause],
 ) -> NextTest | None:
     """What would tell the causes, or the places, that remain apart; else what the campaign lacks."""
+    if any(map(wording.is_misnamed, findings)):
+        return NextTest("None before the names are corrected that the audit finds wrong under labels.")
     rivals = _rivals(answer.ranked, causes, verdict, equivalent)
     told = best_next_test(answer.problem, rivals) if len(rivals) > 1 else None
     return told or wording.next_test(verdict, campaign, causes, equivalent)

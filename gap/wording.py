@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
-from gap.diagnosis import Cause, Diagnosis, NextTest, Shrink, Verdict, explainable
+from gap.diagnosis import Cause, Diagnosis, Finding, NextTest, Shrink, Verdict, explainable
 from gap.hypotheses import SURE
 from gap.phrases import effects_at, part, place, supports
 from gap.ranking import ANSWERED
@@ -23,7 +23,21 @@ def named(cause: Cause) -> str:
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in a sentence."""
+    """The verdict in a sentence, and in another what the audit wants corrected before it is believed."""
+    wrong = [f"First of all, {f.run}: {_lower(f.words)}" for f in diagnosis.audit if is_misnamed(f)]
+    return " ".join([_verdict(diagnosis), *wrong])
+
+
+def _lower(words: str) -> str:
+    return words[:1].lower() + words[1:]
+
+
+def is_misnamed(finding: Finding) -> bool:
+    """Whether a run's names do not fit what it shows: then no model that has them right can explain it."""
+    return finding.check == "labels" and finding.severity == "error"
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "no_gap":
         return "Model and measurement agree within the noise and the drifts of the test: there is nothing to explain."
     if diagnosis.verdict == "not_enough_data":

@@ -10,6 +10,7 @@ module           what it looks at                                               
 ``one_run``      raster, missing lines, noise, channels, saturation, sweep rate   ``check_raster`` ...
 ``phase``        delay and polarity                                               ``check_delay`` ...
 ``pairs``        reciprocity, repeatability, force level                          ``check_pairs``
+``labels``       nodes, exciter and supports against the drawing                  ``check_labels``
 ``coverage``     what was not measured; units                                     ``check_coverage``
 ``geometry``     what the drawing says whatever the stiffnesses are               ``geometry_of``
 ===============  ===============================================================  ===================
@@ -24,6 +25,7 @@ import numpy as np
 
 from gap.audit.coverage import check_coverage, check_units
 from gap.audit.geometry import Geometry, geometry_of
+from gap.audit.labels import check_labels
 from gap.audit.noise import NoiseEstimate, believed_errors, estimate_noise
 from gap.audit.one_run import (
     check_channels,
@@ -61,6 +63,7 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
         findings = [f for p, left in zip(as_measured, runs, strict=True) for f in _as_measured(p, left)]
         findings += [finding for p in runs for finding in _one_run(p, campaign.nominal, geometry)]
         findings += check_pairs(runs, campaign.nominal)
+        findings += check_labels(runs, geometry)
         findings += check_coverage(campaign, runs, geometry)
     return tuple(_without_what_bent_peaks_pretend(findings))
 

@@ -83,9 +83,10 @@ def _run_coverage(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
 
 def check_units(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
     """Size of the response below the first resonance on rigid supports against the drawing's."""
-    expected = geometry.rigid_response(p.run, p.f) if p.run.quantity != "acceleration" and p.resonances else None
-    if expected is None or not p.resonances:
+    unscaled = p.run.quantity == "acceleration"
+    if unscaled or not p.resonances or p.run.support != "rigid" or not geometry.knows(p.run):
         return
+    expected = geometry.response(p.run, p.f)
     low = p.f < 0.7 * p.resonances[0].frequency_hz
     places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node <= expected.shape[1]]
     places = [i for i in places if p.channels[i].node not in geometry.held_nodes(p.run)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from rotor.measured import measured_response
 from rotor.modal import natural_frequencies_hz
 from rotor.model import build_system
 from rotor.rig import load_rig
-from rotor.structure import Structure
+from rotor.structure import ComplexArray, Structure
 from sim.campaign import FloatArray, Run
 
 # Bearing stiffnesses [N/m] from far softer to far stiffer than any shaft of a test rig.
@@ -44,6 +44,10 @@ class Geometry:
         """Numbers of all nodes; none where the rig is not known."""
         return frozenset(range(1, (self.n_nodes or 0) + 1))
 
+    def knows(self, run: Run) -> bool:
+        """Whether rig and exciter are known."""
+        return self.structure is not None and 1 <= run.excitation_node <= self.structure.n_nodes
+
     def low_response(self, run: Run) -> tuple[FloatArray, FloatArray] | None:
         """Sign of the receptance below the first resonance, and the first resonance at the stiffest.
 
@@ -52,34 +56,46 @@ class Geometry:
         (n_nodes,) +1 or -1, 0 where bearing stiffness decides it; (n_stiffnesses,) first natural frequency [Hz];
         None where rig or exciter are not known
         """
-        structure = self.structure
-        if structure is None or not 1 <= run.excitation_node <= structure.n_nodes:
+        if not self.knows(run):
             return None
         signs, first = [], []
-        plane = "yz".index(run.excitation_plane) + 1
         for k_b in (1e9,) if run.support == "rigid" else _STIFFNESSES:
-            condition = Condition(
-                k_b=k_b,
-                rigid_support=run.support == "rigid",
-                excitation_node=run.excitation_node,
-                excitation_plane=plane,
-            )
-            first.append(float(natural_frequencies_hz(build_system(structure, condition), plane)[0]))
-            f = np.array([0.02, 0.9]) * first[-1]
-            H = measured_response(structure, condition, (), f, quantity="receptance").real
+            first.append(self.first_resonance(run, k_b))
+            H = self.response(run, np.array([0.02, 0.9]) * first[-1], k_b).real
             signs.append(np.where(np.abs(H) > _SURE * np.abs(H).max(axis=1, keepdims=True), np.sign(H), 0))
         all_signs = np.concatenate(signs)
         agree = (all_signs == all_signs[0]).all(axis=0)
         return np.where(agree, all_signs[0], 0), np.array(first)
 
-    def rigid_response(self, run: Run, frequency_hz: FloatArray) -> np.ndarray | None:
-        """(n_freq, n_nodes) receptance on rigid supports; None for other supports, or an unknown rig or exciter."""
-        structure = self.structure
-        if structure is None or run.support != "rigid" or not 1 <= run.excitation_node <= structure.n_nodes:
-            return None
-        plane = "yz".index(run.excitation_plane) + 1
-        condition = Condition(rigid_support=True, excitation_node=run.excitation_node, excitation_plane=plane)
-        return measured_response(structure, condition, (), frequency_hz, quantity="receptance")
+    def first_resonance(self, run: Run, k_b: float = 1e9) -> float:
+        """First natural frequency [Hz]; rig and exciter have to be known."""
+        assert self.structure is not None
+        condition = _condition(run, k_b)
+        return float(natural_frequencies_hz(build_system(self.structure, condition), condition.excitation_plane)[0])
+
+    def response(
+        self, run: Run, frequency_hz: FloatArray, k_b: float = 1e9, exciter: int | None = None
+    ) -> ComplexArray:
+        """(n_freq, n_nodes) receptance along the exciter; rig and exciter have to be known.
+
+        Parameters
+        ----------
+        exciter : its node, where it is another than the run's
+        """
+        assert self.structure is not None
+        condition = _condition(run, k_b)
+        if exciter is not None:
+            condition = replace(condition, excitation_node=exciter)
+        return measured_response(self.structure, condition, (), frequency_hz, quantity="receptance")
+
+
+def _condition(run: Run, k_b: float) -> Condition:
+    return Condition(
+        k_b=k_b,
+        rigid_support=run.support == "rigid",
+        excitation_node=run.excitation_node,
+        excitation_plane="yz".index(run.excitation_plane) + 1,
+    )
 
 
 def geometry_of(rig: str) -> Geometry:

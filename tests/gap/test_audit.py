@@ -22,6 +22,7 @@ from gap.diagnosis import Finding
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import SensorDelay
+from rotor.effects.library import EFFECTS
 from rotor.measured import measured_response
 from rotor.modal import damped_modes
 from rotor.model import build_system
@@ -109,7 +110,7 @@ def test_every_check_of_a_healthy_campaign_says_so():
     findings = audit(in_campaign(*healthy(1).runs, measure(BEARING, EVEN), measure(reciprocal, EVEN, seed=1)))
     passed = {f.check for f in findings if f.severity == "ok"}
     assert passed >= {"channels", "missing_lines", "raster", "noise", "saturation", "sweep_rate", "delay", "sign"}
-    assert passed >= {"units", "repeatability", "level", "reciprocity", "coverage"}
+    assert passed >= {"units", "repeatability", "level", "reciprocity", "coverage", "labels"}
     assert all(f.words.endswith(".") for f in findings)
     assert all(isinstance(f, Finding) for f in findings)
 
@@ -523,6 +524,75 @@ def test_a_unit_is_guessed_only_where_it_errs_in_that_direction(factor, hint):
     (found,) = troubles(audit(in_campaign(replace(run, H=run.H * factor, std=None))))
     assert ("instead of" in found.words) == (hint is not None)
     assert hint is None or hint in found.words
+
+
+# -- names -----------------------------------------------------------------------------------------
+
+
+def named(run, names):
+    """The run with its channels named so."""
+    return replace(run, channels=tuple(map(Channel, names)))
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ((1, 2, 6, 4, 5, 3, 7), "nodes 3 and 6 look like each other's"),
+        ((1, 2, 3, 5, 4, 6, 7), "nodes 4 and 5 look like each other's"),
+        ((2, 3, 4, 5, 6, 7, 1), "look like those of nodes"),
+    ],
+)
+def test_sensors_with_exchanged_names_are_found(condition, names, said):
+    (found,) = [f for f in audit(in_campaign(named(measure(condition), names))) if f.check == "labels"]
+    assert (found.severity, said in found.words) == ("error", True), found.words
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+@pytest.mark.parametrize("quantity", ["accelerance", "acceleration"])
+def test_another_exciter_is_found(condition, quantity):
+    run = replace(measure(replace(condition, excitation_node=4)), excitation_node=2, quantity=quantity)
+    (found,) = noted(audit(in_campaign(run)), "labels")
+    assert "force at node 4, not 2" in found.words
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+def test_a_rotor_that_is_counted_from_its_other_end_is_found(condition):
+    """On a symmetric rotor that is the same as a force at the other end."""
+    (found,) = noted(audit(in_campaign(named(measure(condition), range(7, 0, -1)))), "labels")
+    assert "force at node 6, not 2: " in found.words or "look like those of nodes 7, 6, 5, 3, 2 and 1: " in found.words
+
+
+def test_exchanged_supports_are_found():
+    runs = measure(RIGID), measure(BEARING, seed=1)
+    assert not noted(audit(in_campaign(*runs)), "labels")
+    turned = [replace(run, support="rigid" if run.support == "bearing" else "bearing") for run in runs]
+    (found,) = [f for f in noted(audit(in_campaign(*turned)), "labels") if "," in f.run]
+    assert "names of the supports" in found.words
+
+
+def test_supports_that_were_not_changed_are_found():
+    soft = replace(BEARING, k_b=5e5)
+    runs = measure(soft), replace(measure(soft, seed=1), support="rigid")
+    (found,) = [f for f in noted(audit(in_campaign(*runs)), "labels") if "," in f.run]
+    assert "whether the supports were changed" in found.words
+
+
+LINEAR = [effect for effect in EFFECTS.values() if effect.family not in ("nonlinear", "spinning")]
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+@pytest.mark.parametrize("effect", LINEAR, ids=lambda effect: effect.id)
+def test_no_linear_effect_passes_for_a_wrong_name(effect, end):
+    numbers = {name: getattr(role, end) for name, role in effect.parameters().items() if not role.form}
+    for node in (2, 4, 6):
+        places = {name: node if place.kind == "node" else 0.05 * node for name, place in effect.places().items()}
+        made = effect(**numbers, **places)
+        runs = [
+            measure(condition, EVEN, effects=(made,))
+            for condition in (RIGID, replace(BEARING, k_b=1e6), replace(BEARING, k_b=2e7))
+        ]
+        assert not noted(audit(in_campaign(*runs)), "labels")
 
 
 # -- pairs -----------------------------------------------------------------------------------------

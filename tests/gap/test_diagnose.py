@@ -232,6 +232,15 @@ def test_with_every_effect_excluded_a_gap_is_unknown():
     assert (diagnosis.verdict, diagnosis.causes) == ("unknown", ())
 
 
+def test_exchanged_sensors_are_said_to_be_the_cause_rather_than_an_effect():
+    rigid, bearing = both_supports()
+    exchanged = tuple(Channel({2: 3, 3: 2}.get(c.node, c.node)) for c in bearing.channels)
+    found = diagnose(campaign_of(rigid, replace(bearing, channels=exchanged)), exclude=all_but("disk_mass"))
+    assert found.diagnosis.verdict == "unknown"
+    assert "nodes 2 and 3 look like each other's" in found.diagnosis.sentence
+    assert "corrected" in found.diagnosis.next_test.words
+
+
 def test_a_gap_on_rigid_supports_is_no_law_of_the_bearings():
     bearing = [blank("bearing", lines("bearing"), force_amplitude_N=force) for force in (0.1, 1.0)]
     for effects, left in (((), ("bearing_cubic", "rub")), ((CompliantRigidSupport(stiffness=2e7),), ("rub",))):

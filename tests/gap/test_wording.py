@@ -19,14 +19,14 @@ def shrink(without: float | None) -> Shrink:
 @pytest.mark.parametrize(("without", "said"), [(0.02, "; gains and tolerances without it, 98 %."), (0.4, "explained.")])
 def test_what_goes_without_the_cause_is_said_where_it_is_much(without, said):
     cause = Cause(("shaft_damping",), Location("shaft"), 1.0, {}, None, 0.0)
-    diagnosis = SimpleNamespace(verdict="cause", causes=(cause,), equivalent=(), shrink=shrink(without))
+    diagnosis = SimpleNamespace(verdict="cause", causes=(cause,), equivalent=(), shrink=shrink(without), audit=())
     assert sentence(diagnosis).endswith(said)  # type: ignore[arg-type]
 
 
 def ambiguous(no_gap: float, shrink):
     first, second = (Cause((name,), Location("disks"), 0.4, {}, None, 0.0) for name in ("disk_mass", "disk_inertia"))
     told = {"verdict": "ambiguous", "causes": (first, second), "equivalent": (first, second), "shrink": shrink}
-    return SimpleNamespace(**told, nominal={"probability": no_gap})
+    return SimpleNamespace(**told, nominal={"probability": no_gap}, audit=())
 
 
 def test_causes_that_cannot_be_told_apart_are_all_named_and_so_is_none():

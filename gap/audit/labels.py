@@ -1,0 +1,159 @@
+"""Names of a run that do not fit what it shows: exchanged sensors, another exciter, the other support.
+
+The drawing says how large each node's response is beside the others', line by line and whatever the gain. A gap moves
+resonances and changes peaks; an exchanged cable changes the whole curve of two channels, and a wrong exciter all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from gap.audit.geometry import Geometry
+from gap.audit.prepared import Prepared
+from gap.diagnosis import Finding
+from gap.phrases import listed
+from sim.campaign import FloatArray
+
+# Other names are believed where the run's own leave this much between measurement and drawing, in mean |ln ratio|, and
+# the others take away all but this share of it. In tuning campaigns no gap brought other names nearer than the right
+# ones; the largest left 0.13.
+_DISTANCE, _SHARE = 0.1, 0.5
+
+# Channels and lines below which nothing is said.
+_CHANNELS, _LINES = 3, 20
+
+# Frequencies along the band at which a run's lines are looked at.
+_SPREAD = 200
+
+# Logarithms of the bearing stiffnesses that are tried [N/m].
+_LN_K_B = np.log(np.geomspace(1e4, 1e10, 49))
+
+# Relative differences by which a first resonance is above another, the same, or far below the drawing's.
+_ABOVE, _SAME, _FAR_BELOW = 0.02, 0.003, 0.1
+
+
+def check_labels(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Finding]:
+    """Each run's nodes and exciter against the drawing, and the supports against each other."""
+    still = [p for p in runs if not p.run.spin_rpm and geometry.knows(p.run)]
+    for p in still:
+        yield from _check_nodes(p, geometry)
+    yield from _check_supports(still, geometry)
+
+
+def _check_nodes(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+    moving = geometry.nodes - geometry.held_nodes(p.run)
+    places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node in moving]
+    nodes, exciter = tuple(p.channels[i].node for i in places), p.run.excitation_node
+    if len(nodes) < _CHANNELS or len(p.f) < _LINES:
+        return
+    curves = _Curves(p, places, geometry)
+    distance = curves.distance(nodes, exciter)
+    if distance < _DISTANCE:
+        words = "Nodes and exciter are where their names say: measured responses are off the drawing's by"
+        yield p.finding("labels", "ok", f"{words} {_percent(distance)} in the median.", distance, _DISTANCE)
+        return
+    names = {order: curves.roughly(order, exciter)[0] for order in _orders(nodes, geometry.nodes)}
+    drives = {node: curves.roughly(nodes, node)[0] for node in sorted(moving - {exciter})}
+    order, drive = min(names, key=names.__getitem__), min(drives, key=drives.__getitem__)
+    by_drive = drives[drive] <= names[order]
+    left = curves.distance(nodes, drive) if by_drive else curves.distance(order, exciter)
+    if left > _SHARE * distance:
+        return
+    if by_drive:
+        words = f"The responses look like those to a force at node {drive}, not {exciter}"
+        do = "correct excitation_node, or the names of the channels"
+    else:
+        changed = sorted((a, b) for a, b in zip(nodes, order, strict=True) if a != b)
+        pair = len(changed) == 2
+        right = "each other's" if pair else f"those of nodes {listed(b for _, b in changed)}"
+        words = f"The responses of nodes {listed(a for a, _ in changed)} look like {right}"
+        do = "look for exchanged cables or columns"
+    words += f": off by {_percent(left)} in the median then, by {_percent(distance)} as they are named"
+    yield p.finding("labels", "error", f"{words}; {do}.", distance, _DISTANCE)
+
+
+def _percent(distance: float) -> str:
+    """Of a mean |ln ratio|."""
+    percent = 100 * np.expm1(distance)
+    return f"{percent:.{0 if percent > 10 else 1}f} %"
+
+
+def _orders(nodes: tuple[int, ...], known: frozenset[int]) -> Iterator[tuple[int, ...]]:
+    """Other names of the channels: two exchanged, all moved on by some, or counted from the other end."""
+    for a, b in combinations(nodes, 2):
+        yield tuple({a: b, b: a}.get(node, node) for node in nodes)
+    for by in range(1, len(nodes)):
+        yield (*nodes[by:], *nodes[:by])
+    mirrored = tuple(max(known) + 1 - node for node in nodes)
+    if set(mirrored) == set(nodes):
+        yield mirrored
+
+
+class _Curves:
+    """How far a run's magnitudes are from the drawing's under some names.
+
+    Parameters
+    ----------
+    places : (n,) live channels that move, along the exciter
+    """
+
+    def __init__(self, p: Prepared, places: Sequence[int], geometry: Geometry):
+        # Evenly along the band: lines crowd at peaks, where a gap shows most.
+        spread = np.clip(np.searchsorted(p.f, np.linspace(p.f[0], p.f[-1], _SPREAD)), 0, len(p.f) - 1)
+        run, f = p.run, p.f[spread]
+        self._measured = np.log(np.abs(p.receptance[np.ix_(spread, places)]) + np.finfo(float).tiny)
+        self._k_b = _LN_K_B if run.support != "rigid" else _LN_K_B[:1]
+
+        @lru_cache(maxsize=len(_LN_K_B) * len(geometry.nodes))
+        def drawn(ln_k_b: float, exciter: int) -> FloatArray:
+            H = geometry.response(run, f, float(np.exp(ln_k_b)), exciter)
+            return np.log(np.abs(H) + np.finfo(float).tiny)
+
+        self._drawn = drawn
+
+    def distance(self, nodes: Sequence[int], exciter: int) -> float:
+        """Mean over channels of the median |ln ratio|, with one gain for all and the k_b that suits these names."""
+        rough, k_b = self.roughly(nodes, exciter)
+        if len(self._k_b) == 1:
+            return rough
+        ends = self._k_b[max(k_b - 1, 0)], self._k_b[min(k_b + 1, len(self._k_b) - 1)]
+        nearest = minimize_scalar(
+            lambda x: self._at(x, nodes, exciter), bounds=ends, method="bounded", options={"xatol": 1e-3}
+        )
+        return min(rough, float(nearest.fun))
+
+    def roughly(self, nodes: Sequence[int], exciter: int) -> tuple[float, int]:
+        """The same at the nearest k_b that is tried, and which that is."""
+        raster = [self._at(x, nodes, exciter) for x in self._k_b]
+        return min(raster), int(np.argmin(raster))
+
+    def _at(self, ln_k_b: float, nodes: Sequence[int], exciter: int) -> float:
+        ratio = self._measured - self._drawn(ln_k_b, exciter)[:, np.array(nodes) - 1]
+        ratio -= np.median(np.median(ratio, axis=0))
+        return float(np.mean(np.median(np.abs(ratio), axis=0)))
+
+
+def _check_supports(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Finding]:
+    """First resonances against the drawing's on rigid supports: bearings are softer, unless they hold the slope too."""
+    for plane in ("y", "z"):
+        seen = [p for p in runs if p.run.excitation_plane == plane and p.resonances]
+        rigid, bearing = ([p for p in seen if p.run.support == support] for support in ("rigid", "bearing"))
+        if not rigid or not bearing:
+            continue
+        stiff, soft = (float(np.median([p.resonances[0].frequency_hz for p in each])) for each in (rigid, bearing))
+        drawn = geometry.first_resonance(rigid[0].run)
+        nearer = abs(np.log(soft / drawn)) < abs(np.log(stiff / drawn))
+        if soft > (1 + _ABOVE) * stiff and nearer and max(p.f[0] for p in bearing) < (1 - _ABOVE) * stiff:
+            do = "correct the names of the supports"
+        elif abs(soft / stiff - 1) < _SAME and stiff < (1 - _FAR_BELOW) * drawn:
+            do = "look whether the supports were changed"
+        else:
+            continue
+        words = f"The first resonance lies at {stiff:.4g} Hz on rigid supports and at {soft:.4g} Hz on bearings"
+        words += f", and the drawing says {drawn:.4g} Hz for rigid ones; {do}."
+        yield Finding("labels", "error", words, ", ".join(p.label for p in (*rigid, *bearing)), soft / stiff, 1.0)

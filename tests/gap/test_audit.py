@@ -560,7 +560,7 @@ def test_another_exciter_is_found(condition, quantity):
 def test_a_rotor_that_is_counted_from_its_other_end_is_found(condition):
     """On a symmetric rotor that is the same as a force at the other end."""
     (found,) = noted(audit(in_campaign(named(measure(condition), range(7, 0, -1)))), "labels")
-    assert "force at node 6, not 2: " in found.words or "look like those of nodes 7, 6, 5, 3, 2 and 1: " in found.words
+    assert "force at node 6, not 2: " in found.words or "look like those of nodes" in found.words
 
 
 def test_exchanged_supports_are_found():

@@ -45,9 +45,6 @@ ROTOR, ESTIMATOR = "RotorRig", "StiffnessEstimator"
 _DRIVE = {"force_amplitude": 1.0, "force_frequency": 90.0}
 _SAMPLES = 25
 
-# Seconds of a gate.
-TIME_LIMIT = 600.0
-
 
 class GateError(Exception):
     """A gate failed; the message says how."""
@@ -76,7 +73,7 @@ class Expectation:
     estimator: Path | None = None
 
 
-def run_gates(fmu: Path, expectation: Expectation | None = None, time_limit: float = TIME_LIMIT) -> list[Gate]:
+def run_gates(fmu: Path, expectation: Expectation | None, time_limit: float) -> list[Gate]:
     """Run every gate, for ``time_limit`` [s] at most each.
 
     Raises

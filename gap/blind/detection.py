@@ -58,7 +58,8 @@ class PlainRun:
         """(n_freq, n_nodes) accelerance, and (n_freq, n_nodes, n_drifts) its slope by each resonance's drift."""
         M, K, K_shaft = self._matrices(parameters)
         squares, Phi = scipy.linalg.eigh(K, M)
-        root = squares**0.25
+        with np.errstate(invalid="ignore"):  # a trial may make the rotor unstable; its distance is infinite
+            root = squares**0.25
         C = Phi.T @ self.C @ Phi + 2 * self.zeta * (Phi.T @ K_shaft @ Phi) / np.outer(root, root)
         w = self.omega[:, None, None]
         D = np.diag(squares) + 1j * w * C - w**2 * np.eye(len(squares))
@@ -197,7 +198,7 @@ class Distance:
         linear = np.linalg.solve(columns.T @ columns + np.diag(prior**2), columns.T @ residual)
         left = residual - columns @ linear
         chi = left @ left + np.sum((prior * linear) ** 2) + np.sum((self._physical_prior() * theta) ** 2)
-        return _Fit(theta, linear, residual, columns, float(np.sqrt(chi)))
+        return _Fit(theta, linear, residual, columns, float(np.sqrt(chi)) if np.isfinite(chi) else np.inf)
 
     def _residual(
         self, theta: FloatArray, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]

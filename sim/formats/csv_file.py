@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.campaign import ComplexArray, FloatArray, MeasurementError, Run
 from sim.formats.csv_header import FREQUENCY, Column, Header, parse_header
-from sim.formats.recording import Recording, falls
+from sim.formats.recording import Recording, misplaced
 from sim.formats.settings import RunSettings
 
 
@@ -70,12 +70,8 @@ def _table(path: Path, header: Header, lines: Iterator[tuple[int, list[str]]]) -
 
 def _check_order(path: Path, places: list[int], frequency_hz: FloatArray) -> None:
     """Lines go up, or down throughout; ``places`` are their line numbers in the file."""
-    if falls(frequency_hz) and frequency_hz[-1] > 0:
-        return
-    before = np.concatenate([[0.0], frequency_hz[:-1]])
-    wrong = np.flatnonzero((frequency_hz <= before) | (frequency_hz <= 0))
-    if len(wrong):
-        line, here, last = places[wrong[0]], float(frequency_hz[wrong[0]]), float(before[wrong[0]])
+    if (row := misplaced(frequency_hz)) is not None:
+        line, here, last = places[row], float(frequency_hz[row]), float(frequency_hz[row - 1]) if row else 0.0
         raise MeasurementError(
             f"{path}, line {line}, column {FREQUENCY}: {here!r} Hz does not come after {last!r} Hz; "
             "frequencies must be positive and increase (or all decrease): sort the lines and remove repeats"

@@ -40,6 +40,14 @@ def falls(frequency_hz: FloatArray) -> bool:
     return len(frequency_hz) > 1 and bool(np.all(np.diff(frequency_hz) < 0))
 
 
+def misplaced(frequency_hz: FloatArray) -> int | None:
+    """Index of the first line that is not positive, or above the one before; None where all rise, or all fall."""
+    if falls(frequency_hz) and frequency_hz[-1] > 0:
+        return None
+    wrong = ~np.isfinite(frequency_hz) | (np.diff(frequency_hz, prepend=0.0) <= 0)
+    return int(np.argmax(wrong)) if wrong.any() else None
+
+
 def as_run(path: Path, recording: Recording, given: RunSettings, usual_node: int) -> Run:
     """Check a recording and add the settings. Raises MeasurementError that names the file."""
     if falls(recording.frequency_hz):
@@ -63,9 +71,7 @@ def as_run(path: Path, recording: Recording, given: RunSettings, usual_node: int
 def _check_frequencies(path: Path, frequency_hz: FloatArray) -> None:
     if frequency_hz.size == 0:
         raise MeasurementError(f"{path}: no frequency lines; a run needs at least one")
-    wrong = ~np.isfinite(frequency_hz) | (np.diff(frequency_hz, prepend=0.0) <= 0)
-    if wrong.any():
-        row = int(np.argmax(wrong))
+    if (row := misplaced(frequency_hz)) is not None:
         raise MeasurementError(
             f"{path}: frequency {row + 1} of {len(frequency_hz)} is {float(frequency_hz[row])!r} Hz; "
             "frequencies must be positive numbers that increase, or all decrease: sort the lines and remove repeats"

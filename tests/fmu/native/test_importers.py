@@ -51,11 +51,11 @@ def test_fmpy_compiles_its_sources(any_fmu, tmp_path):
 
 
 def test_every_gate_of_the_check_passes(any_fmu):
-    assert {gate.name: gate.outcome for gate in run_gates(any_fmu) if gate.outcome != "passed"} == {}
+    assert {gate.name: gate.outcome for gate in run_gates(any_fmu, None, 600) if gate.outcome != "passed"} == {}
 
 
 def test_the_check_gets_k_b_back_through_fmi_3(rotor3, estimator3):
-    gate = run_gates(rotor3, Expectation(3e6, 0.01, estimator3))[-1]
+    gate = run_gates(rotor3, Expectation(3e6, 0.01, estimator3), 600)[-1]
     assert "gives back k_b" in gate.name
     assert gate.outcome == "passed", gate.message
 

@@ -89,9 +89,21 @@ class Fit:
         laplace = -(self.chi2 / scale**2 + self.penalty + logdet - np.sum(np.log(prior))) / 2
         return laplace + (self.sampled.correction if self.sampled and self.sampled.trusted else 0.0)
 
-    def covariance(self, scale: float = 1.0) -> FloatArray:
-        """Of (u, nu)."""
-        return np.linalg.inv(self.precision / scale**2 + np.diag(self._prior_precision))
+    def covariance(self, scale: float = 1.0, held: BoolArray | None = None) -> FloatArray:
+        """Of (u, nu).
+
+        Parameters
+        ----------
+        scale : true over believed standard error of the data
+        held : (1 + n_free,) coordinates that stay where they are
+        """
+        told = self.precision / scale**2 + np.diag(self._prior_precision)
+        if held is None or not held.any():
+            return np.linalg.inv(told)
+        free = np.flatnonzero(np.concatenate([~held, np.ones(len(self.nu), bool)]))
+        covariance = np.zeros_like(told)
+        covariance[np.ix_(free, free)] = np.linalg.inv(told[np.ix_(free, free)])
+        return covariance
 
     @property
     def _prior_precision(self) -> FloatArray:

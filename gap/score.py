@@ -26,7 +26,8 @@ class Score:
 
     A fit stops short of its minimum, and along a direction that an effect shares with the nuisances what is left there
     passes for the effect's. Settled, slopes are those at the minimum, to first order (the efficient score): right where
-    the fit is good, and misleading where it is so bad that its minimum lies elsewhere.
+    the fit is good, and misleading where it is so bad that its minimum lies elsewhere. A number that stands at an end of
+    its range, and would leave it, stays there.
 
     Parameters
     ----------
@@ -41,8 +42,10 @@ class Score:
             weighted(observed, H, problem.total_error(fit.added))[0]
             for observed, H in zip(problem.observed, self._model, strict=True)
         ]
-        self._covariance = fit.covariance()
-        self._unsettled = self._gradient() if settled else np.zeros(len(self._covariance))
+        gradient = self._gradient()
+        held = problem.held(fit.u, gradient[: len(fit.u)], fit.hypothesis.ends)
+        self._covariance = fit.covariance(held=held)
+        self._unsettled = gradient if settled else np.zeros(len(gradient))
 
     @property
     def condition(self) -> Condition:
@@ -83,12 +86,12 @@ class Score:
 
     def _gradient(self) -> FloatArray:
         """-gradient/2 of misfit and penalty by (u, nu): what a fit leaves that stopped short of its minimum."""
-        fit, left = self.fit, np.zeros(len(self._covariance))
+        fit = self.fit
+        left = np.zeros(len(fit.u) + len(fit.nu))
         for residual, J, where in self._parts:
             left[where] += J @ residual
         n_u = len(fit.u)
         left[n_u:] -= fit.nu / fit.prior_std**2
-        left[:n_u][self._problem.held(fit.u, left[:n_u], fit.hypothesis.ends)] = 0.0
         return left
 
     def apart(self, runs: Sequence[int], *, shapes: bool = False) -> tuple[float, int]:

@@ -150,6 +150,20 @@ def test_resonances_and_shapes_of_their_own_take_of_noise_what_chance_gives_them
     assert np.all(np.abs(gains - numbers) < 4 * np.sqrt(2 * numbers))
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_number_at_an_end_of_its_range_stays_there_when_another_effect_is_added(seed):
+    """Free to leave it, a stiffness that is too large already promised resonances of their own what noise cannot give."""
+    problem = problem_with(seed=seed)
+    nominal, tilt = recalibrate(problem), candidate(problem.runs, "bearing_tilt_stiffness")
+    least = problem.fit(tilt, np.append(nominal.u, tilt.ends[1, 0]), nominal.nu)
+    assert least.at_edge[1, 0]
+    beside, plain = (Score(problem, fit, settled=True) for fit in (least, nominal))
+    assert beside.gain([AttachedMass(mass=0.001, node=3)])[2][1] == 0.0
+    for shapes in (False, True):
+        (gain, n), (expected, _) = (score.apart([0, 1], shapes=shapes) for score in (beside, plain))
+        assert abs(gain - expected) < 3 * np.sqrt(2 * n)
+
+
 def test_a_shape_of_its_own_takes_away_what_a_late_sensor_does():
     """It turns one channel; all resonances stay where they are."""
     problem = problem_with(SensorDelay(delay=5e-6, node=3))

@@ -26,8 +26,8 @@ class Score:
 
     A fit stops short of its minimum, and along a direction that an effect shares with the nuisances what is left there
     passes for the effect's. Settled, slopes are those at the minimum, to first order (the efficient score): right where
-    the fit is good, and misleading where it is so bad that its minimum lies elsewhere. A number that stands at an end of
-    its range, and would leave it, stays there.
+    the fit is good, and misleading where it is so bad that its minimum lies elsewhere. A number that stands at an end
+    of its range, and would leave it, stays there.
 
     Parameters
     ----------

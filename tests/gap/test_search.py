@@ -152,7 +152,7 @@ def test_resonances_and_shapes_of_their_own_take_of_noise_what_chance_gives_them
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_number_at_an_end_of_its_range_stays_there_when_another_effect_is_added(seed):
-    """Free to leave it, a stiffness that is too large already promised resonances of their own what noise cannot give."""
+    """Free to leave it, one that is too large already promised resonances of their own what noise cannot give."""
     problem = problem_with(seed=seed)
     nominal, tilt = recalibrate(problem), candidate(problem.runs, "bearing_tilt_stiffness")
     least = problem.fit(tilt, np.append(nominal.u, tilt.ends[1, 0]), nominal.nu)

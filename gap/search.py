@@ -305,11 +305,15 @@ def _rough_starts(
     found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
     weak = {h: (by_grid[h] or promises(score, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
-    rough = [_Rough(h, found.get(h, []), weak[h]) for h in hypotheses]
+    rough = [_Rough(h, found.get(h, []), weak[h], _crossing(few, h, nominal)) for h in hypotheses]
     rough.sort(key=lambda entry: (entry.cost, -entry.weak.gain))
     limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
     told = sorted((entry.weak.gain for entry in rough), reverse=True)[:_AT_LEAST]
-    worth = [e for place, e in enumerate(rough) if place < _AT_LEAST or e.cost < limit or e.weak.gain >= told[-1]]
+    worth = [
+        entry
+        for place, entry in enumerate(rough)
+        if place < _AT_LEAST or entry.cost < limit or entry.weak.gain >= told[-1] or entry.crossing
+    ]
     first = {entry.hypothesis.ids: entry for entry in reversed(rough) if entry.found}
     best = sorted(first.values(), key=lambda entry: entry.cost)
     return [s for entry in worth for s in entry.starts(nominal)], tuple(entry.starts(nominal)[0] for entry in best)
@@ -322,6 +326,7 @@ class _Rough:
     hypothesis: Hypothesis
     found: list[tuple[FloatArray, float]]  # coordinates and cost, best first; none were looked for where it is empty
     weak: Promise
+    crossing: list[Start]
 
     @property
     def cost(self) -> float:
@@ -330,7 +335,35 @@ class _Rough:
     def starts(self, nominal: Fit) -> list[Start]:
         """Where its fits begin."""
         chosen = [begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
-        return [*chosen, self.weak.start] if self.weak.gain > 0 else chosen
+        return [*chosen, *([self.weak.start] if self.weak.gain > 0 else []), *self.crossing]
+
+
+def _crossing(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Start]:
+    """Where anisotropic bearings put a narrow resonance of the other plane: no descent meets it from a width away.
+
+    The stiffness along the force is the nominal model's, the one across it anything. Empty for other effects, with
+    accelerometers across the force (angles of both signs), which show that plane openly, and where nothing on the grid
+    beats the nominal model.
+    """
+    free = {number.name: number for number in hypothesis.free}
+    if hypothesis.ids != ("plane_anisotropy",) or free["angle"].low < 0:
+        return []
+    like = begin(hypothesis, nominal.u, nominal)
+    angles = np.concatenate([_TURNS, np.pi / 2 - _TURNS])
+    grid = [
+        np.array([nominal.u[0] - np.log1p(anisotropy / 2 * np.cos(2 * angle)), anisotropy, angle])
+        for anisotropy in np.linspace(0.01, free["anisotropy"].high, _ANISOTROPIES)
+        for angle in angles
+    ]
+    costs = [problem.cost(hypothesis, u, like.nu, FAR[0].added) for u in grid]
+    best = int(np.argmin(costs))
+    nothing = problem.cost(NOMINAL, nominal.u[:1], like.nu, FAR[0].added)
+    return [replace(like, u=grid[best])] if costs[best] < nothing else []
+
+
+# Of the grid: angles from the force's direction or from across it [rad], and steps along the anisotropy, fine enough
+# for a resonance that is two per mille wide.
+_TURNS, _ANISOTROPIES = np.array([0.08, 0.2, 0.4, 0.65]), 60
 
 
 def points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:

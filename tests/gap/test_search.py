@@ -193,6 +193,8 @@ def test_an_effect_on_the_wrong_side_gains_nothing():
         (PedestalFlexibility(stiffness=1.02e7, mass=4.2, damping=140.0), ("bearing_damping", "attached_mass")),
         # Two resonances for each of the nominal model's, whose k_b suits one of them.
         (PlaneAnisotropy(anisotropy=0.45, angle=0.6), ("bearing_asymmetry", "pedestal_flexibility")),
+        # A narrow one of the other plane.
+        (PlaneAnisotropy(anisotropy=0.3, angle=0.1), ("bearing_asymmetry", "pedestal_flexibility")),
     ],
 )
 def test_the_right_one_wins_the_race(effect, rivals):

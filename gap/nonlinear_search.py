@@ -20,7 +20,6 @@ from gap.robust import (
     best_of_each,
     cost_of,
     descend,
-    descended,
     fitted,
     robust_fit,
     robust_misfit,
@@ -46,10 +45,10 @@ _VAGUE = {"bearing_clearance": "gap"}
 _TRIED = 14
 
 # Of a bilinear support, logarithms of the ratio that are started from, its mean stiffness over that of a linear rotor,
-# how finely it is followed, and relative errors that are added; descents that end within ``_WITHIN`` of the best are
-# all carried on, but for those that end at the same place, since one level hardly tells them apart.
+# how finely it is followed, and how long; fits that end within ``_WITHIN`` of the best are all carried on, but for
+# those that end at the same place, since one level hardly tells them apart.
 _RATIOS, _MEANS = (0.1, 0.2, 0.4, 0.7, 1.0), (0.97, 1.0, 1.03, 1.06, 1.1)
-_UNEVEN, _UNEVEN_ERRORS, _SAME = Resolution(9, 256, 15), (0.3, 0.1, 0.03), 0.01
+_UNEVEN, _UNEVEN_EFFORT, _SAME = Resolution(9, 256, 15), {"rounds": 2, "steps": 5}, 0.01
 
 # It is the same at all levels: the stiffnesses of linear rotors at the lowest and the highest differ by less than this.
 _ALIKE = 0.05
@@ -242,13 +241,13 @@ def _misfit(problem: Problem, start: Start) -> float:
 def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[Start]:
     """The start of a bilinear support: fits of one level, as it is the same at all of them, from several ratios.
 
-    How stiff it is on average is another number for every resonance, and takes several harmonics.
+    How stiff it is on average is another number for every resonance, and takes several harmonics. Single lines near a
+    resonance are on another branch of the response at times, so the fits are robust.
     """
     low = thinned(_at_level(problem.made(resolution=_UNEVEN), min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
     points = list(each(partial(_of_mean, low, hypothesis, calm), _RATIOS))
-    found = [down for _, down in anew(low, partial(descended, anneal=_UNEVEN_ERRORS), points) if down is not None]
-    found.sort(key=cost_of)
-    near = [replace(start, nu=nu) for start in found if start.cost < _WITHIN * found[0].cost]
+    found = sorted(fitted(low, points, **_UNEVEN_EFFORT), key=lambda fit: fit.cost)
+    near = [Start(hypothesis, fit.u, nu, fit.cost) for fit in found if fit.cost < _WITHIN * found[0].cost]
     return first_of_each(near, lambda start: tuple(np.round(start.u / _SAME)))
 
 

@@ -52,6 +52,11 @@ def part(value: float) -> str:
     return f"{100 * value:.{decimals}f} %".replace("-", "−")
 
 
+def lowered(words: str) -> str:
+    """A sentence as it goes on after a colon: its first letter small."""
+    return words[:1].lower() + words[1:]
+
+
 def listed(names: Iterable[object]) -> str:
     """'a', 'a and b', 'a, b and c'; 'none' without any."""
     *first, last = list(map(str, names)) or ["none"]

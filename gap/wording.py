@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 
 from gap.diagnosis import Cause, Diagnosis, Finding, NextTest, Shrink, Verdict, explainable
 from gap.hypotheses import SURE
-from gap.phrases import effects_at, part, place, supports
+from gap.phrases import effects_at, lowered, part, place, supports
 from gap.ranking import ANSWERED
 from rotor.rig import Rig, load_rig
 from sim.campaign import SUPPORTS, Campaign
@@ -24,12 +24,8 @@ def named(cause: Cause) -> str:
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence, and in another what the audit wants corrected before it is believed."""
-    wrong = [f"First of all, {f.run}: {_lower(f.words)}" for f in diagnosis.audit if is_misnamed(f)]
+    wrong = [f"First of all, {f.run}: {lowered(f.words)}" for f in diagnosis.audit if is_misnamed(f)]
     return " ".join([_verdict(diagnosis), *wrong])
-
-
-def _lower(words: str) -> str:
-    return words[:1].lower() + words[1:]
 
 
 def is_misnamed(finding: Finding) -> bool:

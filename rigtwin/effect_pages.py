@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from gap.phrases import lowered
 from rigtwin.effects import LOCATIONS, limits, number, parameters_of, places_of, unit
 from rotor.condition import Condition
 from rotor.effects import EFFECTS, Effect, Parameter
@@ -104,7 +105,7 @@ def _off(role: Parameter) -> str:
 
 def _whereabouts(effect: type[Effect]) -> str:
     """Where the effect may sit, in the rotor and in the FMU."""
-    fields = [f" (`{name}`: {_lower(role.meaning)})" for name, _, role in places_of(effect)]
+    fields = [f" (`{name}`: {lowered(role.meaning)})" for name, _, role in places_of(effect)]
     sentences = [f"Where: {LOCATIONS[effect.location]}{''.join(fields)}."]
     if not effect.in_fmu:
         sentences.append("Not in the FMU: it belongs to the measurement, not to the rotor.")
@@ -122,10 +123,6 @@ def _table(header: tuple[str, ...], rows: Any) -> str:
 
 def _sentence(text: str) -> str:
     return text[0].upper() + text[1:] + "."
-
-
-def _lower(text: str) -> str:
-    return text[0].lower() + text[1:]
 
 
 def _wrapped(text: str) -> str:

@@ -246,8 +246,9 @@ def _regime_of(cause: Cause) -> Regime:
 
 
 def _is_coarse(campaign: Campaign, findings: Sequence[Finding]) -> bool:
-    """Whether peaks lie between the lines in half of the runs or more; in fewer, their lines are missing there."""
-    coarse = {f.run for f in findings if f.check == "raster" and f.severity in ("warning", "error")}
+    """Whether lines are further apart than a half-power band in half of the runs or more; in fewer, some are missing."""
+    seen = (f for f in findings if f.check == "raster" and f.severity == "warning")
+    coarse = {f.run for f in seen if f.value is None or f.value <= 1}
     return bool(coarse) and 2 * len(coarse) >= len(campaign.runs)
 
 

@@ -22,11 +22,14 @@ from gap.audit.prepared import Prepared, Severity
 from gap.audit.resonances import Resonance
 from gap.diagnosis import Finding
 from gap.phrases import listed
-from sim.campaign import Channel, ComplexArray, NominalBelief, Run
+from sim.campaign import Channel, ComplexArray, FloatArray, NominalBelief, Run
 
 # Lines inside a half-power band below which a peak's height and width hang on single lines: a mode has
 # three real unknowns at its peak (frequency, width, height).
 LINES_IN_BAND = 3
+
+# Lines are laid closer where so many of them next to a frequency are this much closer than all are on average.
+_NEAREST, _FINER = 9, 0.5
 
 # A hole in the raster: so many times the spacing that covers half of the band, and both neighbours.
 GAP = 2.5
@@ -82,7 +85,7 @@ def check_raster(p: Prepared, belief: NominalBelief) -> Iterator[Finding]:
         elif n < LINES_IN_BAND:
             yield p.finding(
                 "raster",
-                "warning",
+                "note" if _refined(p.f, r.frequency_hz) else "warning",
                 f"The half-power band at {r.frequency_hz:.4g} Hz is {w:.2g} Hz wide and holds {n} lines, so the peak's "
                 f"height is erratic; lay lines at most {w / LINES_IN_BAND:.2g} Hz apart there.",
                 float(n),
@@ -93,6 +96,12 @@ def check_raster(p: Prepared, belief: NominalBelief) -> Iterator[Finding]:
         words = f"At least {min(known)} lines lie inside the half-power band of every resonance"
         kind = "even" if even else "uneven, which does no harm"
         yield p.finding("raster", "ok", f"{words}; the raster is {kind}.", float(min(known)), float(LINES_IN_BAND))
+
+
+def _refined(f: FloatArray, at: float) -> bool:
+    """Whether lines next to a frequency are laid closer than elsewhere: where few are in a band, some are missing."""
+    near = np.sort(np.abs(f - at))[:_NEAREST]
+    return bool(2 * near[-1] / len(near) < _FINER * np.ptp(f) / len(f))
 
 
 def check_missing_lines(p: Prepared) -> Iterator[Finding]:

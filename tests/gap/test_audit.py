@@ -337,6 +337,14 @@ def test_a_raster_coarser_than_the_half_power_band_is_found():
     assert all(f.value is not None and f.limit is not None and f.value < f.limit for f in found)
 
 
+def test_where_lines_are_missing_next_to_a_resonance_the_raster_is_not_coarse():
+    run = measure(RIGID)
+    peak = Prepared(run, "").resonances[0]
+    keep = np.abs(run.frequency_hz - peak.frequency_hz) > 0.4 * peak.half_power_hz
+    thinned = replace(run, frequency_hz=run.frequency_hz[keep], H=run.H[keep], std=None)
+    assert {f.severity for f in noted(audit(in_campaign(thinned)), "raster")} == {"note"}
+
+
 def test_believed_damping_serves_where_the_lines_do_not_tell():
     run = measure(replace(RIGID, shaft_damping_ratio=0.0005), np.arange(20.0, 400.0, 6.0), noise=0.02)
     (one, *_) = Prepared(run, "").resonances

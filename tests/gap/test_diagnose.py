@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from gap.adequacy import Adequacy, judge
 from gap.audit import usable
+from gap.audit.prepared import Prepared
 from gap.curves import nrmse
 from gap.diagnose import _library, _not_ruled_out, diagnose
 from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Finding, Location
@@ -567,6 +568,23 @@ def test_a_raster_that_is_too_coarse_is_named_in_its_own_words():
     assert found.diagnosis.causes[0].effects == ("coarse_grid",)
     assert found.diagnosis.verdict == "cause"
     assert "agree line by line" in found.diagnosis.sentence
+
+
+def test_lines_missing_from_a_fine_raster_are_no_cause():
+    runs = [_without_peaks(run) for run in both_supports(channels=(Channel(2), Channel(4)))]
+    found = diagnose(
+        campaign_of(*runs), exclude=[name for name in EFFECTS if name not in ("attached_mass", "coarse_grid")]
+    ).diagnosis
+    assert found.verdict == "no_gap"
+    few = [f for f in found.audit if f.check == "raster" and f.value is not None and f.value < f.limit]
+    assert {f.severity for f in few} == {"note"}
+
+
+def _without_peaks(run):
+    """A run without the lines next to each of its resonances."""
+    widths = [(r.frequency_hz, r.half_power_hz) for r in Prepared(run, "").resonances]
+    keep = np.all([np.abs(run.frequency_hz - f) > 0.4 * width for f, width in widths], axis=0)
+    return replace(run, frequency_hz=run.frequency_hz[keep], H=run.H[keep], std=run.std[keep])
 
 
 def test_one_coarse_run_among_finer_ones_is_no_cause():

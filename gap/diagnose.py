@@ -17,7 +17,7 @@ from gap.helpers import helped_by
 from gap.hypotheses import Hypothesis, candidates
 from gap.likelihood import Problem
 from gap.nonlinear_search import most_promised, search_nonlinear
-from gap.pair_search import each_alone, exchanged, most_left, pairs, straightened
+from gap.pair_search import PAIR_GAIN, each_alone, exchanged, most_left, pairs, straightened
 from gap.peaks import diagnose_peaks
 from gap.prepare import prepared
 from gap.ranking import rank, verdict_of
@@ -42,7 +42,7 @@ from sim.campaign import Campaign, Run
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance
 PLAIN_GAP = 3.0  # mean square residual of rigid runs over the noise's that no law of the bearings leaves
-PAIR_GAIN = 12.0  # logarithm of the evidence that a pair must add
+BENT_SHARE = 3e-4  # of what a law of the bearings takes away, that another form of it could take away besides
 LEAST_DATA = 20  # real numbers; of fewer nothing is concluded
 
 # Pairs whose effects are tried alone.
@@ -236,6 +236,13 @@ def _with_pairs(
     alone = [fit for pair in twos[:_TAKEN_APART] for fit in each_alone(problem, pair, hypotheses)]
     singles = {fit.hypothesis: fit for fit in sorted((*found.fits, *alone), key=lambda fit: fit.log_weight)}
     scale = scale_of(judge(problem, max([*singles.values(), *twos], key=lambda fit: fit.log_weight)))
-    best = max(fit.log_evidence(scale) for fit in singles.values())
-    earned = (pair for pair in twos if pair.log_evidence(scale) > best + PAIR_GAIN)
+    best = max(singles.values(), key=lambda fit: fit.log_evidence(scale))
+    bend = BENT_SHARE * (found.nominal.chi2 - best.chi2) / (2 * scale**2) if adequate(problem, best) else 0.0
+    needed = best.log_evidence(scale) + PAIR_GAIN
+    earned = (pair for pair in twos if pair.log_evidence(scale) > needed + (bend if _at_one_joint(pair) else 0.0))
     return best_first([*singles.values(), *earned])
+
+
+def _at_one_joint(fit: Fit) -> bool:
+    """Whether all its effects act at the bearings: a second one bends the law of the first."""
+    return all(effect.location == "bearings" for effect in fit.effects)

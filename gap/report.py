@@ -246,7 +246,7 @@ def _regime_of(cause: Cause) -> Regime:
 
 
 def _is_coarse(campaign: Campaign, findings: Sequence[Finding]) -> bool:
-    """Whether lines are further apart than a half-power band in half of the runs or more; in fewer, some are missing."""
+    """Whether lines are further apart than a half-power band, in half of the runs or more; else some are missing."""
     seen = (f for f in findings if f.check == "raster" and f.severity == "warning")
     coarse = {f.run for f in seen if f.value is None or f.value <= 1}
     return bool(coarse) and 2 * len(coarse) >= len(campaign.runs)

@@ -9,7 +9,7 @@ import pytest
 
 import gap.forward as forward_module
 from gap.curves import nrmse
-from gap.diagnose import LEVEL_SIGMAS, PAIR_GAIN
+from gap.diagnose import LEVEL_SIGMAS
 from gap.diagnosis import SCHEMA
 from gap.forward import Forward
 from gap.hypotheses import NOMINAL, candidates
@@ -30,6 +30,7 @@ from gap.nonlinear_search import (
     most_promised,
     search_nonlinear,
 )
+from gap.pair_search import PAIR_GAIN
 from gap.predict import predict
 from gap.residuals import observe
 from gap.robust import robust_fit, robust_misfit, settle, thinned, unfitted

@@ -15,6 +15,7 @@ from gap.forward import Forward
 from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem
 from gap.pair_search import (
+    PAIR_GAIN,
     _by_logarithms,
     _leaders,
     _paired,
@@ -372,6 +373,12 @@ def test_a_pair_found_from_either_of_its_effects_is_one_pair():
     fits = in_both_orders(problem)
     assert fits[0].hypothesis != fits[1].hypothesis
     assert _of_each(fits, 1) == fits[:1]
+
+
+def test_a_pair_has_to_explain_more_before_it_is_as_probable_as_one_effect():
+    runs = both_supports()
+    mass, modulus = (replace(of(runs, name)[0], prior=0.1) for name in ("attached_mass", "shaft_modulus"))
+    assert np.log(_paired(mass, modulus).prior / 0.1) == pytest.approx(-PAIR_GAIN)
 
 
 def test_a_bent_law_beside_another_effect_is_tried_plain():

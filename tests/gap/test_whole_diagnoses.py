@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gap.blind.generate import Order, make
 from gap.diagnose import diagnose
 from gap.forward import Forward, acting
 from gap.hypotheses import candidates
 from rotor.effects import AttachedMass, BearingDamping, Gyroscopic
 from rotor.measured import measured_response
 from sim.campaign import Channel
+from sim.campaign_folder import load_campaign
 from sim.lines import NotSettledError
 from sim.setup import SetupError
 from tests.gap.conftest import (
@@ -123,6 +125,15 @@ def test_two_effects_are_one_cause_with_the_numbers_and_places_of_both():
     assert {location.kind for location in cause.locations} == {"node", "bearings"}
     for name, true in (("attached_mass.mass", 0.1), ("bearing_damping.damping", 150.0)):
         assert abs(cause.parameters[name].value - true) < 4 * cause.parameters[name].std
+
+
+def test_a_second_effect_at_the_bearings_does_not_stand_for_another_form_of_the_first(tmp_path):
+    """Rubber of fractional order, which a damper beside rubber of the library's form would patch up."""
+    order = Order("W6", "tuning", 301, 3)
+    make(order, tmp_path)
+    measured = load_campaign(tmp_path / order.name / "measured")
+    found = diagnose(measured, exclude=all_but("viscoelastic_support", "bearing_damping")).diagnosis
+    assert (found.verdict, found.causes[0].effects) == ("cause", ("viscoelastic_support",))
 
 
 # -- spin -------------------------------------------------------------------------------------------

@@ -101,8 +101,7 @@ def next_test(
     """
     if verdict == "no_gap":
         return None
-    if causes and causes[0].location.kind == "raster":
-        words = "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks show."
+    if verdict == "cause" and causes and (words := _AGAIN.get(causes[0].effects)):
         return NextTest(words)
     runs = [run for run in campaign.runs if run.support == "bearing"] or list(campaign.runs)
     run = max(runs, key=lambda r: r.force_amplitude_N or 0.0)
@@ -145,6 +144,14 @@ def next_test(
         words += ": what lies elsewhere shows there in another way."
     return NextTest(words, settings | {"excitation_node": node})
 
+
+# What to do again where the way of measuring is the cause.
+_AGAIN = {
+    ("coarse_grid",): "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks "
+    "show.",
+    ("fast_sweep",): "Repeat the runs and stay longer at each line near the resonances, until the response has settled: "
+    "then peaks are as high as they are, and where they are.",
+}
 
 # Accelerometers that tell most places apart.
 _SENSORS = 3

@@ -74,3 +74,13 @@ def test_what_nobody_knows_is_measured_at_other_levels_then_downwards():
         {"support": "bearing", "excitation_node": 2, "force_amplitude_N": 3.0, "sweep": "down"},
         {"support": "bearing", "excitation_node": 4, "force_amplitude_N": 3.0},
     ]
+
+
+@pytest.mark.parametrize(("cause", "advice"), [("coarse_grid", "lines as close"), ("fast_sweep", "stay longer")])
+def test_what_was_measured_badly_is_measured_again_where_that_is_the_cause(cause, advice):
+    runs = tuple(blank(support, lines(support)) for support in ("rigid", "bearing"))
+    raster = (Cause((cause,), Location("raster"), 0.99, {}, None, 0.0),)
+    for verdict, told in (("cause", True), ("unknown", False)):
+        proposed = next_test(verdict, Campaign("", "nit-rourkela", runs), raster)  # type: ignore[arg-type]
+        assert proposed
+        assert (advice in proposed.words) == told

@@ -16,6 +16,7 @@ module                what it holds                                             
 ``fit``               a candidate at its best, and its evidence                     ``Fit``
 ``score``             what one more number could gain, to first order               ``Score``
 ``evidence``          how far Laplace's approximation is to be believed             ``sample``
+``starts``            where a candidate's fit begins                                ``points``
 ``search``            linear effects                                                ``search``
 ``pair_search``       pairs of them                                                 ``pairs``
 ``dwell``             the one number with thousands of minima: a fast sweep's       ``dwell_fits``

@@ -19,7 +19,7 @@ from gap.likelihood import Problem
 from gap.modal import over_receptance
 from gap.robust import robust_misfit, unfitted
 from gap.score import Score
-from gap.search import Start
+from gap.starts import Start
 from rotor.measured import measured_response
 from rotor.structure import FloatArray
 

@@ -28,7 +28,8 @@ from gap.robust import (
     unfitted,
 )
 from gap.score import Score
-from gap.search import NEAR, Progress, Search, Start, best_first, first_of_each, recalibrate
+from gap.search import NEAR, Progress, Search, best_first, first_of_each, recalibrate
+from gap.starts import Start
 from rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits.

@@ -14,21 +14,8 @@ from gap.helpers import each
 from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem
 from gap.score import Score
-from gap.search import (
-    CLOSE,
-    FAR,
-    Progress,
-    Promise,
-    Search,
-    Start,
-    begin,
-    first_of_each,
-    fitted,
-    points,
-    promises,
-    race,
-    search,
-)
+from gap.search import CLOSE, FAR, Progress, Search, first_of_each, fitted, race, search
+from gap.starts import Promise, Start, begin, points, promises
 
 # Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
 # logarithms, and the cost over the best one's from which none of the others is one.

@@ -16,7 +16,8 @@ from gap.helpers import Item, Result, each
 from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem
 from gap.residuals import Observed, residual
-from gap.search import Start, first_of_each
+from gap.search import first_of_each
+from gap.starts import Start
 from rotor.structure import FloatArray
 
 # Misfit of a line, in standard errors, beyond which it counts as an outlier.

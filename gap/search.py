@@ -18,13 +18,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from gap.dwell import dwell_fits
 from gap.fit import Fit
 from gap.helpers import each
-from gap.hypotheses import K_B_RANGE, NOMINAL, Free, Hypothesis, Term
+from gap.hypotheses import K_B_RANGE, NOMINAL, Hypothesis
 from gap.likelihood import Problem
 from gap.score import Score
-from rotor.condition import Condition
+from gap.starts import RIVALS, Promise, Start, begin, crossing, points, promises, scanned, several
 from rotor.structure import FloatArray
 
 T = TypeVar("T")
@@ -56,12 +55,6 @@ _DOWN, _CARRIED, _DROPPED = (2, 6), 3, 10.0
 # Steps of descents along the long valleys of laws that are bent.
 _LONG_WAY = 24
 
-# Starts of one candidate that run on.
-_RIVALS = 2
-
-# Positions along the shaft from which a weak effect is started.
-_POSITIONS = 7
-
 # Close: the mean square misfit of the nominal model is below the first and its nuisances are not further outside
 # their priors than by so many standard deviations.
 NEAR, _CALM = 5.0, 40.0
@@ -89,16 +82,6 @@ _HOPELESS, _FROM_THE_START = 400.0, 20.0
 
 
 @dataclass(frozen=True)
-class Start:
-    """Where a candidate's fit begins, or where one ended."""
-
-    hypothesis: Hypothesis
-    u: FloatArray
-    nu: FloatArray
-    cost: float = np.inf  # misfit there, as far as it is known
-
-
-@dataclass(frozen=True)
 class Search:
     """What a search led to."""
 
@@ -110,14 +93,6 @@ class Search:
     def best(self) -> Fit:
         """The best candidate, or the nominal model where there is none."""
         return self.fits[0] if self.fits else self.nominal
-
-
-@dataclass(frozen=True)
-class Promise:
-    """What a candidate could take away from the misfit to first order, and the start that this suggests."""
-
-    gain: float
-    start: Start
 
 
 def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
@@ -186,8 +161,8 @@ def from_afar_too(
     """
     if found.rough:
         return found
-    several = [hypothesis for hypothesis in hypotheses if _several(hypothesis)]
-    starts, _ = _rough_starts(problem, several, found.nominal, progress)
+    of_several = [hypothesis for hypothesis in hypotheses if several(hypothesis)]
+    starts, _ = _rough_starts(problem, of_several, found.nominal, progress)
     fits = best_first([*found.fits, *race(problem, starts, FAR, progress)])
     return replace(found, fits=tuple(first_of_each(fits, lambda fit: fit.hypothesis)))
 
@@ -211,7 +186,7 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
                 fits.append(fit)
         fits.sort(key=lambda fit: fit.cost)
         fits = [fit for fit in fits if fit.cost <= stage.behind * fits[0].cost + _HOPELESS]
-        fits = _of_each(fits, _RIVALS)[: stage.keep]
+        fits = _of_each(fits, RIVALS)[: stage.keep]
         starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
     fits = _of_each(fits, 1)
     return best_first([*all_polished(problem, fits[:POLISHED]), *fits[POLISHED:]])
@@ -285,11 +260,6 @@ def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
     return first_of_each(fits, lambda fit: fit.hypothesis.rotor, count)
 
 
-def begin(hypothesis: Hypothesis, u: FloatArray, like: Fit) -> Start:
-    """A start with the nuisances of another fit, as far as their priors allow."""
-    return Start(hypothesis, u, np.clip(like.nu, -2 * like.prior_std, 2 * like.prior_std))
-
-
 def _rough_starts(
     problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None
 ) -> tuple[list[Start], tuple[Start, ...]]:
@@ -300,12 +270,13 @@ def _rough_starts(
     few = problem.thinned(_THIRD)
     base = few.rough(NOMINAL, nominal.u[:1], sum(_DOWN))[0] if problem.with_k_b else nominal.u[:1]
     score = Score(problem, nominal)
-    by_grid = {h: _scanned(problem, h, nominal) for h in hypotheses}
+    by_grid = {h: scanned(problem, h, nominal) for h in hypotheses}
     most = max(_ALL * nominal.cost, nominal.cost - _NOTHING * nominal.n_data)
     found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
     weak = {h: (by_grid[h] or promises(score, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
-    rough = [_Rough(h, found.get(h, []), weak[h], _crossing(few, h, nominal)) for h in hypotheses]
+    on_grid = {h: [] if found_by_grid else crossing(few, h, nominal, FAR[0].added) for h in hypotheses}
+    rough = [_Rough(h, found.get(h, []), weak[h], on_grid[h]) for h in hypotheses]
     rough.sort(key=lambda entry: (entry.cost, -entry.weak.gain))
     limit = _WORTH_FACTOR * rough[0].cost + _WORTH if rough else 0.0
     told = sorted((entry.weak.gain for entry in rough), reverse=True)[:_AT_LEAST]
@@ -334,53 +305,8 @@ class _Rough:
 
     def starts(self, nominal: Fit) -> list[Start]:
         """Where its fits begin."""
-        chosen = [begin(self.hypothesis, x, nominal) for x, _ in self.found[:_RIVALS]]
+        chosen = [begin(self.hypothesis, x, nominal) for x, _ in self.found[:RIVALS]]
         return [*chosen, *([self.weak.start] if self.weak.gain > 0 else []), *self.crossing]
-
-
-def _crossing(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Start]:
-    """Where anisotropic bearings put a narrow resonance of the other plane: no descent meets it from a width away.
-
-    The stiffness along the force is the nominal model's, the one across it anything. Empty for other effects, with
-    accelerometers across the force (angles of both signs), which show that plane openly, and where nothing on the grid
-    beats the nominal model.
-    """
-    free = {number.name: number for number in hypothesis.free}
-    if hypothesis.ids != ("plane_anisotropy",) or free["angle"].low < 0:
-        return []
-    like = begin(hypothesis, nominal.u, nominal)
-    angles = np.concatenate([_TURNS, np.pi / 2 - _TURNS])
-    grid = [
-        np.array([nominal.u[0] - np.log1p(anisotropy / 2 * np.cos(2 * angle)), anisotropy, angle])
-        for anisotropy in np.linspace(0.01, free["anisotropy"].high, _ANISOTROPIES)
-        for angle in angles
-    ]
-    costs = [problem.cost(hypothesis, u, like.nu, FAR[0].added) for u in grid]
-    best = int(np.argmin(costs))
-    nothing = problem.cost(NOMINAL, nominal.u[:1], like.nu, FAR[0].added)
-    return [replace(like, u=grid[best])] if costs[best] < nothing else []
-
-
-# Of the grid: angles from the force's direction or from across it [rad], and steps along the anisotropy, fine enough
-# for a resonance that is two per mille wide.
-_TURNS, _ANISOTROPIES = np.array([0.08, 0.2, 0.4, 0.65]), 60
-
-
-def points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
-    """A hypothesis' starts after the coordinates that are known, k_b the first of them.
-
-    Bearings with two principal stiffnesses show two resonances for each of the nominal model's, whose k_b suits one of
-    them: the mean that goes with a start makes either of the two stiffnesses that k_b.
-    """
-    starts = hypothesis.starts()
-    if hypothesis.ids != ("plane_anisotropy",):
-        return [np.concatenate([u, start]) for start in starts]
-    place = [free.name for free in hypothesis.free].index("anisotropy")
-    return [
-        np.concatenate([[u[0] - np.log1p(sign * start[place] / 2)], u[1:], start])
-        for start in starts
-        for sign in (-1, 1)
-    ]
 
 
 def _descents(
@@ -425,114 +351,13 @@ def weak_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        tried = _scanned(problem, hypothesis, nominal) or promises(score, hypothesis)
-        found.append((tried[0].gain, [promise.start for promise in tried[:_RIVALS]]))
+        tried = scanned(problem, hypothesis, nominal) or promises(score, hypothesis)
+        found.append((tried[0].gain, [promise.start for promise in tried[:RIVALS]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0
     return [
         start
         for place, (gain, starts) in enumerate(found)
         for start in starts
-        if place < _AT_LEAST or gain >= limit or _several(start.hypothesis)
-    ]
-
-
-def promises(score: Score, hypothesis: Hypothesis, pair: Hypothesis | None = None) -> list[Promise]:
-    """What an effect could gain beside a fit, to first order, and where its own fit should begin; best first."""
-    (term,), fit = hypothesis.terms, score.fit
-    found = []
-    for point in _from_nominal(fit, hypothesis, score.condition):
-        gain, scale, moved = score.gain(hypothesis.effects(point[1:]))
-        stronger = _scaled(term, point[1:], scale, score.condition)
-        u = fit.u if stronger is None else fit.hypothesis.clipped(fit.u + moved[: len(fit.u)])
-        nu = fit.nu if stronger is None else fit.nu + moved[len(fit.u) :]
-        start = Start(pair or hypothesis, np.concatenate([u, point[1:] if stronger is None else stronger]), nu)
-        found.append(Promise(-np.inf if stronger is None else abs(gain), start))
-    return sorted(found, key=lambda promise: promise.gain, reverse=True)
-
-
-def _scanned(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[Promise]:
-    """The same for an effect whose misfit has many minima along its number: by grids; empty for others."""
-    if hypothesis.ids != ("fast_sweep",):
-        return []
-    before = problem.cost(NOMINAL, fit.u[:1], fit.nu)
-    found = [Start(hypothesis, made.u, made.nu) for made in dwell_fits(problem, hypothesis, fit)[:_RIVALS]]
-    return [Promise(before - problem.cost(hypothesis, start.u, start.nu), start) for start in found]
-
-
-def _scaled(term: Term, point: FloatArray, scale: float, condition: Condition) -> FloatArray | None:
-    """A weak effect made so many times stronger; None where its range is on the other side of nothing.
-
-    Numbers of which not one alone decides whether the effect does something stay as they are.
-    """
-    nulls = {k: _null(term, free, condition) for k, free in enumerate(term.free) if free.name != "position"}
-    known = {k: null for k, null in nulls.items() if null is not None}
-    both_ways = known and all(term.free[k].low < null < term.free[k].high for k, null in known.items())
-    if scale <= 0 and not both_ways:
-        return None
-    at = point.copy()
-    for k, null in known.items():
-        at[k] = _stronger(term.free[k], at[k], null, scale)
-    return at
-
-
-def _stronger(free: Free, u: float, null: float, scale: float) -> float:
-    """A coordinate so many times as far from the value at which its number does nothing."""
-    if np.isinf(null):
-        moved = u - np.log(scale)
-    elif free.log and null == 0:
-        moved = u + np.log(scale)
-    elif free.log:
-        moved = np.log(max(null + scale * (np.exp(u) - null), free.low))
-    else:
-        moved = null + scale * (u - null)
-    return float(np.clip(moved, *free.ends))
-
-
-def _several(hypothesis: Hypothesis) -> bool:
-    """Whether more than one number besides a position says how strong the effect is: one start is not enough."""
-    return sum(free.name != "position" for free in hypothesis.free) > 1
-
-
-def _from_nominal(nominal: Fit, hypothesis: Hypothesis, condition: Condition) -> list[FloatArray]:
-    """A start next to the nominal model: each number at the end of its range that changes less, where there is one."""
-    if len(hypothesis.terms) != 1:
-        return []
-    term = hypothesis.terms[0]
-    if any(free.name == "position" for free in term.free):
-        return [np.concatenate([nominal.u[:1], point]) for point in _along_the_shaft(term)]
-    point = [_weakly(free, _null(term, free, condition)) for free in term.free]
-    return [np.concatenate([nominal.u[:1], point])]
-
-
-def _null(term: Term, free: Free, condition: Condition) -> float | None:
-    """The value at which an effect does nothing, as far as this number alone decides; inf: a limit."""
-    null = term.effect.parameters()[free.name].null if free.name != "position" else None
-    return float(getattr(condition, null)) if isinstance(null, str) else null
-
-
-def _weakly(free: Free, null: float | None) -> float:
-    """A coordinate a little away from where the effect does nothing; the middle of the range where none is known."""
-    low, high = free.ends
-    if null is None:
-        return (low + high) / 2
-    if np.isinf(null):
-        return high - _WEAK * (high - low)
-    if free.log:
-        null = float(np.log(null)) if null > 0 else low
-    return float(np.clip(null + _WEAK * (high - low), low, high))
-
-
-# A weak effect is so much of its range away from nothing.
-_WEAK = 0.02
-
-
-def _along_the_shaft(term: Term) -> list[FloatArray]:
-    """Weak starts at several positions."""
-    shares = (np.arange(_POSITIONS) + 0.5) / _POSITIONS
-    ends = [free.ends for free in term.free]
-    at = [free.name == "position" for free in term.free]
-    return [
-        np.array([low + (share if here else 0.05) * (high - low) for (low, high), here in zip(ends, at, strict=True)])
-        for share in shares
+        if place < _AT_LEAST or gain >= limit or several(start.hypothesis)
     ]

@@ -149,7 +149,9 @@ def next_test(
 _AGAIN = {
     ("coarse_grid",): "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks "
     "show.",
-    ("fast_sweep",): "Repeat the runs and stay longer at each line near the resonances, until the response has settled: "
+    (
+        "fast_sweep",
+    ): "Repeat the runs and stay longer at each line near the resonances, until the response has settled: "
     "then peaks are as high as they are, and where they are.",
 }
 

@@ -35,7 +35,8 @@ from gap.predict import predict
 from gap.residuals import observe
 from gap.robust import robust_fit, robust_misfit, settle, thinned, unfitted
 from gap.score import Score
-from gap.search import Start, recalibrate
+from gap.search import recalibrate
+from gap.starts import Start
 from gap.transfer import transfer_interval
 from rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
 from rotor.effects.effect import Effect

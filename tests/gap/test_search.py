@@ -31,7 +31,6 @@ from gap.residuals import observe
 from gap.score import Score
 from gap.search import (
     Search,
-    Start,
     _of_each,
     from_afar_too,
     polished,
@@ -41,6 +40,7 @@ from gap.search import (
     weak_starts,
 )
 from gap.standing import Standing
+from gap.starts import Promise, Start
 from rotor.assembly import assemble
 from rotor.effects import (
     AttachedMass,
@@ -270,9 +270,9 @@ def test_a_grid_that_leaves_plenty_does_not_end_the_search(monkeypatch):
         if hypothesis.ids != ("fast_sweep",):
             return []
         u = np.append(fit.u[:1], np.log(0.5))
-        return [gap.search.Promise(0.95 * fit.cost, gap.search.Start(hypothesis, u, fit.nu))]
+        return [Promise(0.95 * fit.cost, Start(hypothesis, u, fit.nu))]
 
-    monkeypatch.setattr(gap.search, "_scanned", much)
+    monkeypatch.setattr(gap.search, "scanned", much)
     found = search(problem, of(problem.runs, "attached_mass", "fast_sweep"), nominal)
     assert names(found.fits)[0] == ("attached_mass",)
     assert ("attached_mass",) in [start.hypothesis.ids for start in found.rough]

@@ -17,6 +17,7 @@ module                what it holds                                             
 ``score``             what one more number could gain, to first order               ``Score``
 ``evidence``          how far Laplace's approximation is to be believed             ``sample``
 ``starts``            where a candidate's fit begins                                ``points``
+``bearing_stiffness`` what carries the shaft, line by line; laws that resemble it   ``carried``
 ``search``            linear effects                                                ``search``
 ``pair_search``       pairs of them                                                 ``pairs``
 ``dwell``             the one number with thousands of minima: a fast sweep's       ``dwell_fits``

@@ -73,6 +73,12 @@ class Structure:
         return tuple((np.flatnonzero(self._supported) + 1).tolist())
 
     @property
+    def bearing_nodes(self) -> tuple[int, ...]:
+        """Those of them whose stiffness is k_b."""
+        bearings = self.support_node[np.isnan(self.support_stiffness)]
+        return tuple((np.flatnonzero(np.isin(self.stations, bearings)) + 1).tolist())
+
+    @property
     def _supported(self) -> NDArray[np.bool_]:
         return np.isin(self.stations, self.support_node)
 

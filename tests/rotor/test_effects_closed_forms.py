@@ -156,6 +156,22 @@ def test_seat_damper_unequal_bearings_and_pedestal_combine_as_their_formulas_do(
         assert_is_the_bearing(bearing_stiffness(*effects, node=node), seat * base / (seat + base))
 
 
+def test_the_condensed_stiffness_of_the_bearings_is_the_one_the_shaft_feels():
+    effects = (
+        PedestalFlexibility(stiffness=1e7, mass=1.5, damping=80.0, block_compliance=0.2, block_mass=6.0),
+        ViscoelasticSupport(strength=0.5, relaxation_time=1e-3),
+        BearingDamping(damping=120.0),
+        BearingAsymmetry(asymmetry=0.2),
+        AttachedMass(mass=0.1, node=1),
+    )
+    for plane in (1, 2):
+        D = build_system(paper(), UNDAMPED, effects).bearing_stiffness(WIDE, plane)
+        for bearing, node in enumerate((1, 7)):
+            assert_is_the_bearing(D[:, bearing], bearing_stiffness(*effects[:4], node=node))
+    rigid = Condition(rigid_support=True)
+    assert build_system(paper(), rigid, effects).bearing_stiffness(WIDE, 1).shape == (len(WIDE), 0)
+
+
 def test_bearing_damping_is_the_conditions():
     damped = Condition(k_b=2e6, bearing_damping=130.0)
     assert_allclose(paper_with(BEARING, BearingDamping(damping=130.0), ShaftDamping(damping_ratio=0.001)).C,

@@ -1,0 +1,160 @@
+"""What carries the shaft, line by line: the bearings' dynamic stiffness, read from runs on bearings without any law.
+
+With the shaft known, a run on bearings is the rotor's response under one complex number a line, the stiffness D that
+all bearings have in common:
+
+    H_s = H0_sd - a_s' z (I + z A)^-1 b,   z = D - D0,
+
+where H0 is the response under another stiffness D0, b and A that of the bearings to the exciter and to forces on them,
+and a_s that of the sensors to those. D may be anything: the poles of what the bearings stand on are plain in it, while
+in H they are narrow resonances that no descent meets. So laws are compared with D first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from gap.descent import minimise
+from gap.fit import Fit
+from gap.forward import Forward
+from gap.hypotheses import K_B, Hypothesis
+from gap.likelihood import Problem
+from gap.modal import over_receptance
+from gap.residuals import Observed
+from rotor.model import build_system
+from rotor.structure import ComplexArray, FloatArray
+from sim.campaign import Channel, Run
+
+# Relative error of the shaft's model, added to the data's; and of D, added to what that makes of it.
+_MODEL, _D = 0.01, 0.05
+
+# Stiffnesses that every line is started from: sizes over the nominal k_b, and phases; steps from each of them.
+_SIZES, _PHASES, _STEPS = np.geomspace(1 / 30, 30, 7), np.linspace(-np.pi, np.pi, 8, endpoint=False), 5
+
+# Times that every line is started from its neighbours' stiffness.
+_ROUNDS = 4
+
+# Points over a law's numbers, a power of two; those of them that descents begin from, their steps, and those kept.
+_POINTS, _DESCENTS, _LONG, _KEPT = 512, 16, 30, 3
+
+# Range of k_b, over the nominal model's: in series with a soft pedestal it is much stiffer than that.
+_STIFFER = np.log([1 / 30, 1000])
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The bearings' dynamic stiffness as a run tells it."""
+
+    run: Run
+    omega: FloatArray  # (n_freq,) [rad/s]
+    D: ComplexArray  # (n_freq,) of each bearing, its damper in it [N/m]
+    std: FloatArray  # (n_freq,) its standard error, large where nothing common to all bearings explains the line
+
+
+def carried(problem: Problem, nominal: Fit) -> list[Carried]:
+    """One for every run on bearings that tells it: with phases, per force, from two moving sensors or more."""
+    forward, found = problem.forward, []
+    for observed in problem.observed:
+        run = observed.run
+        columns = [c for c, channel in enumerate(run.channels) if channel.plane == run.excitation_plane]
+        plain = not run.magnitude_only and run.quantity != "acceleration"
+        if run.support == "bearing" and plain and len(columns) > 1:
+            found.append(_read(forward, observed, columns, nominal.k_b))
+    return found
+
+
+def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: float) -> Carried:
+    """The stiffness of one run, line by line, by Gauss-Newton steps of all lines at once."""
+    run = observed.run
+    scale, omega = over_receptance(run)[:, None], 2 * np.pi * run.frequency_hz
+    sensors, bearings = [run.channels[c].node for c in columns], forward.structure.bearing_nodes
+    y, valid = np.nan_to_num(run.H[:, columns]) / scale, observed.valid[:, columns]
+    error = np.hypot(observed.std[:, columns] / np.abs(scale), _MODEL * np.abs(y))
+    weight = np.where(valid, 1 / np.maximum(error, 1e-300), 0.0)
+    drive = run.excitation_node
+    H0, b = (_receptance(forward, run, drive, nodes, k_b) for nodes in (sensors, bearings))
+    a, A = (
+        np.stack([_receptance(forward, run, bearing, nodes, k_b) for bearing in bearings], axis=2)
+        for nodes in (sensors, bearings)
+    )
+    unit = np.eye(len(bearings))
+
+    def left(z: ComplexArray) -> ComplexArray:
+        pull = np.linalg.solve(unit + z[:, None, None] * A, z[:, None, None] * b[:, :, None])
+        return (y - H0 + (a @ pull)[:, :, 0]) * weight
+
+    def slope(z: ComplexArray, e: ComplexArray) -> ComplexArray:
+        step = 1e-6 * (np.abs(z + k_b) + 1e-3 * k_b)
+        return (left(z + step) - e) / step[:, None]
+
+    best, z = np.full(len(omega), np.inf), np.zeros(len(omega), dtype=complex)
+
+    def descend(start: ComplexArray) -> None:
+        """Steps of all lines; each keeps the lowest it has met."""
+        for _ in range(_STEPS):
+            e = left(start)
+            J = slope(start, e)
+            step = -np.sum(J.conj() * e, axis=1) / np.maximum(np.sum(np.abs(J) ** 2, axis=1), 1e-300)
+            far = np.abs(step) / np.abs(start + k_b)
+            start = start + step / np.maximum(far / 0.7, 1.0)
+        cost = np.sum(np.abs(left(start)) ** 2, axis=1)
+        lower = cost < best
+        best[lower], z[lower] = cost[lower], start[lower]
+
+    for size in _SIZES:
+        for phase in _PHASES:
+            descend(np.full(len(omega), k_b * (size * np.exp(1j * phase) - 1)))
+    for _ in range(_ROUNDS):
+        for neighbour in (1, -1):
+            descend(np.roll(z, neighbour))
+    told = np.sqrt(np.sum(np.abs(slope(z, left(z))) ** 2, axis=1))
+    misfit = np.maximum(best / np.maximum(valid.sum(axis=1), 1), 1.0)
+    damper = 1j * omega * forward.belief.bearing_damping_Ns_per_m
+    return Carried(run, omega, z + k_b + damper, np.sqrt(misfit) / np.maximum(told, 1e-300))
+
+
+def _receptance(forward: Forward, run: Run, driven: int, nodes: Sequence[int], k_b: float) -> ComplexArray:
+    """(n_freq, n_nodes) of the nominal rotor [m/N]."""
+    channels = tuple(Channel(node, run.excitation_plane) for node in nodes)
+    H = np.zeros((len(run.frequency_hz), len(nodes)), dtype=complex)
+    there = replace(run, channels=channels, H=H, std=None, harmonics={}, excitation_node=driven)
+    return forward.modal(there, k_b).response() / over_receptance(there)[:, None]
+
+
+def law_starts(problem: Problem, seats: Sequence[Carried], law: Hypothesis, k_b: float) -> list[FloatArray]:
+    """Where fits of a law that all bearings follow begin: (1 + n_free,) coordinates, those nearest to D first.
+
+    Points all over its ranges are compared with D by its logarithm, and the best of them descend.
+    """
+
+    def residual(u: FloatArray) -> FloatArray | None:
+        try:
+            parts = [_off(problem.forward, seat, law, u) for seat in seats]
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+        return np.concatenate(parts)
+
+    def cost(u: FloatArray) -> float:
+        r = residual(u)
+        return np.inf if r is None else float(r @ r)
+
+    ends = law.ends.copy()
+    ends[0] = np.clip(np.log(k_b) + _STIFFER, *ends[0])
+    shares = qmc.Sobol(len(ends), seed=0).random(_POINTS)
+    points = sorted(ends[:, 0] + shares * np.ptp(ends, axis=1), key=cost)
+    found = [minimise(residual, point, law.ends, problem.with_k_b, _LONG) for point in points[:_DESCENTS]]
+    return [u for u, _ in sorted(found, key=lambda end: end[1])[:_KEPT]]
+
+
+def _off(forward: Forward, seat: Carried, law: Hypothesis, u: FloatArray) -> FloatArray:
+    """ln(law / D) over its error, real and imaginary; grows like the root of large errors."""
+    condition = replace(forward.condition(seat.run, K_B.value(u[0])), shaft_damping_ratio=0.0)
+    system = build_system(forward.structure, condition, law.effects(u[1:]))
+    D = system.bearing_stiffness(seat.omega, condition.excitation_plane).mean(axis=1)
+    z = np.log(D / seat.D) / np.hypot(seat.std / np.abs(seat.D), _D)
+    r = np.concatenate([z.real, z.imag])
+    return r / np.sqrt(1 + np.abs(r))

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import qmc
+from scipy.optimize import differential_evolution
 
 from gap.descent import minimise
 from gap.fit import Fit
@@ -25,7 +25,7 @@ from gap.hypotheses import K_B, Hypothesis
 from gap.likelihood import Problem
 from gap.modal import over_receptance
 from gap.residuals import Observed
-from rotor.model import build_system
+from rotor.model import bearing_stiffness
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Channel, Run
 
@@ -38,8 +38,12 @@ _SIZES, _PHASES, _STEPS = np.geomspace(1 / 30, 30, 7), np.linspace(-np.pi, np.pi
 # Times that every line is started from its neighbours' stiffness.
 _ROUNDS = 4
 
-# Points over a law's numbers, a power of two; those of them that descents begin from, their steps, and those kept.
-_POINTS, _DESCENTS, _LONG, _KEPT = 512, 16, 30, 3
+# Differential evolution over a law's numbers: its population over their number, generations, and those of the last one
+# that descend, by so many steps, and are kept.
+_POPULATION, _GENERATIONS, _DESCENTS, _LONG, _KEPT = 10, 100, 4, 30, 3
+
+# Misfit that three quarters of the lines stay below where a law of all bearings is worth the search.
+_COMMON = 6.0
 
 # Range of k_b, over the nominal model's: in series with a soft pedestal it is much stiffer than that.
 _STIFFER = np.log([1 / 30, 1000])
@@ -53,10 +57,19 @@ class Carried:
     omega: FloatArray  # (n_freq,) [rad/s]
     D: ComplexArray  # (n_freq,) of each bearing, its damper in it [N/m]
     std: FloatArray  # (n_freq,) its standard error, large where nothing common to all bearings explains the line
+    misfit: FloatArray  # (n_freq,) what it leaves: mean square over the error of data and shaft
+
+    @property
+    def error(self) -> FloatArray:
+        """(n_freq,) relative standard error."""
+        return self.std / np.abs(self.D)
 
 
-def carried(problem: Problem, nominal: Fit) -> list[Carried]:
-    """One for every run on bearings that tells it: with phases, per force, from two moving sensors or more."""
+def carried(problem: Problem, nominal: Fit) -> Carried | None:
+    """The stiffness as the run says that tells it best; None where it is not common to all bearings, or no run tells.
+
+    It takes a run on bearings, per force, with phases, and two sensors or more along the force.
+    """
     forward, found = problem.forward, []
     for observed in problem.observed:
         run = observed.run
@@ -64,7 +77,8 @@ def carried(problem: Problem, nominal: Fit) -> list[Carried]:
         plain = not run.magnitude_only and run.quantity != "acceleration"
         if run.support == "bearing" and plain and len(columns) > 1:
             found.append(_read(forward, observed, columns, nominal.k_b))
-    return found
+    common = [seat for seat in found if np.quantile(seat.misfit, 0.75) < _COMMON]
+    return min(common, key=lambda seat: float(np.median(seat.error)), default=None)
 
 
 def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: float) -> Carried:
@@ -112,9 +126,10 @@ def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: flo
         for neighbour in (1, -1):
             descend(np.roll(z, neighbour))
     told = np.sqrt(np.sum(np.abs(slope(z, left(z))) ** 2, axis=1))
-    misfit = np.maximum(best / np.maximum(valid.sum(axis=1), 1), 1.0)
+    misfit = best / np.maximum(valid.sum(axis=1), 1)
     damper = 1j * omega * forward.belief.bearing_damping_Ns_per_m
-    return Carried(run, omega, z + k_b + damper, np.sqrt(misfit) / np.maximum(told, 1e-300))
+    std = np.sqrt(np.maximum(misfit, 1.0)) / np.maximum(told, 1e-300)
+    return Carried(run, omega, z + k_b + damper, std, misfit)
 
 
 def _receptance(forward: Forward, run: Run, driven: int, nodes: Sequence[int], k_b: float) -> ComplexArray:
@@ -125,18 +140,14 @@ def _receptance(forward: Forward, run: Run, driven: int, nodes: Sequence[int], k
     return forward.modal(there, k_b).response() / over_receptance(there)[:, None]
 
 
-def law_starts(problem: Problem, seats: Sequence[Carried], law: Hypothesis, k_b: float) -> list[FloatArray]:
-    """Where fits of a law that all bearings follow begin: (1 + n_free,) coordinates, those nearest to D first.
-
-    Points all over its ranges are compared with D by its logarithm, and the best of them descend.
-    """
+def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> list[FloatArray]:
+    """Where fits of a law that all bearings follow begin: (1 + n_free,) coordinates, those nearest to D first."""
 
     def residual(u: FloatArray) -> FloatArray | None:
         try:
-            parts = [_off(problem.forward, seat, law, u) for seat in seats]
+            return _off(problem.forward, seat, law, u)
         except (ValueError, np.linalg.LinAlgError):
             return None
-        return np.concatenate(parts)
 
     def cost(u: FloatArray) -> float:
         r = residual(u)
@@ -144,17 +155,19 @@ def law_starts(problem: Problem, seats: Sequence[Carried], law: Hypothesis, k_b:
 
     ends = law.ends.copy()
     ends[0] = np.clip(np.log(k_b) + _STIFFER, *ends[0])
-    shares = qmc.Sobol(len(ends), seed=0).random(_POINTS)
-    points = sorted(ends[:, 0] + shares * np.ptp(ends, axis=1), key=cost)
-    found = [minimise(residual, point, law.ends, problem.with_k_b, _LONG) for point in points[:_DESCENTS]]
+    made = differential_evolution(
+        cost, ends, popsize=_POPULATION, maxiter=_GENERATIONS, init="sobol", seed=0, polish=False, tol=1e-3
+    )
+    best = made.population[np.argsort(made.population_energies)[:_DESCENTS]]
+    found = [minimise(residual, point, law.ends, problem.with_k_b, _LONG) for point in best]
     return [u for u, _ in sorted(found, key=lambda end: end[1])[:_KEPT]]
 
 
 def _off(forward: Forward, seat: Carried, law: Hypothesis, u: FloatArray) -> FloatArray:
     """ln(law / D) over its error, real and imaginary; grows like the root of large errors."""
-    condition = replace(forward.condition(seat.run, K_B.value(u[0])), shaft_damping_ratio=0.0)
-    system = build_system(forward.structure, condition, law.effects(u[1:]))
-    D = system.bearing_stiffness(seat.omega, condition.excitation_plane).mean(axis=1)
-    z = np.log(D / seat.D) / np.hypot(seat.std / np.abs(seat.D), _D)
+    condition = forward.condition(seat.run, K_B.value(u[0]))
+    plane, effects = condition.excitation_plane, law.effects(u[1:])
+    D = bearing_stiffness(forward.structure, condition, effects, seat.omega, plane).mean(axis=1)
+    z = np.log(D / seat.D) / np.hypot(seat.error, _D)
     r = np.concatenate([z.real, z.imag])
     return r / np.sqrt(1 + np.abs(r))

@@ -212,8 +212,8 @@ def with_bent(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis])
     if found.rough:
         few, base = problem.thinned(_THIRD), found.nominal.u[:1]
         laws = [hypothesis.bent for hypothesis in hypotheses if hypothesis.bent != hypothesis]
-        seats = carried(few, found.nominal)
-        ends = each(partial(_all_the_way_down, few, base, seats), laws)
+        seat = carried(few, found.nominal)
+        ends = each(partial(_all_the_way_down, few, base, seat), laws)
         rough = [(law, u) for law, us in zip(laws, ends, strict=True) for u in us]
         starts += [Start(law, u, problem.unit(law, u)) for law, u in rough]
         starts += [begin(law, u, found.nominal) for law, u in rough]
@@ -221,12 +221,10 @@ def with_bent(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis])
     return replace(found, fits=tuple(best_first([*found.fits, *bent[:1]])))
 
 
-def _all_the_way_down(
-    few: Problem, base: FloatArray, seats: Sequence[Carried], hypothesis: Hypothesis
-) -> list[FloatArray]:
-    """Where a candidate's best rough descents end; of a law of the bearings, those to what the runs say of them."""
-    if seats and hypothesis.terms[0].effect.location == "bearings":
-        return law_starts(few, seats, hypothesis, float(np.exp(base[0])))
+def _all_the_way_down(few: Problem, base: FloatArray, seat: Carried | None, hypothesis: Hypothesis) -> list[FloatArray]:
+    """Where a candidate's best rough descents end; of a law of the bearings, those to what a run says of it."""
+    if seat and hypothesis.terms[0].effect.location == "bearings":
+        return law_starts(few, seat, hypothesis, float(np.exp(base[0])))
     first = _down(few, base, hypothesis)[:_CARRIED]
     return [few.rough(hypothesis, x, _LONG_WAY)[0] for x, _ in first]
 

@@ -20,7 +20,7 @@ from rotor.design import (
     shaft_stiffness,
 )
 from rotor.local_force import LocalForce
-from rotor.structure import DOF_PER_NODE, FloatArray, Structure
+from rotor.structure import DOF_PER_NODE, ComplexArray, FloatArray, Structure
 from rotor.system import LinearSystem
 
 
@@ -71,6 +71,38 @@ def build_model(structure: Structure, condition: Condition, effects: Sequence[Ch
 def build_system(structure: Structure, condition: Condition, effects: Sequence[Change] = ()) -> LinearSystem:
     """The linear part of ``build_model``."""
     return build_model(structure, condition, effects).system
+
+
+def bearing_stiffness(
+    structure: Structure, condition: Condition, effects: Sequence[Change], omega: FloatArray, plane: int
+) -> ComplexArray:
+    """Dynamic stiffness from the shaft to the ground at every bearing, all that it stands on condensed.
+
+    D = Z_ss - Z_sb Z_bb^-1 Z_bs with Z = K + i omega C - omega^2 M of the bearings alone: s are the shaft's degrees of
+    freedom there, b those below. Of bearings at their nodes, without their tilt stiffness and force laws.
+
+    Parameters
+    ----------
+    omega : (n_freq,) [rad/s]
+    plane : 1 = y or 2 = z
+
+    Returns
+    -------
+    (n_freq, n_bearings) [N/m], bearings by node; none on rigid supports
+    """
+    design = Design(structure, condition)
+    for effect in effects:
+        effect.add_to(design)
+    made = _Assembly(design)
+    for bearing in design.bearings:
+        made._bearing(bearing)
+    n, w = len(design.bearings), omega[:, None, None]
+    shaft = [structure.dof(node, plane) for node in structure.bearing_nodes][:n]
+    places = np.array([*shaft, *range(structure.n + plane - 1, made.size, 2)], dtype=np.int64)
+    block = places[:, None], places
+    Z = made.K[block] + 1j * w * made.C[block] - w**2 * made.M[block]
+    D = Z[:, :n, :n] - Z[:, :n, n:] @ np.linalg.solve(Z[:, n:, n:], Z[:, n:, :n])
+    return np.einsum("fii->fi", D)
 
 
 class _Assembly:

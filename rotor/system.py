@@ -103,33 +103,6 @@ class LinearSystem:
             return None
         return driven.pop() if driven else 1
 
-    def bearing_stiffness(self, omega: FloatArray, plane: int) -> ComplexArray:
-        """Dynamic stiffness from the shaft to the ground at every bearing, all that it stands on condensed.
-
-        D = Z_ss - Z_sb Z_bb^-1 Z_bs with Z = K + i omega C - omega^2 M of what belongs to the supports: s are the
-        shaft's degrees of freedom at the bearings, b those below. Of bearings at their nodes, without their tilt
-        stiffness; an axial load and springs to the ground there count as supports.
-
-        Parameters
-        ----------
-        omega : (n_freq,) [rad/s]
-        plane : 1 = y or 2 = z
-
-        Returns
-        -------
-        (n_freq, n_bearings) [N/m]; none on rigid supports
-        """
-        at = [self.structure.dof(node, plane) for node in self.structure.bearing_nodes]
-        shaft = np.flatnonzero(np.isin(self.free, at))
-        below = np.flatnonzero((self.free >= self.structure.n) & (self.plane == plane))
-        places, n, w = np.concatenate([shaft, below]), len(shaft), omega[:, None, None]
-        block = places[:, None], places
-        M = self.M[block].copy()
-        M[:n, :n] = 0.0  # the shaft's own
-        Z = (self.K - self.K_shaft)[block] + 1j * w * self.C_support[block] - w**2 * M
-        D = Z[:, :n, :n] - Z[:, :n, n:] @ np.linalg.solve(Z[:, n:, n:], Z[:, n:, :n])
-        return np.einsum("fii->fi", D)
-
     def in_plane(self, plane: int) -> LinearSystem:
         """The rotor's motion in one plane, for planes that do not couple."""
         keep = np.flatnonzero(self.plane == plane)

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from rotor import model
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import (
@@ -162,14 +163,15 @@ def test_the_condensed_stiffness_of_the_bearings_is_the_one_the_shaft_feels():
         ViscoelasticSupport(strength=0.5, relaxation_time=1e-3),
         BearingDamping(damping=120.0),
         BearingAsymmetry(asymmetry=0.2),
+        AxialLoad(force=2000.0),
         AttachedMass(mass=0.1, node=1),
     )
     for plane in (1, 2):
-        D = build_system(paper(), UNDAMPED, effects).bearing_stiffness(WIDE, plane)
+        D = model.bearing_stiffness(paper(), UNDAMPED, effects, WIDE, plane)
         for bearing, node in enumerate((1, 7)):
             assert_is_the_bearing(D[:, bearing], bearing_stiffness(*effects[:4], node=node))
     rigid = Condition(rigid_support=True)
-    assert build_system(paper(), rigid, effects).bearing_stiffness(WIDE, 1).shape == (len(WIDE), 0)
+    assert model.bearing_stiffness(paper(), rigid, effects, WIDE, 1).shape == (len(WIDE), 0)
 
 
 def test_bearing_damping_is_the_conditions():

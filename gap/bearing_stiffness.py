@@ -32,8 +32,9 @@ from sim.campaign import Channel, Run
 # Relative error of the shaft's model, added to the data's; and of D, added to what that makes of it.
 _MODEL, _D = 0.01, 0.05
 
-# Stiffnesses that every line is started from: sizes over the nominal k_b, and phases; steps from each of them.
-_SIZES, _PHASES, _STEPS = np.geomspace(1 / 30, 30, 7), np.linspace(-np.pi, np.pi, 8, endpoint=False), 5
+# Stiffnesses that every line is started from: sizes over the nominal k_b, and phases; steps from each of them, and the
+# largest over the stiffness that it starts from.
+_SIZES, _PHASES, _STEPS, _FARTHEST = np.geomspace(1 / 30, 30, 7), np.linspace(-np.pi, np.pi, 8, endpoint=False), 5, 0.7
 
 # Times that every line is started from its neighbours' stiffness.
 _ROUNDS = 4
@@ -81,55 +82,69 @@ def carried(problem: Problem, nominal: Fit) -> Carried | None:
     return min(common, key=lambda seat: float(np.median(seat.error)), default=None)
 
 
-def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: float) -> Carried:
-    """The stiffness of one run, line by line, by Gauss-Newton steps of all lines at once."""
-    run = observed.run
-    scale, omega = over_receptance(run)[:, None], 2 * np.pi * run.frequency_hz
-    sensors, bearings = [run.channels[c].node for c in columns], forward.structure.bearing_nodes
-    y, valid = np.nan_to_num(run.H[:, columns]) / scale, observed.valid[:, columns]
-    error = np.hypot(observed.std[:, columns] / np.abs(scale), _MODEL * np.abs(y))
-    weight = np.where(valid, 1 / np.maximum(error, 1e-300), 0.0)
-    drive = run.excitation_node
-    H0, b = (_receptance(forward, run, drive, nodes, k_b) for nodes in (sensors, bearings))
-    a, A = (
-        np.stack([_receptance(forward, run, bearing, nodes, k_b) for bearing in bearings], axis=2)
-        for nodes in (sensors, bearings)
-    )
-    unit = np.eye(len(bearings))
+class _Lines:
+    """A run's lines under any stiffness of the bearings, and how near each can come to what was measured."""
 
-    def left(z: ComplexArray) -> ComplexArray:
-        pull = np.linalg.solve(unit + z[:, None, None] * A, z[:, None, None] * b[:, :, None])
-        return (y - H0 + (a @ pull)[:, :, 0]) * weight
+    def __init__(self, forward: Forward, observed: Observed, columns: Sequence[int], k_b: float):
+        run = observed.run
+        sensors, bearings = [run.channels[c].node for c in columns], forward.structure.bearing_nodes
+        scale, valid = over_receptance(run)[:, None], observed.valid[:, columns]
+        self.y, self.k_b = np.nan_to_num(run.H[:, columns]) / scale, k_b
+        error = np.hypot(observed.std[:, columns] / np.abs(scale), _MODEL * np.abs(self.y))
+        self.weight = np.where(valid, 1 / np.maximum(error, 1e-300), 0.0)
+        self.H0, self.b = (_receptance(forward, run, run.excitation_node, nodes, k_b) for nodes in (sensors, bearings))
+        self.a, self.A = (
+            np.stack([_receptance(forward, run, bearing, nodes, k_b) for bearing in bearings], axis=2)
+            for nodes in (sensors, bearings)
+        )
+        self.n_values = np.maximum(valid.sum(axis=1), 1)
 
-    def slope(z: ComplexArray, e: ComplexArray) -> ComplexArray:
-        step = 1e-6 * (np.abs(z + k_b) + 1e-3 * k_b)
-        return (left(z + step) - e) / step[:, None]
+    def left(self, z: ComplexArray) -> ComplexArray:
+        """(n_freq, n_sensors) misfit over its error where all bearings are stiffer by z."""
+        held = np.eye(self.A.shape[1]) + z[:, None, None] * self.A
+        pull = np.linalg.solve(held, z[:, None, None] * self.b[:, :, None])
+        return (self.y - self.H0 + (self.a @ pull)[:, :, 0]) * self.weight
 
-    best, z = np.full(len(omega), np.inf), np.zeros(len(omega), dtype=complex)
+    def slope(self, z: ComplexArray, e: ComplexArray) -> ComplexArray:
+        """(n_freq, n_sensors) derivative of the misfit e at z."""
+        step = 1e-6 * (np.abs(z + self.k_b) + 1e-3 * self.k_b)
+        return (self.left(z + step) - e) / step[:, None]
 
-    def descend(start: ComplexArray) -> None:
-        """Steps of all lines; each keeps the lowest it has met."""
+    def descend(self, z: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+        """Gauss-Newton steps of all lines; where they end, and the squares there."""
         for _ in range(_STEPS):
-            e = left(start)
-            J = slope(start, e)
+            e = self.left(z)
+            J = self.slope(z, e)
             step = -np.sum(J.conj() * e, axis=1) / np.maximum(np.sum(np.abs(J) ** 2, axis=1), 1e-300)
-            far = np.abs(step) / np.abs(start + k_b)
-            start = start + step / np.maximum(far / 0.7, 1.0)
-        cost = np.sum(np.abs(left(start)) ** 2, axis=1)
-        lower = cost < best
-        best[lower], z[lower] = cost[lower], start[lower]
+            z = z + step / np.maximum(np.abs(step) / np.abs(z + self.k_b) / _FARTHEST, 1.0)
+        return z, np.sum(np.abs(self.left(z)) ** 2, axis=1)
 
-    for size in _SIZES:
-        for phase in _PHASES:
-            descend(np.full(len(omega), k_b * (size * np.exp(1j * phase) - 1)))
-    for _ in range(_ROUNDS):
-        for neighbour in (1, -1):
-            descend(np.roll(z, neighbour))
-    told = np.sqrt(np.sum(np.abs(slope(z, left(z))) ** 2, axis=1))
-    misfit = best / np.maximum(valid.sum(axis=1), 1)
-    damper = 1j * omega * forward.belief.bearing_damping_Ns_per_m
-    std = np.sqrt(np.maximum(misfit, 1.0)) / np.maximum(told, 1e-300)
-    return Carried(run, omega, z + k_b + damper, std, misfit)
+    def nearest(self) -> tuple[ComplexArray, FloatArray]:
+        """(n_freq,) z that leaves least, of starts all over and then of the neighbours' own, and what it leaves."""
+        z, squares = np.zeros(len(self.y), dtype=complex), np.full(len(self.y), np.inf)
+
+        def keep_lower(start: ComplexArray) -> None:
+            tried, left = self.descend(start)
+            lower = left < squares
+            z[lower], squares[lower] = tried[lower], left[lower]
+
+        for size in _SIZES:
+            for phase in _PHASES:
+                keep_lower(np.full(len(z), self.k_b * (size * np.exp(1j * phase) - 1)))
+        for _ in range(_ROUNDS):
+            for neighbour in (1, -1):
+                keep_lower(np.roll(z, neighbour))
+        return z, squares
+
+
+def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: float) -> Carried:
+    """The stiffness of one run, line by line."""
+    lines, omega = _Lines(forward, observed, columns, k_b), 2 * np.pi * observed.run.frequency_hz
+    z, squares = lines.nearest()
+    told = np.sqrt(np.sum(np.abs(lines.slope(z, lines.left(z))) ** 2, axis=1))
+    misfit = squares / lines.n_values
+    D = z + k_b + 1j * omega * forward.belief.bearing_damping_Ns_per_m
+    return Carried(observed.run, omega, D, np.sqrt(np.maximum(misfit, 1.0)) / np.maximum(told, 1e-300), misfit)
 
 
 def _receptance(forward: Forward, run: Run, driven: int, nodes: Sequence[int], k_b: float) -> ComplexArray:

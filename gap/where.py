@@ -174,7 +174,8 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
     )
     to_drive = problem.forward.modal(at_node, nominal.k_b).response()[:, 0] / scale
     own = problem.forward.modal(replace(at_node, excitation_node=node), nominal.k_b).response()[:, 0] / scale
-    Z = g / (to_drive - g * own)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where neither moves, nothing is told
+        Z = g / (to_drive - g * own)
     usable = np.isfinite(Z)
     return JointStiffness(
         node=node,

@@ -13,12 +13,12 @@ in H they are narrow resonances that no descent meets. So laws are compared with
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from gap.descent import minimise
+from gap.descent import minimise, softened
 from gap.fit import Fit
 from gap.forward import Forward
 from gap.hypotheses import K_B, Hypothesis
@@ -27,7 +27,7 @@ from gap.modal import over_receptance
 from gap.residuals import Observed
 from rotor.model import bearing_stiffness
 from rotor.structure import ComplexArray, FloatArray
-from sim.campaign import Channel, Run
+from sim.campaign import Run
 
 # Relative error of the shaft's model, added to the data's; and of D, added to what that makes of it.
 _MODEL, _D = 0.01, 0.05
@@ -92,9 +92,9 @@ class _Lines:
         self.y, self.k_b = np.nan_to_num(run.H[:, columns]) / scale, k_b
         error = np.hypot(observed.std[:, columns] / np.abs(scale), _MODEL * np.abs(self.y))
         self.weight = np.where(valid, 1 / np.maximum(error, 1e-300), 0.0)
-        self.H0, self.b = (_receptance(forward, run, run.excitation_node, nodes, k_b) for nodes in (sensors, bearings))
+        self.H0, self.b = (forward.receptance(run, k_b, run.excitation_node, nodes) for nodes in (sensors, bearings))
         self.a, self.A = (
-            np.stack([_receptance(forward, run, bearing, nodes, k_b) for bearing in bearings], axis=2)
+            np.stack([forward.receptance(run, k_b, bearing, nodes) for bearing in bearings], axis=2)
             for nodes in (sensors, bearings)
         )
         self.n_values = np.maximum(valid.sum(axis=1), 1)
@@ -147,14 +147,6 @@ def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: flo
     return Carried(observed.run, omega, D, np.sqrt(np.maximum(misfit, 1.0)) / np.maximum(told, 1e-300), misfit)
 
 
-def _receptance(forward: Forward, run: Run, driven: int, nodes: Sequence[int], k_b: float) -> ComplexArray:
-    """(n_freq, n_nodes) of the nominal rotor [m/N]."""
-    channels = tuple(Channel(node, run.excitation_plane) for node in nodes)
-    H = np.zeros((len(run.frequency_hz), len(nodes)), dtype=complex)
-    there = replace(run, channels=channels, H=H, std=None, harmonics={}, excitation_node=driven)
-    return forward.modal(there, k_b).response() / over_receptance(there)[:, None]
-
-
 def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> list[FloatArray]:
     """Where fits of a law that all bearings follow begin: (1 + n_free,) coordinates, those nearest to D first."""
 
@@ -179,10 +171,9 @@ def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> 
 
 
 def _off(forward: Forward, seat: Carried, law: Hypothesis, u: FloatArray) -> FloatArray:
-    """ln(law / D) over its error, real and imaginary; grows like the root of large errors."""
+    """ln(law / D) over its error, real and imaginary."""
     condition = forward.condition(seat.run, K_B.value(u[0]))
     plane, effects = condition.excitation_plane, law.effects(u[1:])
     D = bearing_stiffness(forward.structure, condition, effects, seat.omega, plane).mean(axis=1)
     z = np.log(D / seat.D) / np.hypot(seat.error, _D)
-    r = np.concatenate([z.real, z.imag])
-    return r / np.sqrt(1 + np.abs(r))
+    return softened(np.concatenate([z.real, z.imag]))

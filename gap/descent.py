@@ -10,6 +10,11 @@ from gap.nonlinear import BoolArray
 from rotor.structure import FloatArray
 
 
+def softened(residual: FloatArray) -> FloatArray:
+    """Residuals that grow like the root of large errors: what is far off does not decide a descent."""
+    return residual / np.sqrt(1 + np.abs(residual))
+
+
 def minimise(
     residual: Callable[[FloatArray], FloatArray | None],
     u: FloatArray,

@@ -139,6 +139,13 @@ class Forward:
             return self._nonlinear(run, k_b, effects)
         return self._linear(run, k_b, effects)
 
+    def receptance(self, run: Run, k_b: float, driven: int, nodes: Sequence[int]) -> ComplexArray:
+        """(n_freq, n_nodes) of the nominal rotor, a node driven along the run's force, at the run's lines [m/N]."""
+        channels = tuple(Channel(node, run.excitation_plane) for node in nodes)
+        H = np.zeros((len(run.frequency_hz), len(nodes)), dtype=complex)
+        there = replace(run, channels=channels, H=H, std=None, harmonics={}, excitation_node=driven)
+        return self.modal(there, k_b).response() / over_receptance(there)[:, None]
+
     def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
         local = self.manner.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
         bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), ())

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from gap.descent import damped_step, minimise, tamed
+from gap.descent import damped_step, minimise, softened, tamed
 from gap.fit import Fit
 from gap.forward import Forward, acting, nonlinear, on_the_rotor
 from gap.hypotheses import K_B, Hypothesis
@@ -269,8 +269,7 @@ class Problem:
                 parts.append((np.where(usable, log, 0.0) / _ROUGH).ravel())
                 if not observed.run.magnitude_only:
                     parts.append((np.angle(ratio) / _ROUGH).ravel())
-            r = np.concatenate(parts)
-            return r / np.sqrt(1 + np.abs(r))  # grows like the root of large errors
+            return softened(np.concatenate(parts))
 
         return minimise(residual, u, hypothesis.ends, self.with_k_b, steps)
 

@@ -132,7 +132,7 @@ def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[St
 
 def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
     """Both effects at once."""
-    return Hypothesis((*first.terms, *second.terms), float(np.exp(-PAIR_GAIN)) * np.sqrt(first.prior * second.prior))
+    return Hypothesis((*first.terms, *second.terms), float(np.exp(-PAIR_GAIN) * np.sqrt(first.prior * second.prior)))
 
 
 def _beside(score: Score, second: Hypothesis) -> list[Promise]:

@@ -21,7 +21,7 @@ import numpy as np
 from gap.bearing_stiffness import Carried, carried, law_starts
 from gap.fit import Fit
 from gap.helpers import each
-from gap.hypotheses import K_B_RANGE, NOMINAL, Hypothesis
+from gap.hypotheses import K_B, K_B_RANGE, NOMINAL, Hypothesis
 from gap.likelihood import Problem
 from gap.score import Score
 from gap.starts import RIVALS, Promise, Start, begin, crossing, points, promises, scanned, several
@@ -224,7 +224,7 @@ def with_bent(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis])
 def _all_the_way_down(few: Problem, base: FloatArray, seat: Carried | None, hypothesis: Hypothesis) -> list[FloatArray]:
     """Where a candidate's best rough descents end; of a law of the bearings, those to what a run says of it."""
     if seat and hypothesis.terms[0].effect.location == "bearings":
-        return law_starts(few, seat, hypothesis, float(np.exp(base[0])))
+        return law_starts(few, seat, hypothesis, K_B.value(base[0]))
     first = _down(few, base, hypothesis)[:_CARRIED]
     return [few.rough(hypothesis, x, _LONG_WAY)[0] for x, _ in first]
 

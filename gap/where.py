@@ -21,10 +21,9 @@ from gap.diagnosis import Band, JointStiffness, NodeShare, Regime, Where
 from gap.fit import Fit
 from gap.forward import Forward
 from gap.likelihood import Problem
-from gap.modal import over_receptance
 from gap.residuals import Observed
 from rotor.structure import ComplexArray, FloatArray
-from sim.campaign import Channel, Run
+from sim.campaign import Run
 
 # Laws a joint stiffness is compared with: name, unit of its size, what it looks like, and shape over omega.
 _LAWS = (
@@ -164,16 +163,10 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
     """dZ at the best node, and the law it resembles most."""
     _, number, node, g, explained = best
     run = problem.runs[number]
-    omega, scale = 2 * np.pi * run.frequency_hz, over_receptance(run)
-    at_node = replace(
-        run,
-        channels=(Channel(node, run.excitation_plane),),
-        H=np.zeros((len(omega), 1), dtype=complex),
-        std=None,
-        harmonics={},
+    omega = 2 * np.pi * run.frequency_hz
+    to_drive, own = (
+        problem.forward.receptance(run, nominal.k_b, driven, [node])[:, 0] for driven in (run.excitation_node, node)
     )
-    to_drive = problem.forward.modal(at_node, nominal.k_b).response()[:, 0] / scale
-    own = problem.forward.modal(replace(at_node, excitation_node=node), nominal.k_b).response()[:, 0] / scale
     with np.errstate(divide="ignore", invalid="ignore"):  # where neither moves, nothing is told
         Z = g / (to_drive - g * own)
     usable = np.isfinite(Z)

@@ -149,10 +149,8 @@ def next_test(
 _AGAIN = {
     ("coarse_grid",): "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks "
     "show.",
-    (
-        "fast_sweep",
-    ): "Repeat the runs and stay longer at each line near the resonances, until the response has settled: "
-    "then peaks are as high as they are, and where they are.",
+    ("fast_sweep",): "Repeat the runs and stay longer at each line near the resonances, until the response has "
+    "settled: then peaks are as high as they are, and where they are.",
 }
 
 # Accelerometers that tell most places apart.

@@ -62,10 +62,7 @@ def build_model(structure: Structure, condition: Condition, effects: Sequence[Ch
 
     Raises ValueError where an effect names a node that does not exist.
     """
-    design = Design(structure, condition)
-    for effect in effects:
-        effect.add_to(design)
-    return _Assembly(design).model()
+    return _Assembly(_designed(structure, condition, effects)).model()
 
 
 def build_system(structure: Structure, condition: Condition, effects: Sequence[Change] = ()) -> LinearSystem:
@@ -90,9 +87,7 @@ def bearing_stiffness(
     -------
     (n_freq, n_bearings) [N/m], bearings by node; none on rigid supports
     """
-    design = Design(structure, condition)
-    for effect in effects:
-        effect.add_to(design)
+    design = _designed(structure, condition, effects)
     made = _Assembly(design)
     for bearing in design.bearings:
         made._bearing(bearing)
@@ -103,6 +98,14 @@ def bearing_stiffness(
     Z = made.K[block] + 1j * w * made.C[block] - w**2 * made.M[block]
     D = Z[:, :n, :n] - Z[:, :n, n:] @ np.linalg.solve(Z[:, n:, n:], Z[:, n:, :n])
     return np.einsum("fii->fi", D)
+
+
+def _designed(structure: Structure, condition: Condition, effects: Sequence[Change]) -> Design:
+    """The rotor with what the effects write down."""
+    design = Design(structure, condition)
+    for effect in effects:
+        effect.add_to(design)
+    return design
 
 
 class _Assembly:

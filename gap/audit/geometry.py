@@ -102,8 +102,8 @@ def geometry_of(rig: str) -> Geometry:
     """Geometry of a campaign's rig; an empty one where it cannot be loaded."""
     try:
         table = load_rig(rig)
-        bearings = frozenset(s.node for s in table.support if s.stiffness == "k_b")
+        structure = assemble(table)
         fixed = frozenset(s.node for s in table.support if s.stiffness == "rigid")
-        return Geometry(bearings, fixed, assemble(table))
+        return Geometry(frozenset(structure.bearing_nodes), fixed, structure)
     except (ValueError, OSError, ArithmeticError):
         return Geometry()

@@ -35,7 +35,7 @@ from gap.search import (
     search,
     with_bent,
 )
-from gap.standing import adequate, excess_of, scale_of, standing_of
+from gap.standing import adequate, excess_of, gains_differ, scale_of, standing_of
 from rotor.effects.library import EFFECTS
 from sim.campaign import Campaign, Run
 
@@ -134,6 +134,8 @@ def _explained(
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Fit what may explain the runs: nonlinear effects only where levels differ, linear ones unless those suffice.
 
+    It begins anew, with gains of each sensor in each run, where the best fit shows that these differ.
+
     Parameters
     ----------
     dependent : whether the runs themselves show that levels differ
@@ -148,13 +150,21 @@ def _explained(
         clock.lap("single effects")
         return made
 
+    def anew() -> tuple[Problem, Fit, list[Fit]]:
+        remounted = problem.remounted()
+        return _explained(remounted, recalibrate(remounted), library, dependent, progress, clock)
+
     laws = _not_ruled_out(problem, library.laws)
     found = None if dependent and laws else singles()
+    if found and gains_differ(problem, found.best):
+        return anew()
     if found and not (laws and _differ_by_level(problem, found.best, laws)):
         problem, fits = _finished(problem, found, library.linear, progress, clock)
         return problem, nominal, fits
     coarser, linear, bent = search_nonlinear(problem, laws, progress)
     clock.lap("nonlinear effects")
+    if gains_differ(coarser, bent.best):
+        return anew()
     suffices = bool(bent.fits) and adequate(coarser, bent.best)
     rivalled = found is not None and bool(found.fits) and adequate(problem, found.best)
     if suffices and not rivalled and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:

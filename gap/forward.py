@@ -117,6 +117,12 @@ class Forward:
         other.manner = replace(self.manner, **manner)
         return other
 
+    def believing(self, **belief: float) -> Forward:
+        """The same, with other fields of what the nominal model believes of the measurement."""
+        other = copy.copy(self)
+        other.belief = replace(self.belief, **belief)
+        return other
+
     def forget(self) -> None:
         """Drop the motions that nonlinear candidates start from."""
         self._known.clear()

@@ -1,8 +1,9 @@
 """How well a candidate explains the runs: residuals, nuisances, and their joint fit.
 
 Of every run the force gain (relative standard deviation ``gain_tolerance``), of every sensor its gain (half of
-that) and of every resonance of every run a drift (``frequency_drift``) are unknown; so are modulus, span and
-disk masses within a workshop's tolerance. Where a rotor is nonlinear, the level of a run's force counts beside its gain
+that), of every sensor in every run another gain where sensors were mounted anew (``gain_repeatability``), and of every
+resonance of every run a drift (``frequency_drift``) are unknown; so are modulus, span and disk masses within a
+workshop's tolerance. Where a rotor is nonlinear, the level of a run's force counts beside its gain
 (``gain_tolerance`` each): a force sensor that errs changes both, an error of what is read the gain alone. They have
 Gaussian priors, are fitted beside the candidate's numbers, and are integrated over in the evidence (Laplace). What a
 nuisance takes is judged by its prior.
@@ -28,7 +29,7 @@ from gap.residuals import Observed, derivatives, misfit, weighted
 from rotor.effects import Effect
 from rotor.rig import Rig
 from rotor.structure import ComplexArray, FloatArray, IntArray
-from sim.campaign import NominalBelief, Run
+from sim.campaign import Channel, NominalBelief, Run
 
 # Values below this share of the run's largest say nothing about a logarithm.
 _SILENT = 1e-5
@@ -68,7 +69,11 @@ class Nuisances:
         self.drift = [slice(at + MODES * r, at + MODES * (r + 1)) for r in range(n_runs)]
         at += MODES * n_runs
         self.level = slice(at, at + n_runs)
-        self.n = at + n_runs
+        at += n_runs
+        own = [len(run.channels) if belief.gain_repeatability > 0 else 0 for run in runs]
+        ends = at + np.cumsum(own)
+        self.own_gain = [slice(end - n, end) for n, end in zip(own, ends, strict=True)]
+        self.n = at + sum(own)
         self.gain_std = max(belief.gain_tolerance, 1e-6)
         self.sensor_std = max(belief.gain_tolerance / 2, 1e-6)
         self.drift_std = max(belief.frequency_drift, 1e-7)
@@ -79,6 +84,8 @@ class Nuisances:
         for each in self.drift:
             std[each] = self.drift_std
         std[self.level] = self.gain_std
+        for each in self.own_gain:
+            std[each] = belief.gain_repeatability
         self.std = std
 
     @property
@@ -97,10 +104,19 @@ class Nuisances:
         own = (range(part.start, part.stop) for part in (self.drift[run], self.tolerance))
         return [*itertools.chain(*own), *level]
 
+    def places_of_sensor(self, run: int, column: int, channel: Channel) -> list[int]:
+        """Where the gains of a run's channel stand: in all runs, and in this one."""
+        own = range(self.n)[self.own_gain[run]]
+        return [self.sensor.start + self.sensors.index(channel), *own[column : column + 1]]
+
     def gains(self, nu: FloatArray, run: int, modal: Modal | NonlinearModal) -> FloatArray:
         """(n_channels,) factor of a run's channels."""
-        places = [self.sensors.index(channel) for channel in modal.run.channels]
-        return np.exp(nu[self.gain][run] + nu[self.sensor][places])
+        own = nu[self.own_gain[run]]
+        return np.exp(nu[self.gain][run] + (own if own.size else 0.0)) * self.sensor_gains(nu, modal.run)
+
+    def sensor_gains(self, nu: FloatArray, run: Run) -> FloatArray:
+        """(n_channels,) the part of it that is the sensor's in all runs."""
+        return np.exp(nu[self.sensor][[self.sensors.index(channel) for channel in run.channels]])
 
 
 class Problem:
@@ -234,6 +250,12 @@ class Problem:
         made = Problem(self.forward, self.observed, self.model_error)
         made.nuisances.std *= factor
         return made
+
+    def remounted(self) -> Problem:
+        """The same where each sensor's gain may change from run to run by as much as it may be off."""
+        belief = self.forward.belief
+        forward = self.forward.believing(gain_repeatability=belief.gain_repeatability or self.nuisances.sensor_std)
+        return Problem(forward, self.observed, self.model_error)
 
     def at_believed_levels(self) -> Problem:
         """The same with forces as large as the runs believe."""
@@ -429,8 +451,9 @@ class Problem:
         for c, channel in enumerate(modal.run.channels):
             only = np.zeros_like(H)
             only[:, c] = H[:, c]
-            columns.append(only)
-            places.append(n_u + self.nuisances.sensor.start + self.nuisances.sensors.index(channel))
+            for place in self.nuisances.places_of_sensor(r, c, channel):
+                columns.append(only)
+                places.append(n_u + place)
         columns += [column * gains for column in D]
         places += [n_u + place for place in self.nuisances.places_of_run(r, modal)]
         weight, residual = weighted(self.observed[r], H, added)

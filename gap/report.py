@@ -46,9 +46,9 @@ class Clock:
         self._last = time.perf_counter()
 
     def lap(self, name: str) -> None:
-        """A step has ended."""
+        """A step has ended; its times add up where it is done again."""
         now = time.perf_counter()
-        self.laps[name], self._last = now - self._last, now
+        self.laps[name], self._last = self.laps.get(name, 0.0) + now - self._last, now
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,11 @@ def report(
         equivalent=equivalent,
         next_test=_next_test(campaign, answer, findings, verdict, causes, equivalent),
         shrink=shrink,
-        audit=(*findings, *_noise_finding(problem, answer.standing.quality)),
+        audit=(
+            *findings,
+            *_mounting_finding(campaign, problem, best),
+            *_noise_finding(problem, answer.standing.quality),
+        ),
         excluded=tuple(exclude),
         unknown_score=_doubt(answer.standing),
         calibration=calibration(problem, best),
@@ -268,6 +272,19 @@ def _form_finding(answer: Answer) -> tuple[Finding, ...]:
         "rig it acts in a form that differs from the library's, or something small acts beside it"
     )
     return (Finding("form", "warning", words, "", standing.quality.misfit, ADEQUATE_MISFIT),)
+
+
+def _mounting_finding(campaign: Campaign, problem: Problem, fit: Fit) -> tuple[Finding, ...]:
+    """That sensors' gains are not the same in all runs, where the campaign did not say so."""
+    if campaign.nominal.gain_repeatability or not problem.forward.belief.gain_repeatability:
+        return ()
+    own = np.concatenate([fit.nu[each] for each in problem.nuisances.own_gain])
+    size = float(np.sqrt(np.mean(own**2)))
+    words = (
+        f"The gains of the sensors differ from run to run by {100 * size:.2g} %, as when they are mounted anew; they "
+        "were fitted run by run. Calibrate them in place, or say gain_repeatability in [nominal]"
+    )
+    return (Finding("repeatability", "warning", f"{words}.", "", size, problem.nuisances.sensor_std),)
 
 
 def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:

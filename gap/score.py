@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -105,10 +105,25 @@ class Score:
         -------
         gain, and how many numbers it takes: without a cause the gain is chi-squared with so many degrees of freedom
         """
+        return _gain(*self._slopes({r: self._freed(r, shapes) for r in runs}))
+
+    def remounted(self) -> tuple[float, int]:
+        """The same where sensors' gains differ from run to run, beyond gains of runs and of sensors of any size."""
+        slope, told, size = self._slopes({r: _each_channel(H[None]) for r, H in enumerate(self._model)})
+        every = [(r, channel) for r, run in enumerate(self._problem.runs) for channel in run.channels]
+        common = [*range(len(self._model)), *self._problem.nuisances.sensors]
+        shared = np.array([[float(which in own) for which in common] for own in every])
+        gain, n = _gain(slope, told, size)
+        gain_shared, n_shared = _gain(shared.T @ slope, *(shared.T @ square @ shared for square in (told, size)))
+        return gain - gain_shared, n - n_shared
+
+    def _slopes(self, changes: Mapping[int, ComplexArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of -misfit/2 by multiples of changes (n_columns, n_freq, n_channels) of these runs: slope (n,) and curvature
+        (n, n), the fit's own numbers following, and the curvature where they stay."""
         slopes, blocks, shared = [], [], []
-        for r in runs:
+        for r, columns in changes.items():
             residual, J, where = self._parts[r]
-            X = derivatives(self._problem.observed[r], self._model[r], self._freed(r, shapes), self._weights[r])
+            X = derivatives(self._problem.observed[r], self._model[r], columns, self._weights[r])
             slopes.append(X @ residual)
             blocks.append(X @ X.T)
             shared.append(np.zeros((len(self._covariance), len(X))))
@@ -117,11 +132,7 @@ class Score:
         size = np.asarray(block_diag(*blocks))
         told = size - together.T @ self._covariance @ together
         slope = np.concatenate(slopes) - together.T @ self._covariance @ self._unsettled
-        unit = 1 / np.sqrt(np.maximum(size.diagonal(), 1e-30))
-        values, axes = np.linalg.eigh(told * unit * unit[:, None])
-        free = values > _UNTOLD * values.max(initial=0.0)
-        along = (axes.T @ (slope * unit))[free]
-        return float(np.sum(along**2 / values[free])), int(free.sum())
+        return slope, told, size
 
     def _freed(self, r: int, shapes: bool) -> ComplexArray:
         """(n_columns, n_freq, n_channels) change of a run's prediction by numbers that are each resonance's own."""
@@ -132,7 +143,21 @@ class Score:
         freed = modal.with_derivatives(*own)[1][:inside]
         if shapes:
             assert isinstance(modal, Modal)
-            parts = modal.of_resonances(*own)[:inside, None]
-            each_channel = np.eye(parts.shape[-1])[:, None]
-            freed = np.concatenate([freed, (parts * each_channel).reshape(-1, *freed.shape[1:])])
+            parts = modal.of_resonances(*own)[:inside]
+            freed = np.concatenate([freed, _each_channel(parts)])
         return np.concatenate([freed, 1j * freed]) * problem.nuisances.gains(fit.nu, r, modal)
+
+
+def _gain(slope: FloatArray, told: FloatArray, size: FloatArray) -> tuple[float, int]:
+    """The misfit that goes along all directions that tell something, and how many these are."""
+    unit = 1 / np.sqrt(np.maximum(size.diagonal(), 1e-30))
+    values, axes = np.linalg.eigh(told * unit * unit[:, None])
+    free = values > _UNTOLD * values.max(initial=0.0)
+    along = (axes.T @ (slope * unit))[free]
+    return float(np.sum(along**2 / values[free])), int(free.sum())
+
+
+def _each_channel(changes: ComplexArray) -> ComplexArray:
+    """(n * n_channels, n_freq, n_channels) changes (n, n_freq, n_channels) of one channel at a time."""
+    alone = changes[:, None] * np.eye(changes.shape[-1])[:, None]
+    return alone.reshape(-1, *changes.shape[1:])

@@ -23,6 +23,7 @@ ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at 
 ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
 PASSED_OVER_CHANCE = 1e-4  # that noise gives resonances and shapes of their own as much as they would take away
 PASSED_OVER_SHARE = 0.1  # of what a cause takes away, that they would take away beside it, at most
+REMOUNTED_SHARE = 0.8  # of what a fit leaves, that gains of each sensor in each run take away, at least
 FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
 FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
@@ -79,6 +80,22 @@ def scale_of(quality: Adequacy) -> float:
     """True over believed error, where the data's own scatter contradicts the given errors."""
     low, high = BELIEVED_SCALE
     return 1.0 if low <= quality.scale <= high else quality.scale
+
+
+def gains_differ(problem: Problem, fit: Fit) -> bool:
+    """Whether a fit falls short, and nearly all that it leaves goes where sensors' gains differ from run to run."""
+    quality = judge(problem, fit)
+    scale2 = max(quality.scale, 1.0) ** 2
+    short = excess_of(problem, fit, quality) >= 1 or _passed_over(problem, fit, fit, quality) >= 1
+    if problem.forward.belief.gain_repeatability or not short:
+        return False
+    score = Score(problem, fit, settled=True)
+    gain, n = score.remounted()
+    left, numbers = fit.chi2, fit.n_data
+    if not nonlinear(fit.effects):  # an error that is estimated is known to some per cent, and so is chi2
+        left, numbers = score.apart(range(len(problem.runs)), shapes=True)
+    by_chance = scale2 * float(chi2.isf(PASSED_OVER_CHANCE, n)) if n else np.inf
+    return gain > by_chance and gain - scale2 * n > REMOUNTED_SHARE * (left - scale2 * numbers)
 
 
 def nuisance_size(problem: Problem, fit: Fit) -> float:

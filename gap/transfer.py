@@ -101,14 +101,13 @@ class _Test:
         for r in middle_level(problem.runs):
             there = replace(problem.runs[r], excitation_node=node, harmonics={}, std=None)
             effects = acting(best.effects, there.support)
-            run_gain = np.exp(best.nu[problem.nuisances.gain][r])
             if nonlinear(effects):
                 there = self._swept(there, best)
                 corrected = there.H
             else:
                 self._forward.bend(there, best.k_b, effects)
                 corrected = self._response(there, best.u, best.nu)
-            corrected = corrected * problem.nuisances.gains(best.nu, r, self._modal(there, best.u)) / run_gain
+            corrected = corrected * problem.nuisances.sensor_gains(best.nu, there)
             plain = self._forward.modal(there, nominal.k_b).response()
             self._parts.append(_Part(there, plain, corrected))
 

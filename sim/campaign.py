@@ -116,6 +116,7 @@ class NominalBelief:
     bearing_damping_Ns_per_m: float = 0.0
     gain_tolerance: float = 0.02
     frequency_drift: float = 1e-4
+    gain_repeatability: float = 0.0
 
 
 @dataclass(frozen=True)

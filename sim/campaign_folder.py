@@ -35,6 +35,7 @@ class _NominalTable(_Table):
     bearing_damping_Ns_per_m: NonNegative | None = None
     gain_tolerance: NonNegative = NominalBelief.gain_tolerance
     frequency_drift: NonNegative = NominalBelief.frequency_drift
+    gain_repeatability: NonNegative = NominalBelief.gain_repeatability
 
 
 class _PeaksTable(_Table):

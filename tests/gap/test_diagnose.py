@@ -36,12 +36,14 @@ from rotor.effects import (
     PedestalFlexibility,
     PlaneAnisotropy,
     SensorDelay,
+    SensorPosition,
     ViscoelasticSupport,
 )
 from rotor.effects.library import EFFECTS
 from rotor.measured import measured_response
 from sim.campaign import Channel, MeasurementError
 from tests.gap.conftest import (
+    BELIEF,
     K_B,
     MASS,
     NOISE,
@@ -596,3 +598,42 @@ def test_one_coarse_run_among_finer_ones_is_no_cause():
     ).diagnosis
     assert found.verdict == "no_gap"
     assert coarse.name in {f.run for f in found.audit if f.check == "raster" and f.severity == "warning"}
+
+
+OWN_GAINS = np.exp(0.01 * np.random.default_rng(5).standard_normal((2, 7)))
+
+
+def mounted_anew(*effects):
+    """A rigid run and one on bearings, between which every sensor's gain changes."""
+    supports = zip(("rigid", "bearing"), OWN_GAINS, strict=True)
+    return [measure(support, effects, seed=k, gain=gain) for k, (support, gain) in enumerate(supports)]
+
+
+def test_sensors_that_were_mounted_anew_are_no_gap():
+    diagnosis = diagnose(campaign_of(*mounted_anew()), exclude=all_but(*RIVALS)).diagnosis
+    assert diagnosis.verdict == "no_gap"
+    (found,) = (f for f in diagnosis.audit if "differ from run to run" in f.words)
+    assert (found.check, found.severity) == ("repeatability", "warning")
+    apart = np.log(OWN_GAINS[1] / OWN_GAINS[0])
+    assert_allclose(found.value, np.std(apart) / 2, rtol=0.2)  # what both runs share is the sensor's
+
+
+def test_sensors_that_were_mounted_anew_do_not_hide_a_cause():
+    diagnosis = diagnose(campaign_of(*mounted_anew(MASS)), exclude=all_but(*RIVALS)).diagnosis
+    assert (diagnosis.verdict, diagnosis.causes[0].effects) == ("cause", ("attached_mass",))
+    mass = diagnosis.causes[0].parameters["mass"]
+    assert abs(mass.value - MASS.mass) < 4 * mass.std
+
+
+def test_a_campaign_may_say_that_sensors_were_mounted_anew():
+    told = replace(BELIEF, gain_repeatability=0.01)
+    diagnosis = diagnose(replace(campaign_of(*mounted_anew()), nominal=told), exclude=all_but(*RIVALS)).diagnosis
+    assert diagnosis.verdict == "no_gap"
+    assert not [f for f in diagnosis.audit if "differ from run to run" in f.words]
+
+
+def test_a_sensor_beside_its_node_is_not_passed_off_as_one_mounted_anew():
+    effect = SensorPosition(offset=1e-3, node=3)
+    diagnosis = diagnose(campaign_of(*both_supports(effect)), exclude=all_but("sensor_position", *RIVALS)).diagnosis
+    assert (diagnosis.verdict, diagnosis.causes[0].effects) == ("cause", ("sensor_position",))
+    assert not [f for f in diagnosis.audit if "differ from run to run" in f.words]

@@ -9,13 +9,26 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gap.adequacy import judge
+from gap.forward import Forward
 from gap.hypotheses import NOMINAL, Hypothesis
 from gap.likelihood import Problem
 from gap.residuals import Observed, expected_magnitude, observe
 from gap.search import recalibrate
 from rotor.effects import AttachedMass, BearingDamping
 from rotor.rig import load_rig
-from tests.gap.conftest import BELIEF, CHANNELS, K_B, NOISE, RIG, both_supports, candidate, lines, measure, problem_of
+from tests.gap.conftest import (
+    BELIEF,
+    CHANNELS,
+    K_B,
+    NOISE,
+    RIG,
+    STRUCTURE,
+    both_supports,
+    candidate,
+    lines,
+    measure,
+    problem_of,
+)
 
 MASS = AttachedMass(mass=0.1, node=3)
 GAINS, DRIFTS = (1.03, 0.98), (1.5e-4, -1e-4)
@@ -205,6 +218,30 @@ def test_belief_sets_the_nuisances_width():
     assert_allclose(std[nuisances.gain], BELIEF.gain_tolerance)
     assert_allclose(std[nuisances.drift[1]], BELIEF.frequency_drift)
     assert NOMINAL.free == ()
+
+
+def test_gains_of_each_sensor_in_each_run_are_recovered():
+    gains = 1 + 0.02 * np.random.default_rng(3).standard_normal((2, 7))
+    runs = [measure(s, seed=k, gain=gains[k]) for k, s in enumerate(("rigid", "bearing"))]
+    problem = problem_of(*runs)
+    assert judge(problem, recalibrate(problem)).misfit > 1.5
+    free = problem.remounted()
+    fit = recalibrate(free)
+    assert judge(free, fit).misfit < 1.1
+    found = [np.log(free.nuisances.gains(fit.nu, r, modal)) for r, modal in enumerate(free.modals(fit.k_b, ()))]
+    moving = np.array([run.H.any(axis=0) for run in runs])
+    assert_allclose(
+        np.array(found)[moving], np.log(gains[moving]), atol=4 * NOISE / np.sqrt(2 * len(runs[0].frequency_hz))
+    )
+
+
+def test_gains_of_each_sensor_in_each_run_are_as_wide_as_the_campaign_says():
+    runs = both_supports()
+    told = Problem(Forward(STRUCTURE, replace(BELIEF, gain_repeatability=0.003)), problem_of(*runs).observed)
+    for problem, wide in ((told, 0.003), (told.remounted(), 0.003), (problem_of(*runs).remounted(), 0.01)):
+        own = [problem.nuisances.std[each] for each in problem.nuisances.own_gain]
+        assert_allclose(own, np.full((2, 7), wide))
+        assert problem.thinned(3).nuisances.n == problem.nuisances.n == problem_of(*runs).nuisances.n + 14
 
 
 def test_the_mean_magnitude_of_a_noisy_response_is_that_of_many_draws():

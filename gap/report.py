@@ -172,8 +172,8 @@ def _next_test(
     equivalent: Sequence[Cause],
 ) -> NextTest | None:
     """What would tell the causes, or the places, that remain apart; else what the campaign lacks."""
-    if any(map(wording.is_misnamed, findings)):
-        return NextTest("None before the names are corrected that the audit finds wrong under labels.")
+    if wrong := sorted({f.check for f in findings if wording.must_be_corrected(f)}):
+        return NextTest(f"None before what the audit finds wrong under {' and '.join(wrong)} is corrected.")
     rivals = _rivals(answer.ranked, causes, verdict, equivalent)
     told = best_next_test(answer.problem, rivals) if len(rivals) > 1 else None
     return told or wording.next_test(verdict, campaign, causes, equivalent)

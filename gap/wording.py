@@ -24,13 +24,13 @@ def named(cause: Cause) -> str:
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence, and in another what the audit wants corrected before it is believed."""
-    wrong = [f"First of all, {f.run}: {lowered(f.words)}" for f in diagnosis.audit if is_misnamed(f)]
+    wrong = [f"First of all, {f.run}: {lowered(f.words)}" for f in diagnosis.audit if must_be_corrected(f)]
     return " ".join([_verdict(diagnosis), *wrong])
 
 
-def is_misnamed(finding: Finding) -> bool:
-    """Whether a run's names do not fit what it shows: then no model that has them right can explain it."""
-    return finding.check == "labels" and finding.severity == "error"
+def must_be_corrected(finding: Finding) -> bool:
+    """Whether a run's names or signs do not fit what it shows: then no model that has them right can explain it."""
+    return finding.check in ("labels", "sign") and finding.severity == "error"
 
 
 def _verdict(diagnosis: Diagnosis) -> str:

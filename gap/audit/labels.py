@@ -1,12 +1,14 @@
-"""Names of a run that do not fit what it shows: exchanged sensors, another exciter, the other support.
+"""Names of a run that do not fit what it shows: exchanged sensors, another exciter, quantity, unit or support.
 
 The drawing says how large each node's response is beside the others', line by line and whatever the gain. A gap moves
-resonances and changes peaks; an exchanged cable changes the whole curve of two channels, and a wrong exciter all.
+resonances and changes peaks; an exchanged cable changes the whole curve of two channels, and a wrong exciter all. A
+velocity that passes for an acceleration tilts every curve, and frequencies in another unit stretch it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
 
@@ -14,9 +16,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from gap.audit.geometry import Geometry
+from gap.audit.one_run import is_only_noise
 from gap.audit.prepared import Prepared
 from gap.diagnosis import Finding
 from gap.phrases import listed
+from rotor.measured import Quantity
 from sim.campaign import FloatArray
 
 # Other names are believed where the run's own leave this much between measurement and drawing, in mean |ln ratio|, and
@@ -24,8 +28,14 @@ from sim.campaign import FloatArray
 # ones, which were off by 0.09 at most.
 _DISTANCE, _SHARE = 0.1, 0.5
 
-# Channels and lines below which nothing is said.
+# Channels below which nothing is said of their names, and lines below which nothing is said at all.
 _CHANNELS, _LINES = 3, 20
+
+# What frequencies may be in, and how many of it are one Hz.
+_FREQUENCY_UNITS = {"rad/s": 2 * np.pi, "rev/min": 60.0, "kHz": 1e-3}
+
+# What responses per newton may be.
+_QUANTITIES: tuple[Quantity, ...] = ("receptance", "mobility", "accelerance")
 
 # Frequencies along the band at which a run's lines are looked at.
 _SPREAD = 200
@@ -41,40 +51,61 @@ def check_labels(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Findi
     """Each run's nodes and exciter against the drawing, and the supports against each other."""
     still = [p for p in runs if not p.run.spin_rpm and geometry.knows(p.run)]
     for p in still:
-        yield from _check_nodes(p, geometry)
+        yield from _check_run(p, geometry)
     yield from _check_supports(still, geometry)
 
 
-def _check_nodes(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+def _check_run(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+    """Names and units of one run: others, where these leave half of its distance to the drawing or less."""
     moving = geometry.nodes - geometry.held_nodes(p.run)
     places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node in moving]
+    places = [i for i in places if not is_only_noise(p.noise, p.live[i])]
     nodes, exciter = tuple(p.channels[i].node for i in places), p.run.excitation_node
-    if len(nodes) < _CHANNELS or len(p.f) < _LINES:
+    if not nodes or len(p.f) < _LINES:
         return
     curves = _Curves(p, places, geometry)
-    distance = curves.distance(nodes, exciter)
+    distance, named = curves.distance(nodes, exciter), len(nodes) >= _CHANNELS
     if distance < _DISTANCE:
         words = "Nodes and exciter are where their names say: measured responses are off the drawing's by"
-        yield p.finding("labels", "ok", f"{words} {_percent(distance)} in the median.", distance, _DISTANCE)
+        if named:
+            yield p.finding("labels", "ok", f"{words} {_percent(distance)} in the median.", distance, _DISTANCE)
         return
+    others = [(_Curves(q, places, geometry).distance(nodes, exciter), *words) for q, *words in _in_other_units(p)]
+    if named:
+        others.append(_other_names(curves, nodes, exciter, moving, geometry))
+    left, looks, do = min(others)
+    if left <= _SHARE * distance:
+        words = f"{looks}: off by {_percent(left)} in the median then, by {_percent(distance)} as they are named"
+        yield p.finding("labels", "error", f"{words}; {do}.", distance, _DISTANCE)
+
+
+def _in_other_units(p: Prepared) -> Iterator[tuple[Prepared, str, str]]:
+    """The run, were its responses another quantity or its frequencies in another unit; what is said of that, and do."""
+    for quantity in _QUANTITIES if p.run.quantity in _QUANTITIES else ():
+        if quantity != p.run.quantity:
+            looks = f"The responses look like those of a {quantity}, not of {p.run.quantity} as they are said to be"
+            yield Prepared(replace(p.run, quantity=quantity), p.label), looks, "correct quantity"
+    for unit, factor in _FREQUENCY_UNITS.items():
+        looks = f"The responses look like those at frequencies in {unit}, not Hz"
+        run = replace(p.run, frequency_hz=p.run.frequency_hz / factor)
+        yield Prepared(run, p.label), looks, f"divide the frequencies by {factor:.4g}"
+
+
+def _other_names(
+    curves: _Curves, nodes: tuple[int, ...], exciter: int, moving: frozenset[int], geometry: Geometry
+) -> tuple[float, str, str]:
+    """The exciter, or the names of the sensors, that suit best: what is left, what is said of that, and do."""
     names = {order: curves.roughly(order, exciter)[0] for order in _orders(nodes, geometry.nodes)}
     drives = {node: curves.roughly(nodes, node)[0] for node in sorted(moving - {exciter})}
     order, drive = min(names, key=names.__getitem__), min(drives, key=drives.__getitem__)
-    by_drive = drives[drive] <= names[order]
-    left = curves.distance(nodes, drive) if by_drive else curves.distance(order, exciter)
-    if left > _SHARE * distance:
-        return
-    if by_drive:
-        words = f"The responses look like those to a force at node {drive}, not {exciter}"
+    if drives[drive] <= names[order]:
+        looks = f"The responses look like those to a force at node {drive}, not {exciter}"
         do = "correct excitation_node, or the names of the channels"
-    else:
-        changed = sorted((a, b) for a, b in zip(nodes, order, strict=True) if a != b)
-        pair = len(changed) == 2
-        right = "each other's" if pair else f"those of nodes {listed(b for _, b in changed)}"
-        words = f"The responses of nodes {listed(a for a, _ in changed)} look like {right}"
-        do = "look for exchanged cables or columns"
-    words += f": off by {_percent(left)} in the median then, by {_percent(distance)} as they are named"
-    yield p.finding("labels", "error", f"{words}; {do}.", distance, _DISTANCE)
+        return curves.distance(nodes, drive), looks, do
+    changed = sorted((a, b) for a, b in zip(nodes, order, strict=True) if a != b)
+    right = "each other's" if len(changed) == 2 else f"those of nodes {listed(b for _, b in changed)}"
+    looks = f"The responses of nodes {listed(a for a, _ in changed)} look like {right}"
+    return curves.distance(order, exciter), looks, "look for exchanged cables or columns"
 
 
 def _percent(distance: float) -> str:

@@ -153,6 +153,14 @@ def _settings(run: Run) -> tuple:
     return run.support, run.excitation_node, run.excitation_plane, run.spin_rpm, run.quantity
 
 
+def is_copy(a: Run, b: Run) -> bool:
+    """Whether two runs of one test hold the same values to the last digit."""
+    tests = ((*_settings(run), run.force_amplitude_N, run.sweep, run.channels) for run in (a, b))
+    return next(tests) == next(tests) and all(
+        np.array_equal(x, y, equal_nan=True) for x, y in ((a.frequency_hz, b.frequency_hz), (a.H, b.H))
+    )
+
+
 def check_pairs(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:
     """Every comparison that the campaign allows."""
     yield from _check_reciprocity(runs, belief)
@@ -185,6 +193,9 @@ def check_pairs(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Fin
 def _repeatability(a: Prepared, b: Prepared, belief: NominalBelief) -> Finding:
     """One sentence on two runs of one test."""
     both = f"{a.label}, {b.label}"
+    if is_copy(a.run, b.run):
+        words = "These runs hold the same values to the last digit: one measurement is used once"
+        return Finding("repeatability", "warning", f"{words}; remove one of them, or look for the other's file.", both)
     directions = {a.run.sweep, b.run.sweep} == {"up", "down"}
     check = "sweep_direction" if directions else "repeatability"
     found = compare(a, b, _common(a, b), belief.frequency_drift)

@@ -28,6 +28,11 @@ _DELAY_WIDTHS, _DELAY_LINES = 3.0, 12
 # A response is in phase or out of phase when its cosine exceeds this.
 _CLEAR_COSINE = 0.5
 
+# Phases are followed through lines within so many half-power widths of a resonance, or so many lines; from line to
+# line they turn by less [rad]. They rise where they gain more than this [rad]: through a resonance of a rotor they
+# lose up to pi.
+_ROUND_WIDTHS, _ROUND_LINES, _CLEAR_STEP, _RISES = 2.0, 2, 2.5, 0.5
+
 # Low lines are below this share of the first resonance, and so many at least.
 _LOW, _LOW_LINES = 0.85, 3
 
@@ -156,6 +161,12 @@ def check_sign(p: Prepared, geometry: Geometry, delays: Delays | None) -> Iterat
     if p.run.magnitude_only or not len(p.live):
         return
     y: Any = p.receptance
+    rise = _rise(p)
+    if rise > _RISES:
+        words = f"The phase rises by {np.degrees(rise):.0f} degrees through the resonances, where that of a rotor falls"
+        words += ": the responses are conjugated, as with e^(-i omega t)"
+        yield p.finding("sign", "error", f"{words}; change the sign of the imaginary parts.", rise, _RISES)
+        y = y.conj()
     if delays is not None:
         y = y * np.exp(1j * 2 * np.pi * p.f[:, None] * delays.common[0])
     judged = _low_signs(p, geometry, y)
@@ -187,6 +198,18 @@ def check_sign(p: Prepared, geometry: Geometry, delays: Delays | None) -> Iterat
         who = listed(p.channels[i] for i in inverted)
         words = f"Channel {who} has the opposite sign of what this force must do: the sensor or its cable is inverted"
         yield p.finding("sign", "error", f"{words}; change the sign.", float(len(inverted)), 0.0)
+
+
+def _rise(p: Prepared) -> float:
+    """By how much the phase rises next to the resonances, in the median [rad]; nan where lines are too far apart."""
+    rises = []
+    for r in p.resonances:
+        reach = max(_ROUND_WIDTHS * np.nan_to_num(r.half_power_hz), _ROUND_LINES * np.gradient(p.f)[r.line])
+        near = p.H[np.abs(p.f - r.frequency_hz) <= reach]
+        steps = np.angle(np.sum(near[:-1].conj() * near[1:], axis=1))
+        if len(steps) and np.abs(steps).max() < _CLEAR_STEP:
+            rises.append(float(steps.sum()))
+    return float(np.median(rises)) if rises else np.nan
 
 
 def _low_signs(p: Prepared, geometry: Geometry, y: Any) -> dict[int, int]:

@@ -534,6 +534,59 @@ def test_a_unit_is_guessed_only_where_it_errs_in_that_direction(factor, hint):
     assert hint is None or hint in found.words
 
 
+@pytest.mark.parametrize("drive", [1, 7])
+def test_a_force_on_a_rigid_support_is_no_unit(drive):
+    """The drawing says that nothing moves then."""
+    run = replace(measure(RIGID), excitation_node=drive)
+    assert not [f for f in audit(in_campaign(run)) if f.check == "units"]
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+def test_conjugated_responses_are_found(condition):
+    run = measure(condition)
+    found = troubles(audit(in_campaign(replace(run, H=run.H.conj()))))
+    assert [f.check for f in found] == ["sign"], found
+    assert "conjugated" in found[0].words
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+@pytest.mark.parametrize("nodes", [(2, 4, 6), (3,)])
+@pytest.mark.parametrize("quantity", ["mobility", "receptance"])
+def test_another_quantity_is_found(condition, nodes, quantity):
+    run = measure(condition).with_channels([node - 1 for node in nodes])
+    velocity = 2j * np.pi * run.frequency_hz[:, None]
+    H = run.H / (velocity if quantity == "mobility" else velocity**2)
+    (found,) = troubles(audit(in_campaign(replace(run, H=H, std=None))))
+    assert (found.check, f"those of a {quantity}" in found.words) == ("labels", True), found
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("rad/s", 2 * np.pi), ("rev/min", 60), ("kHz", 1e-3)])
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+def test_frequencies_in_another_unit_are_found(condition, unit, factor):
+    run = measure(condition)
+    found = noted(audit(in_campaign(replace(run, frequency_hz=factor * run.frequency_hz))), "labels")
+    assert [f"in {unit}" in f.words for f in found] == [True], found
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+def test_channels_of_noise_have_no_names(condition):
+    run = measure(condition)
+    noise = circular(np.random.default_rng(1), run.H.shape)
+    assert not noted(audit(in_campaign(replace(run, H=noise, std=None))), "labels")
+    stuck = replace(run, H=np.full_like(run.H, 0.3 + 0.1j), std=None)
+    assert not noted(audit(in_campaign(stuck)), "labels")
+
+
+def test_one_run_that_stands_twice_is_found_and_used_once():
+    run = measure(BEARING)
+    twice = in_campaign(run, replace(run, name="again"))
+    (found,) = troubles(audit(twice))
+    assert (found.check, "same values" in found.words) == ("repeatability", True)
+    assert [left.name for left in usable(twice).runs] == [run.name]
+    louder = in_campaign(run, replace(run, name="louder", force_amplitude_N=3.0))
+    assert len(usable(louder).runs) == 2  # of a linear rotor without noise
+
+
 # -- names -----------------------------------------------------------------------------------------
 
 

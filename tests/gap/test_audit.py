@@ -537,7 +537,7 @@ def test_a_unit_is_guessed_only_where_it_errs_in_that_direction(factor, hint):
 @pytest.mark.parametrize("drive", [1, 7])
 def test_a_force_on_a_rigid_support_is_no_unit(drive):
     """The drawing says that nothing moves then."""
-    run = replace(measure(RIGID), excitation_node=drive)
+    run = replace(measure(RIGID), excitation_node=drive).with_channels([1, 3])  # too few to find the right node
     assert not [f for f in audit(in_campaign(run)) if f.check == "units"]
 
 
@@ -570,8 +570,8 @@ def test_frequencies_in_another_unit_are_found(condition, unit, factor):
 
 @pytest.mark.parametrize("condition", [RIGID, BEARING])
 def test_channels_of_noise_have_no_names(condition):
-    run = measure(condition)
-    noise = circular(np.random.default_rng(1), run.H.shape)
+    run = measure(condition).with_channels([1, 2, 4])
+    noise = circular(np.random.default_rng(1), run.H.shape) * run.frequency_hz[:, None] ** 2
     assert not noted(audit(in_campaign(replace(run, H=noise, std=None))), "labels")
     stuck = replace(run, H=np.full_like(run.H, 0.3 + 0.1j), std=None)
     assert not noted(audit(in_campaign(stuck)), "labels")

@@ -16,7 +16,19 @@ from gap.adequacy import Adequacy, judge
 from gap.audit import amplitude_dependent
 from gap.causes import cause_of, locations
 from gap.curves import Curve, log_distance_db, nrmse
-from gap.diagnosis import DAMPING, Cause, Diagnosis, Estimate, Finding, Location, NextTest, Regime, Shrink, Verdict
+from gap.diagnosis import (
+    DAMPING,
+    Cause,
+    Diagnosis,
+    Estimate,
+    Finding,
+    Location,
+    NextTest,
+    Regime,
+    Shrink,
+    Verdict,
+    Where,
+)
 from gap.fit import Fit
 from gap.held_out import Confirm, measure_shrink
 from gap.hypotheses import SURE
@@ -92,7 +104,9 @@ def report(
     corrected = drawn.predict(best) if best is not nominal or verdict == "no_gap" else [None] * len(believed)
     curves = tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True))
     equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
-    where = locate(drawn, nominal, believed, _regime(causes[:1] if verdict == "cause" else equivalent, findings))
+    regime = _regime(causes[:1] if verdict == "cause" else equivalent, findings)
+    told = verdict != "not_enough_data"
+    where = locate(drawn, nominal, believed, regime) if told else Where()
     clock.lap("where")
     shrink: Shrink | None = None
     if best is not nominal:
@@ -149,11 +163,11 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
     """What is said of the recalibrated nominal model."""
     problem, nominal = answer.problem, answer.nominal
     return {
-        "k_b": _k_b(problem, nominal, answer.scale),
+        "k_b": _k_b(problem, nominal, answer.scale) if nominal.n_data else None,
         "gap": _mean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]),
         "gap_dB": _mean([log_distance_db(c.run.H, c.nominal) for c in curves]),
         "misfit": judge(problem, nominal).misfit,
-        "probability": _known(answer) * answer.ranked.no_gap,
+        "probability": _known(answer) * answer.ranked.no_gap if answer.verdict != "not_enough_data" else math.nan,
         **{key: getattr(campaign.nominal, key) for key in DAMPING},
     }
 

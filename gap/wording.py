@@ -108,6 +108,10 @@ def next_test(
     settings = {"support": run.support, "excitation_node": run.excitation_node}
     settings |= {"excitation_plane": run.excitation_plane} if run.excitation_plane != "y" else {}
     settings |= {"force_amplitude_N": run.force_amplitude_N} if run.force_amplitude_N else {}
+    if verdict == "not_enough_data":
+        words = f"Measure the rotor on {supports(run.support)} again, at fifty lines or more from below its first "
+        words += "resonance to above its second, and mend what the audit finds dead"
+        return NextTest(f"{words}: of so few values nothing follows.", settings)
     there = {run.support for run in campaign.runs}
     for support in SUPPORTS:
         if support not in there:

@@ -18,7 +18,7 @@ from gap.audit import usable
 from gap.audit.prepared import Prepared
 from gap.curves import nrmse
 from gap.diagnose import _library, _not_ruled_out, diagnose
-from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Finding, Location
+from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Finding, Location, Where
 from gap.held_out import _figures, _held_out, lines_to_measure
 from gap.hypotheses import candidates
 from gap.predict import predict
@@ -221,6 +221,15 @@ def test_next_to_no_data_is_not_enough():
     diagnosis = diagnose(campaign_of(replace(run, std=None)), exclude=all_but("attached_mass")).diagnosis
     assert diagnosis.verdict == "not_enough_data"
     assert diagnosis.shrink is None
+    assert diagnosis.where == Where()
+    assert np.isnan(diagnosis.nominal["probability"])
+    assert "fifty lines" in diagnosis.next_test.words
+
+
+def test_where_every_channel_is_zero_nothing_is_said_of_the_bearings():
+    run = measure("bearing")
+    diagnosis = diagnose(campaign_of(replace(run, H=0 * run.H, std=None)), exclude=all_but("attached_mass")).diagnosis
+    assert (diagnosis.verdict, diagnosis.nominal["k_b"], diagnosis.where) == ("not_enough_data", None, Where())
 
 
 def test_a_node_that_the_rig_lacks_is_wrong_input():

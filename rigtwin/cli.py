@@ -272,7 +272,7 @@ def diagnose(
     """Where the gap between a campaign and the nominal model lies, which effect causes it, how far it shrinks."""
     from rigtwin.diagnose import DiagnosisRequest, run_diagnose
 
-    excluded = tuple(name for names in exclude or () for name in names.split(",") if name)
+    excluded = tuple(name.strip() for names in exclude or () for name in names.rstrip(", ").split(","))
     run_diagnose(DiagnosisRequest(campaign, out, excluded, fmu=not no_fmu, as_json=as_json, workers=workers))
 
 

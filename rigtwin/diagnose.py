@@ -277,6 +277,8 @@ def run_predict(path: Path, folder: Path, out: Path) -> None:
     """Write every run of a campaign as the nominal and as the corrected model compute it."""
     n = write_prediction(path, folder, out)
     say(f"{n} runs written to {out / 'nominal'} and {out / 'corrected'}")
+    if load_document(path)["verdict"] not in ("cause", "ambiguous"):
+        note(f"{path} names no cause: what is in {out / 'corrected'} is the nominal model too")
 
 
 def write_prediction(path: Path, folder: Path, out: Path) -> int:

@@ -12,7 +12,17 @@ from pathlib import Path
 from typing import Annotated, Any, Required
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator, with_config
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+    with_config,
+)
 
 from rotor.rig import Rig, load_rig, shipped_rigs
 from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
@@ -75,6 +85,13 @@ class _CampaignTable(_Table):
     run: list[Annotated[_RunTable, AfterValidator(_says_support)]] = []
     peaks: list[_PeaksTable] = []
 
+    @field_validator("run", "peaks", mode="before")
+    @classmethod
+    def _each_a_table(cls, tables: Any, info: ValidationInfo) -> Any:
+        if not isinstance(tables, list):
+            raise ValueError(f"is one table; write [[{info.field_name}]] above each")
+        return tables
+
     @model_validator(mode="after")
     def _not_empty(self) -> _CampaignTable:
         if not self.run and not self.peaks:
@@ -122,6 +139,8 @@ def _belief(table: _NominalTable, rig: Rig) -> NominalBelief:
 
 def _read_table(folder: Path) -> _CampaignTable:
     path = folder / FILE_NAME
+    if folder.is_file():
+        raise MeasurementError(f"{folder}: is a file; give its folder, {folder.parent}")
     if not folder.is_dir():
         raise MeasurementError(f"{folder}: no such folder; give the folder that holds {FILE_NAME}")
     if not path.is_file():
@@ -154,7 +173,12 @@ def _rig_to_load(folder: Path, rig: str) -> str:
 def _load_run(folder: Path, place: int, entry: _RunTable, usual_node: int) -> Run:
     path = folder / entry["file"]
     if not path.is_file():
-        raise MeasurementError(f"{folder / FILE_NAME}: run {place} file: no such data file {path}; correct the name")
+        slashes = (
+            "" if entry["file"].isprintable() else ", and write folders with /: a backslash begins another character"
+        )
+        raise MeasurementError(
+            f"{folder / FILE_NAME}: run {place} file: no such data file {str(path)!r}; correct the name{slashes}"
+        )
     settings: dict[str, Any] = {key: value for key, value in entry.items() if key != "file"}
     return read_run(path, usual_node, **settings)
 

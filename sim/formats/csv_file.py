@@ -72,6 +72,10 @@ def _check_order(path: Path, places: list[int], frequency_hz: FloatArray) -> Non
     """Lines go up, or down throughout; ``places`` are their line numbers in the file."""
     if (row := misplaced(frequency_hz)) is not None:
         line, here, last = places[row], float(frequency_hz[row]), float(frequency_hz[row - 1]) if row else 0.0
+        if here <= 0:
+            raise MeasurementError(
+                f"{path}, line {line}, column {FREQUENCY}: {here!r} Hz; frequencies must be positive: remove the line"
+            )
         raise MeasurementError(
             f"{path}, line {line}, column {FREQUENCY}: {here!r} Hz does not come after {last!r} Hz; "
             "frequencies must be positive and increase (or all decrease): sort the lines and remove repeats"

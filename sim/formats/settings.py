@@ -110,5 +110,5 @@ def _problem(kind: str, message: str) -> str:
     if kind == "extra_forbidden":
         return "unknown key; check its spelling or remove it"
     if kind == "missing":
-        return "is missing"
+        return "is missing; write it"
     return message.removeprefix("Value error, ")

@@ -359,6 +359,13 @@ def test_predict_writes_every_run_twice_on_its_own_lines(predicted, document, ca
         assert_allclose(again.frequency_hz, F_HZ, rtol=0)
     assert predicted[0]["causes"][0]["effects"] == ["pedestal_flexibility"]
     assert "2 runs written" in result.stdout
+    assert "names no cause" not in result.stderr
+
+
+def test_predict_says_where_a_diagnosis_names_no_cause(predicted, campaign, tmp_path):
+    document = replace(DIAGNOSIS, verdict="unknown").save(tmp_path / "diagnosed")
+    result = run("predict", document, campaign, "--out", tmp_path / "out")
+    assert (result.exit_code, "names no cause" in result.stderr) == (0, True)
 
 
 def test_a_prediction_that_is_interrupted_leaves_all_files_as_they_were(

@@ -152,7 +152,7 @@ def test_data_files_may_lie_in_subfolders_and_one_file_may_serve_two_runs(tmp_pa
     ("toml", "message"),
     [
         ("rig = nit-rourkela\n", "not valid TOML: "),
-        (PEAKS, "rig: is missing"),
+        (PEAKS, "rig: is missing; write it"),
         (HEAD, "no [[run]] and no [[peaks]]; a campaign needs at least one of either"),
         ('rig = "nit-rurkela"\n' + PEAKS, "rig: no rig file nit-rurkela; give the path of a rig TOML"),
         (HEAD + 'titel = "x"\n' + PEAKS, "titel: unknown key; check its spelling or remove it"),
@@ -175,8 +175,13 @@ def test_data_files_may_lie_in_subfolders_and_one_file_may_serve_two_runs(tmp_pa
         (HEAD + RUN + "excitation_node = 2.5\n", "run 1 excitation_node: Input should be a valid integer"),
         (HEAD + RUN + 'force_amplitude_N = "weak"\n', "run 1 force_amplitude_N: Input should be a valid num"),
         (HEAD + RUN + 'sweep = "both"\n', "run 1 sweep: Input should be 'up' or 'down'"),
-        (HEAD + '[run]\nfile = "a.csv"\n', "run: Input should be a valid list"),
-        (HEAD + RUN.replace("a.csv", "b.csv"), "run 1 file: no such data file b.csv; correct the name"),
+        (HEAD + RUN.replace("a.csv", "b.csv"), "run 1 file: no such data file 'b.csv'; correct the name"),
+        (
+            HEAD + RUN.replace("a.csv", "data\\run.csv"),
+            "run 1 file: no such data file 'data\\run.csv'; correct the name, and write folders with /",
+        ),
+        (HEAD + RUN.replace("[[run]]", "[run]"), "run: is one table; write [[run]] above each"),
+        (HEAD + PEAKS.replace("[[peaks]]", "[peaks]"), "peaks: is one table; write [[peaks]] above each"),
         (HEAD + RUN.replace("a.csv", "campaign.toml"), "unknown kind of file; a run is one of .csv, .uff"),
         (HEAD + PEAKS.replace("3.0", "-3.0"), "peaks 1 std_Hz 2: Input should be greater than 0"),
         (
@@ -323,3 +328,10 @@ def test_what_could_not_be_loaded_is_not_saved(tmp_path, changes, file_format, p
 def test_a_run_read_alone_and_in_its_campaign_is_the_same(tmp_path):
     run = load_campaign(folder_with(tmp_path, HEAD + RUN, a=CSV)).runs[0]
     assert_same_run(run, read_run(tmp_path / "a.csv", support="rigid"))
+
+
+def test_the_file_of_a_campaign_is_not_its_folder(tmp_path):
+    file = tmp_path / "campaign.toml"
+    file.write_text(HEAD)
+    with pytest.raises(MeasurementError, match="is a file; give its folder"):
+        load_campaign(file)

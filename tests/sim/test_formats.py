@@ -280,7 +280,7 @@ GOOD = "frequency_Hz,node2_re,node2_im\n95,1,2\n"
         (GOOD + "94,1,2\n-1,1,2\n", "run.csv, line 3, column frequency_Hz: 94.0 Hz does not come after 95.0 Hz"),
         (
             "frequency_Hz,node2_abs\n0,1\n",
-            "run.csv, line 2, column frequency_Hz: 0.0 Hz does not come after 0.0 Hz; freq",
+            "run.csv, line 2, column frequency_Hz: 0.0 Hz; frequencies must be positive: remove the line",
         ),
         ("frequency_Hz,node2_abs\n95,-1\n", "run.csv, line 2, column node2_abs: -1.0 is negative; a magnitude is not"),
         (

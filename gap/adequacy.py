@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from gap.audit.noise import CREDIBLE
 from gap.fit import Fit
 from gap.likelihood import Problem
-from gap.residuals import Observed
+from gap.residuals import Observed, residual
 from rotor.structure import ComplexArray, FloatArray
 
 # Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
@@ -35,7 +35,7 @@ def whitened(observed: Observed, model: ComplexArray) -> ComplexArray:
     """(n_freq, n_channels) residuals of unit variance per real component; nan where nothing is there."""
     y = observed.run.H
     silent = np.abs(np.nan_to_num(y)) <= 1e-9 * np.nanmax(np.abs(y))
-    return np.where(observed.valid & ~silent, observed.less(model) / (observed.std / np.sqrt(2)), np.nan)
+    return np.where(observed.valid & ~silent, residual(observed, model, 0.0), np.nan)
 
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:

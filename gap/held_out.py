@@ -13,7 +13,6 @@ from gap.fit import Fit
 from gap.forward import acting, nonlinear
 from gap.likelihood import Problem
 from gap.nonlinear import BoolArray
-from gap.residuals import Observed
 from gap.robust import robust_fit
 from gap.transfer import transfer_interval
 from rotor.effects import Effect
@@ -44,7 +43,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
     training = problem.on(
         [
-            Observed(o.run, np.where(mask[:, None], np.inf, o.std))
+            replace(o, std=np.where(mask[:, None], np.inf, o.std))
             for o, mask in zip(problem.observed, masks, strict=True)
         ]
     )

@@ -236,7 +236,7 @@ class Problem:
         some = []
         for o in self.observed:
             lines = slice(None, None, max(min(every, len(o.std) // FEW_LINES), 1))
-            some.append(Observed(o.run.on_lines(lines), o.std[lines]))
+            some.append(replace(o, run=o.run.on_lines(lines), std=o.std[lines]))
         return Problem(self.forward, some, self.model_error if model_error is None else model_error)
 
     def on(self, observed: Sequence[Observed]) -> Problem:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gap.audit import believed_errors
+from gap.audit import believed_errors, common_error
 from gap.fit import Fit
 from gap.forward import Forward
 from gap.likelihood import Problem
@@ -45,7 +45,8 @@ def forward_of(campaign: Campaign) -> Forward:
 
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     """A campaign's runs with their errors and model, and the recalibrated nominal model."""
-    problem = Problem(forward_of(campaign), [observe(run, believed_errors(run)) for run in campaign.runs])
+    observed = [observe(run, believed_errors(run), common_error(run)) for run in campaign.runs]
+    problem = Problem(forward_of(campaign), observed)
     problem, first = problem.in_si(recalibrate(problem))
     problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)
     return problem, recalibrate(problem, first)

@@ -15,6 +15,9 @@ from gap.nonlinear import BoolArray
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
 
+# A channel's own variance is at least this share of all, what the channels share apart.
+_LEAST_OWN = 0.05
+
 # Errors below this share of a run's median response are not believed.
 _LEAST_STD = 1e-4
 
@@ -24,7 +27,8 @@ class Observed:
     """A run with its errors."""
 
     run: Run
-    std: FloatArray  # (n_freq, n_channels)
+    std: FloatArray  # (n_freq, n_channels), what all channels share among them
+    common: float = 0.0  # relative standard error that all channels share at a line, as noise of the force is
 
     @property
     def valid(self) -> BoolArray:
@@ -44,7 +48,7 @@ class Observed:
     def divided(self, factor: float) -> Observed:
         """The same in another unit."""
         std = None if self.run.std is None else self.run.std / factor
-        return Observed(replace(self.run, H=self.run.H / factor, std=std, harmonics={}), self.std / factor)
+        return replace(self, run=replace(self.run, H=self.run.H / factor, std=std, harmonics={}), std=self.std / factor)
 
     @property
     def n_values(self) -> int:
@@ -53,16 +57,20 @@ class Observed:
         return int((self.valid & moving).sum()) * (1 if self.run.magnitude_only else 2)
 
 
-def observe(run: Run, std: FloatArray) -> Observed:
+def observe(run: Run, std: FloatArray, common: float = 0.0) -> Observed:
     """A run whose errors are at least what can be believed."""
     size = np.abs(run.H[np.isfinite(run.H)])
     least = _LEAST_STD * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
-    return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least))
+    return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least), common)
 
 
 def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
-    """(data - model) over the standard error of a real component; what is not there is zero."""
-    return np.where(observed.valid, observed.less(H) * _weight(observed, added), 0.0)
+    """(data - model) over the standard error of a real component; what is not there is zero.
+
+    What all channels share is taken out, so that the channels' errors are independent.
+    """
+    weight = _weight(observed, added)
+    return _independent(observed, np.where(observed.valid, observed.less(H) * weight, 0.0), weight)
 
 
 def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
@@ -71,33 +79,58 @@ def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
 
 
 def _weight(observed: Observed, added: float) -> FloatArray:
-    """(n_freq, n_channels) 1 / standard error of a real component; 0 where nothing is there."""
-    variance = observed.std**2 + added**2 * np.abs(np.nan_to_num(observed.run.H)) ** 2
-    return np.where(observed.valid, 1 / np.sqrt(variance / 2), 0.0)
+    """(n_freq, n_channels) 1 / standard error of a real component of a channel's own; 0 where nothing is there."""
+    squared = np.abs(np.nan_to_num(observed.run.H)) ** 2
+    own = np.maximum(observed.std**2 - observed.common**2 * squared, _LEAST_OWN * observed.std**2)
+    return np.where(observed.valid, 1 / np.sqrt((own + added**2 * squared) / 2), 0.0)
+
+
+def _independent(observed: Observed, z: ComplexArray, weight: FloatArray) -> ComplexArray:
+    """Values (..., n_freq, n_channels) in units of the channels' own errors, where these are independent.
+
+    An error e that all channels share changes each by e y. With w = e y in units of the own errors the covariance is
+    1 + w w^H, and 1 - (1 - 1 / sqrt(1 + |w|^2)) w w^H / |w|^2 times the values have that of independent ones.
+    """
+    if not observed.common:
+        return z
+    y = np.nan_to_num(observed.run.H)
+    w = observed.common / np.sqrt(2) * weight * (np.abs(y) if observed.run.magnitude_only else y)
+    square = np.sum(np.abs(w) ** 2, axis=-1, keepdims=True)
+    part = (1 - 1 / np.sqrt(1 + square)) / np.where(square > 0, square, 1.0)
+    return z - part * w * np.sum(w.conj() * z, axis=-1, keepdims=True)
 
 
 def weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
     """Weights (n_freq, n_channels) and real residuals."""
     weight, left = _weight(observed, added), residual(observed, H, added)
-    if observed.run.magnitude_only:
-        return weight, left.real.ravel()
-    return weight, np.concatenate([left.real.ravel(), left.imag.ravel()])
+    return weight, _flat(left.real if observed.run.magnitude_only else left)
 
 
 def derivatives(observed: Observed, H: ComplexArray, columns: ComplexArray, weight: FloatArray) -> FloatArray:
     """(n_columns, n_residuals) derivatives of the model in units of the residuals."""
     slope = expected_magnitude(observed, H)[1] if observed.run.magnitude_only else 1.0
-    return as_real(columns * weight * slope, H, observed.run)
+    changes = _as_recorded(columns * weight * slope, H, observed.run)
+    return _flat(_independent(observed, changes, weight))
 
 
 def as_real(changes: ComplexArray, H: ComplexArray, run: Run) -> FloatArray:
     """(..., n_residuals) changes (..., n_freq, n_channels) of a response: both parts, or its magnitude's alone."""
-    flat = (*changes.shape[:-2], H.size)
-    if run.magnitude_only:
-        size = np.abs(H)
-        direction = np.where(size > 0, H.conj() / np.where(size > 0, size, 1.0), 0.0)
-        return (changes * direction).real.reshape(flat)
-    return np.concatenate([changes.real.reshape(flat), changes.imag.reshape(flat)], axis=-1)
+    return _flat(_as_recorded(changes, H, run))
+
+
+def _as_recorded(changes: ComplexArray, H: ComplexArray, run: Run) -> ComplexArray | FloatArray:
+    """Changes (..., n_freq, n_channels) of a response, or of its magnitude where only that was measured."""
+    if not run.magnitude_only:
+        return changes
+    size = np.abs(H)
+    return (changes * np.where(size > 0, H.conj() / np.where(size > 0, size, 1.0), 0.0)).real
+
+
+def _flat(values: ComplexArray | FloatArray) -> FloatArray:
+    """(..., n_residuals) of (..., n_freq, n_channels), real parts first."""
+    flat = (*values.shape[:-2], values.shape[-2] * values.shape[-1])
+    parts = (values.real, values.imag) if np.iscomplexobj(values) else (values,)
+    return np.concatenate([part.reshape(flat) for part in parts], axis=-1)
 
 
 def expected_magnitude(observed: Observed, H: ComplexArray) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ from gap.fit import Fit
 from gap.helpers import Item, Result, each
 from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem
-from gap.residuals import Observed, residual
+from gap.residuals import residual
 from gap.search import first_of_each
 from gap.starts import Start
 from rotor.structure import FloatArray
@@ -96,7 +96,7 @@ def _weighted(problem: Problem, squares: Sequence[FloatArray]) -> Problem:
     for o, mean in zip(problem.observed, squares, strict=True):
         model2 = (problem.model_error * np.abs(np.nan_to_num(o.run.H))) ** 2
         growth = mean[:, None] / OUTLIER**2
-        observed.append(Observed(o.run, np.sqrt(o.std**2 * (1 + growth) + model2 * growth)))
+        observed.append(replace(o, std=np.sqrt(o.std**2 * (1 + growth) + model2 * growth)))
     return problem.on(observed)
 
 

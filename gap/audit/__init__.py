@@ -27,7 +27,7 @@ import numpy as np
 from gap.audit.coverage import check_coverage, check_units
 from gap.audit.geometry import Geometry, geometry_of
 from gap.audit.labels import check_labels
-from gap.audit.noise import NoiseEstimate, believed_errors, estimate_noise
+from gap.audit.noise import NoiseEstimate, believed_errors, common_error, estimate_noise
 from gap.audit.one_run import (
     check_channels,
     check_missing_lines,
@@ -46,7 +46,15 @@ from gap.audit.wild import check_wild_lines, tamed, without_wild_lines
 from gap.diagnosis import Finding
 from sim.campaign import Campaign, NominalBelief
 
-__all__ = ["NoiseEstimate", "amplitude_dependent", "audit", "believed_errors", "estimate_noise", "usable"]
+__all__ = [
+    "NoiseEstimate",
+    "amplitude_dependent",
+    "audit",
+    "believed_errors",
+    "common_error",
+    "estimate_noise",
+    "usable",
+]
 
 
 def audit(campaign: Campaign) -> tuple[Finding, ...]:

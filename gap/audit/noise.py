@@ -55,6 +55,9 @@ _LARGEST = 1e60
 _GROUP, _GROUPS = 25, 8
 
 
+# Variance that all channels share counts from so many of its standard errors, and this share of all variance.
+_COMMON_ERRORS, _COMMON_SHARE = 4.0, 0.1
+
 # Scatter of a run's lines over the given errors: outside, all of them are scaled.
 CREDIBLE = (0.5, 2.0)
 
@@ -85,6 +88,7 @@ class NoiseEstimate:
     draws: FloatArray  # (n_freq, n_channels) |residual| of each line, freed of its leverage, unit of H
     uncertainty: float  # relative standard error of ``relative`` [-]; inf where nothing is known
     resolved: bool = True  # whether lines lie close enough; else the estimate is more than the noise
+    common: float = 0.0  # part of ``relative`` that all channels share, as noise of the force; 0 where hardly any
 
 
 def estimate_noise(run: Run) -> NoiseEstimate:
@@ -117,24 +121,69 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         draws[np.ix_(lines, live)] = found.draws
         std[:, live] = np.sqrt((found.share * np.abs(H[:, live])) ** 2 + found.floor**2)
         relative[live] = found.relative
-    return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved)
+        common = 0.0
+        if resolved:
+            common = _common(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
+            common *= _not_followed(H_live.shape[1], windows[0], _DEGREES_MAGNITUDE if run.magnitude_only else _DEGREES)
+    return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved, common)
 
 
 @dataclass(frozen=True)
 class _Scatter:
     """Scatter of live channels about local fits."""
 
-    draws: FloatArray  # (n, n_live)
+    residuals: np.ndarray  # (n, n_live), complex but for magnitudes
     share: FloatArray  # (n_live,) of the response
     floor: FloatArray  # (n_live,) unit of the response
     relative: FloatArray  # (n_live,) median of both together
 
+    @property
+    def draws(self) -> FloatArray:
+        """(n, n_live) sizes of the residuals."""
+        return np.abs(self.residuals)
+
 
 def _scatter(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window: int) -> _Scatter:
-    draws, size = _residuals(frequency_hz, H, magnitude, window), np.abs(H)
-    share, floor = np.array([_two_parts(s, d, magnitude) for s, d in zip(size.T, draws.T, strict=True)]).T
+    residuals, size = _residuals(frequency_hz, H, magnitude, window), np.abs(H)
+    parts = [_two_parts(s, d, magnitude) for s, d in zip(size.T, np.abs(residuals).T, strict=True)]
+    share, floor = np.array(parts).T
     relative = np.median(np.hypot(share, floor / np.maximum(size, np.finfo(float).tiny)), axis=0)
-    return _Scatter(draws, share, floor, relative)
+    return _Scatter(residuals, share, floor, relative)
+
+
+def _not_followed(n_channels: int, window: int, degrees: tuple[int, int]) -> float:
+    """By how much an error that all channels share is larger than it seems once draws are freed of their leverage.
+
+    The denominator is common to all channels: it follows their common error as a numerator does a channel's own.
+    """
+    numerator, denominator = degrees[0] + 1, degrees[1]
+    own = 1 - (numerator + denominator / n_channels) / window
+    return math.sqrt(own / (1 - (numerator + denominator) / window))
+
+
+def _common(residuals: np.ndarray, std: FloatArray) -> float:
+    """Relative error that all channels share, from the covariance of their relative residuals (n, n_live) line by line.
+
+    The largest quarter is left out; what that takes from the covariance it takes from the mean square as well.
+
+    Parameters
+    ----------
+    std : (n, n_live) relative standard errors, the shared part among them
+    """
+    z = (residuals / std)[np.isfinite(residuals / std).all(axis=1)]
+    std = std[np.isfinite(residuals / std).all(axis=1)]
+    n, n_channels = z.shape
+    if n_channels < 2 or n < _GROUP:
+        return 0.0
+    squares = np.sum(np.abs(z) ** 2, axis=1)
+    kept = np.argsort(squares)[: math.ceil(_KEPT * n)]
+    enlarged = n_channels * len(kept) / float(squares[kept].sum())
+    products = enlarged * (np.abs(z.sum(axis=1)) ** 2 - squares)[kept]
+    weights = (np.sum(1 / std, axis=1) ** 2 - np.sum(std**-2, axis=1))[kept]
+    square = float(products.sum() / weights.sum())
+    error = float(np.sqrt(np.sum((products - square * weights) ** 2)) / weights.sum())
+    worth = square > max(_COMMON_ERRORS * error, _COMMON_SHARE * float(np.median(std)) ** 2)
+    return math.sqrt(square) if worth else 0.0
 
 
 @dataclass(frozen=True)
@@ -203,6 +252,11 @@ def believed_errors(run: Run) -> FloatArray:
     return np.where(np.isfinite(own) & (throughout | given.too_small), own, given.std)
 
 
+def common_error(run: Run) -> float:
+    """Relative standard error that all channels of a run share at a line, as of the complex response [-]."""
+    return float(of_complex(np.asarray(estimate_noise(run).common), run))
+
+
 def live_channels(run: Run) -> np.ndarray:
     """(n_channels,) whether a channel carries a response on half of the lines or more.
 
@@ -242,7 +296,7 @@ def mean_square(squares: FloatArray, *, magnitude: bool = False) -> float:
 
 
 def _residuals(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window: int) -> FloatArray:
-    """(n_freq, n_channels) |residual| of every line, freed of its leverage; nan where the leverage is too high."""
+    """(n_freq, n_channels) residual of every line, freed of its leverage; nan where the leverage is too high."""
     Y = np.abs(H) ** 2 if magnitude else H
     degrees = _DEGREES_MAGNITUDE if magnitude else _DEGREES
     size = np.abs(Y)
@@ -254,7 +308,7 @@ def _residuals(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window:
     weight = weight / np.maximum(np.sqrt(level), 1e-9)
     second, _ = fit.residuals(Y, weight, prior=_DENOMINATOR_PRIOR**-2, denominator=d)
     # An error of |H| is one of 2|H| times it in the square.
-    return np.abs(second) / (2 * np.sqrt(size) + np.finfo(float).tiny) if magnitude else np.abs(second)
+    return second / (2 * np.sqrt(size) + np.finfo(float).tiny) if magnitude else second
 
 
 class _Windows:

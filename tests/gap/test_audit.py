@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gap.audit import audit, believed_errors, estimate_noise, usable
+from gap.audit import audit, believed_errors, common_error, estimate_noise, usable
 from gap.audit.noise import mean_square
 from gap.audit.pairs import compare
 from gap.audit.prepared import Prepared, prepare
@@ -991,3 +991,17 @@ def test_lines_that_are_not_compared_have_no_phase():
     found = compare(a, b, [(c, c) for c in a.channels], 1e-4)
     assert found
     assert abs(found.phase) > 3
+
+
+# -- noise that all channels share -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("magnitude_only", [False, True])
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+def test_noise_that_all_channels_share_is_estimated(condition, magnitude_only):
+    run = measure(condition)
+    assert estimate_noise(replace(run, magnitude_only=magnitude_only)).common == 0
+    force = 0.01 * circular(np.random.default_rng(3), (len(run.frequency_hz), 1))
+    H = run.H * (1 + force)
+    shaken = replace(run, H=np.abs(H) if magnitude_only else H, std=None, magnitude_only=magnitude_only)
+    assert_allclose(common_error(shaken), 0.01, rtol=0.25)

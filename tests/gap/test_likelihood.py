@@ -12,7 +12,7 @@ from gap.adequacy import judge
 from gap.forward import Forward
 from gap.hypotheses import NOMINAL, Hypothesis
 from gap.likelihood import Problem
-from gap.residuals import Observed, expected_magnitude, observe
+from gap.residuals import Observed, derivatives, expected_magnitude, observe, residual, weighted
 from gap.search import recalibrate
 from rotor.effects import AttachedMass, BearingDamping
 from rotor.rig import load_rig
@@ -291,3 +291,22 @@ def test_a_number_wants_more_at_an_end_where_its_effect_has_not_faded():
         at_end = standing(hypothesis, name, end)
         assert at_end.at_edge.sum() == 1
         assert at_end.wants_more == wanted, (name, end)
+
+
+@pytest.mark.parametrize("magnitude_only", [False, True])
+def test_residuals_are_independent_where_channels_share_an_error(magnitude_only):
+    """Their covariance over many draws is one, and their derivatives follow them."""
+    rng, common, own = np.random.default_rng(4), 0.02, 0.01
+    plain = measure("bearing", noise=1e-9)
+    H = np.repeat(plain.H[10:11], 20000, axis=0)
+    noise = [rng.standard_normal((len(H), n)) + 1j * rng.standard_normal((len(H), n)) for n in (1, H.shape[1])]
+    y = H * (1 + (common * noise[0] + own * noise[1]) / np.sqrt(2))
+    f = np.linspace(20, 30, len(H))
+    run = replace(plain, frequency_hz=f, H=np.abs(y) if magnitude_only else y, std=None, magnitude_only=magnitude_only)
+    observed = observe(run, np.hypot(common, own) * np.abs(H), common)
+    z = residual(observed, H, 0.0)
+    for part in (z.real,) if magnitude_only else (z.real, z.imag):
+        assert_allclose(np.cov(part.T), np.eye(H.shape[1]), atol=0.05)
+    weight, left = weighted(observed, H, 0.0)
+    _, moved = weighted(observed, H * (1 + 1e-6), 0.0)
+    assert_allclose(derivatives(observed, H, H[None], weight)[0], (left - moved) / 1e-6, rtol=1e-2, atol=0.3)

@@ -74,7 +74,7 @@ class _Told:
 
 def _told(document: Mapping[str, Any]) -> _Told:
     effects, k_b = corrected_rotor(document)
-    calibration = (document.get("calibration") if _explains(document) else None) or {}
+    calibration = (document.get("calibration") if explains(document) else None) or {}
     nominal_k_b = float((document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B))
     return _Told(
         nominal_k_b=Condition(k_b=nominal_k_b).k_b,  # which refuses what is no stiffness
@@ -103,7 +103,7 @@ def _predict(told: _Told, campaign: Campaign) -> Iterator[Predicted]:
 def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], float]:
     """Effects and bearing stiffness [N/m] of the corrected model; no effect where none is named."""
     nominal = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
-    if not _explains(document):
+    if not explains(document):
         return (), nominal
     cause = document["causes"][0]
     places = cause["places"] if "places" in cause else _by_location(cause)
@@ -129,7 +129,8 @@ def _by_location(cause: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _explains(document: Mapping[str, Any]) -> bool:
+def explains(document: Mapping[str, Any]) -> bool:
+    """Whether a diagnosis names a cause, so that the corrected model is another than the nominal one."""
     return document["verdict"] in ("cause", "ambiguous") and bool(document["causes"])
 
 

@@ -69,7 +69,10 @@ def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
 
     What all channels share is taken out, so that the channels' errors are independent.
     """
-    weight = _weight(observed, added)
+    return _left(observed, H, _weight(observed, added))
+
+
+def _left(observed: Observed, H: ComplexArray, weight: FloatArray) -> ComplexArray:
     return _independent(observed, np.where(observed.valid, observed.less(H) * weight, 0.0), weight)
 
 
@@ -102,7 +105,8 @@ def _independent(observed: Observed, z: ComplexArray, weight: FloatArray) -> Com
 
 def weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
     """Weights (n_freq, n_channels) and real residuals."""
-    weight, left = _weight(observed, added), residual(observed, H, added)
+    weight = _weight(observed, added)
+    left = _left(observed, H, weight)
     return weight, _flat(left.real if observed.run.magnitude_only else left)
 
 

@@ -84,11 +84,12 @@ def scale_of(quality: Adequacy) -> float:
 
 def gains_differ(problem: Problem, fit: Fit) -> bool:
     """Whether a fit falls short, and nearly all that it leaves goes where sensors' gains differ from run to run."""
-    quality = judge(problem, fit)
-    scale2 = max(quality.scale, 1.0) ** 2
-    short = excess_of(problem, fit, quality) >= 1 or _passed_over(problem, fit, fit, quality) >= 1
-    if problem.forward.belief.gain_repeatability or not short:
+    if problem.forward.belief.gain_repeatability:
         return False
+    quality = judge(problem, fit)
+    if excess_of(problem, fit, quality) < 1 and _passed_over(problem, fit, fit, quality) < 1:
+        return False
+    scale2 = max(quality.scale, 1.0) ** 2
     score = Score(problem, fit, settled=True)
     gain, n = score.remounted()
     left, numbers = fit.chi2, fit.n_data

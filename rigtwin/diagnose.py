@@ -275,9 +275,11 @@ def _shrink_line(s: Shrink) -> str:
 
 def run_predict(path: Path, folder: Path, out: Path) -> None:
     """Write every run of a campaign as the nominal and as the corrected model compute it."""
+    from gap.predict import explains
+
     n = write_prediction(path, folder, out)
     say(f"{n} runs written to {out / 'nominal'} and {out / 'corrected'}")
-    if load_document(path)["verdict"] not in ("cause", "ambiguous"):
+    if not explains(load_document(path)):
         note(f"{path} names no cause: what is in {out / 'corrected'} is the nominal model too")
 
 

@@ -173,12 +173,10 @@ def _rig_to_load(folder: Path, rig: str) -> str:
 def _load_run(folder: Path, place: int, entry: _RunTable, usual_node: int) -> Run:
     path = folder / entry["file"]
     if not path.is_file():
-        slashes = (
-            "" if entry["file"].isprintable() else ", and write folders with /: a backslash begins another character"
-        )
-        raise MeasurementError(
-            f"{folder / FILE_NAME}: run {place} file: no such data file {str(path)!r}; correct the name{slashes}"
-        )
+        words = f"{folder / FILE_NAME}: run {place} file: no such data file {str(path)!r}; correct the name"
+        if not entry["file"].isprintable():
+            words += ", and write folders with /: a backslash begins another character"
+        raise MeasurementError(words)
     settings: dict[str, Any] = {key: value for key, value in entry.items() if key != "file"}
     return read_run(path, usual_node, **settings)
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -69,10 +68,12 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
     as_measured = prepare(campaign.runs)
     runs = tuple(tamed(p) for p in as_measured)
     with np.errstate(all="ignore"):
+        telling = [_telling(p, geometry) for p in runs]
         findings = [f for p, left in zip(as_measured, runs, strict=True) for f in _as_measured(p, left)]
-        findings += [finding for p in runs for finding in _one_run(p, campaign.nominal, geometry)]
+        for p, left in zip(runs, telling, strict=True):
+            findings += _one_run(p, left or p, campaign.nominal, geometry)
         findings += check_pairs(runs, campaign.nominal)
-        named = list(check_labels([p for p in map(partial(_telling, geometry), runs) if p], geometry))
+        named = list(check_labels([p for p in telling if p], geometry))
         findings = [*_without_what_wrong_names_pretend(findings, named), *named]
         findings += check_coverage(campaign, runs, geometry)
     return tuple(_without_what_bent_peaks_pretend(findings))
@@ -95,7 +96,8 @@ def _as_measured(p: Prepared, left: Prepared) -> Iterator[Finding]:
         yield from check_saturation(p)
 
 
-def _one_run(p: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
+def _one_run(p: Prepared, telling: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
+    """What a run shows by itself; its phase and its size by the channels that tell something."""
     yield from check_channels(p, geometry)
     yield from check_missing_lines(p)
     if not len(p.lines):
@@ -103,19 +105,19 @@ def _one_run(p: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator
     yield from check_raster(p, belief)
     yield from check_noise(p)
     yield from check_sweep_rate(p)
-    telling = _telling(geometry, p) or p
     delays = None if p.run.spin_rpm else find_delays(telling)
     yield from check_delay(telling, delays)
     yield from check_sign(telling, geometry, delays)
     yield from check_units(telling, geometry)
 
 
-def _telling(geometry: Geometry, p: Prepared) -> Prepared | None:
+def _telling(p: Prepared, geometry: Geometry) -> Prepared | None:
     """A run without dead channels; None where nothing is left."""
     telling = telling_channels(p.run, geometry)
     if is_dead(p.run, telling, geometry):
         return None
-    return Prepared(without_dead_channels(p.run, telling), p.label)
+    run = without_dead_channels(p.run, telling)
+    return p if run is p.run else Prepared(run, p.label)
 
 
 def _without_what_wrong_names_pretend(findings: Sequence[Finding], named: Sequence[Finding]) -> Iterator[Finding]:

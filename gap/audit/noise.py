@@ -109,8 +109,8 @@ def estimate_noise(run: Run) -> NoiseEstimate:
     lines = np.isfinite(H[:, live]).all(axis=1) if live.any() else np.zeros(len(H), dtype=bool)
     std, draws, relative = nothing.copy(), nothing.copy(), np.full(H.shape[1], np.nan)
     std[:, silent], draws[:, silent], relative[silent] = 0.0, 0.0, 0.0
-    n = int(np.count_nonzero(lines))
-    if n < sum(_DEGREES_MAGNITUDE if run.magnitude_only else _DEGREES) + 4:
+    n, degrees = int(np.count_nonzero(lines)), _DEGREES_MAGNITUDE if run.magnitude_only else _DEGREES
+    if n < sum(degrees) + 4:
         return NoiseEstimate(relative, std, draws, math.inf)
     with np.errstate(all="ignore"):
         H_live = H[np.ix_(lines, live)]
@@ -124,7 +124,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         common = 0.0
         if resolved:
             common = _common(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
-            common *= _not_followed(H_live.shape[1], windows[0], _DEGREES_MAGNITUDE if run.magnitude_only else _DEGREES)
+            common *= _not_followed(H_live.shape[1], windows[0], degrees)
     return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved, common)
 
 
@@ -170,8 +170,9 @@ def _common(residuals: np.ndarray, std: FloatArray) -> float:
     ----------
     std : (n, n_live) relative standard errors, the shared part among them
     """
-    z = (residuals / std)[np.isfinite(residuals / std).all(axis=1)]
-    std = std[np.isfinite(residuals / std).all(axis=1)]
+    z = residuals / std
+    known = np.isfinite(z).all(axis=1)
+    z, std = z[known], std[known]
     n, n_channels = z.shape
     if n_channels < 2 or n < _GROUP:
         return 0.0
@@ -295,7 +296,7 @@ def mean_square(squares: FloatArray, *, magnitude: bool = False) -> float:
     return float(kept.mean()) / share
 
 
-def _residuals(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window: int) -> FloatArray:
+def _residuals(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window: int) -> np.ndarray:
     """(n_freq, n_channels) residual of every line, freed of its leverage; nan where the leverage is too high."""
     Y = np.abs(H) ** 2 if magnitude else H
     degrees = _DEGREES_MAGNITUDE if magnitude else _DEGREES

@@ -155,10 +155,9 @@ def _settings(run: Run) -> tuple:
 
 def is_copy(a: Run, b: Run) -> bool:
     """Whether two runs of one test hold the same values to the last digit."""
-    tests = ((*_settings(run), run.force_amplitude_N, run.sweep, run.channels) for run in (a, b))
-    return next(tests) == next(tests) and all(
-        np.array_equal(x, y, equal_nan=True) for x, y in ((a.frequency_hz, b.frequency_hz), (a.H, b.H))
-    )
+    test, other = ((*_settings(run), run.force_amplitude_N, run.sweep, run.channels) for run in (a, b))
+    same_lines = np.array_equal(a.frequency_hz, b.frequency_hz)
+    return test == other and same_lines and np.array_equal(a.H, b.H, equal_nan=True)
 
 
 def check_pairs(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:

@@ -19,12 +19,14 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from gap.descent import minimise, softened
+from gap.diagnosis import BearingStiffness
 from gap.fit import Fit
-from gap.forward import Forward
+from gap.forward import Forward, nonlinear, on_the_rotor
 from gap.hypotheses import K_B, Hypothesis
 from gap.likelihood import Problem
 from gap.modal import over_receptance
 from gap.residuals import Observed
+from rotor.effects import Effect
 from rotor.model import bearing_stiffness
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
@@ -32,12 +34,12 @@ from sim.campaign import Run
 # Relative error of the shaft's model, added to the data's; and of D, added to what that makes of it.
 _MODEL, _D = 0.01, 0.05
 
-# Stiffnesses that every line is started from: sizes over the nominal k_b, and phases; steps from each of them, and the
-# largest over the stiffness that it starts from.
-_SIZES, _PHASES, _STEPS, _FARTHEST = np.geomspace(1 / 30, 30, 7), np.linspace(-np.pi, np.pi, 8, endpoint=False), 5, 0.7
+# Stiffness over the nominal k_b from which a bearing is rigid, and how far beside a sensor's own stiffness a start
+# lies: where the sensor does not see a motion, that is a pole of it.
+_STIFFEST, _BESIDE = 1e6, 1 + 1e-6
 
-# Times that every line is started from its neighbours' stiffness.
-_ROUNDS = 4
+# Steps of a line from where it starts, and the largest over the stiffness there.
+_STEPS, _FARTHEST = 5, 0.7
 
 # Differential evolution over a law's numbers: its population over their number, generations, and those of the last one
 # that descend, by so many steps, and are kept.
@@ -45,6 +47,9 @@ _POPULATION, _GENERATIONS, _DESCENTS, _LONG, _KEPT = 10, 100, 4, 30, 3
 
 # Misfit that three quarters of the lines stay below where a law of all bearings is worth the search.
 _COMMON = 6.0
+
+# Relative standard error up to which a line counts as telling the stiffness.
+_TOLD = 0.3
 
 # Range of k_b, over the nominal model's: in series with a soft pedestal it is much stiffer than that.
 _STIFFER = np.log([1 / 30, 1000])
@@ -119,21 +124,30 @@ class _Lines:
             z = z + step / np.maximum(np.abs(step) / np.abs(z + self.k_b) / _FARTHEST, 1.0)
         return z, np.sum(np.abs(self.left(z)) ** 2, axis=1)
 
-    def nearest(self) -> tuple[ComplexArray, FloatArray]:
-        """(n_freq,) z that leaves least, of starts all over and then of the neighbours' own, and what it leaves."""
-        z, squares = np.zeros(len(self.y), dtype=complex), np.full(len(self.y), np.inf)
+    def exact(self) -> ComplexArray:
+        """(n_freq, n_sensors * n_bearings) every z that gives one sensor's value exactly; nan where there is none.
 
-        def keep_lower(start: ComplexArray) -> None:
-            tried, left = self.descend(start)
+        Of the pencil of (I + z A) q = b and z a_s' q + y_s - H0_s = 0, singular where q stands for both.
+        """
+        n_freq, n_sensors, n = self.a.shape
+        left, right = (np.zeros((n_freq, n_sensors, n + 1, n + 1), dtype=complex) for _ in range(2))
+        left[..., :n, :n], left[..., :n, n], left[..., n, n] = np.eye(n), -self.b[:, None], self.y - self.H0
+        right[..., :n, :n], right[..., n, :n] = self.A[:, None], self.a
+        told = (self.weight > 0) & (self.y != self.H0)
+        left[~told] = np.eye(n + 1)
+        inverse = np.linalg.eigvals(np.linalg.solve(left, right))
+        inverse = np.take_along_axis(inverse, np.argsort(np.abs(inverse)), axis=-1)[..., 1:]  # one is 0 always
+        told = told[..., None] & (self.k_b * np.abs(inverse) * _STIFFEST > 1)
+        return np.where(told, -_BESIDE / np.where(told, inverse, 1.0), np.nan).reshape(n_freq, -1)
+
+    def nearest(self) -> tuple[ComplexArray, FloatArray]:
+        """(n_freq,) z that leaves least, of starts from each sensor's own, and what it leaves."""
+        z = np.zeros(len(self.y), dtype=complex)
+        squares = np.sum(np.abs(self.left(z)) ** 2, axis=1)
+        for start in self.exact().T:
+            tried, left = self.descend(np.where(np.isfinite(start), start, 0.0))
             lower = left < squares
             z[lower], squares[lower] = tried[lower], left[lower]
-
-        for size in _SIZES:
-            for phase in _PHASES:
-                keep_lower(np.full(len(z), self.k_b * (size * np.exp(1j * phase) - 1)))
-        for _ in range(_ROUNDS):
-            for neighbour in (1, -1):
-                keep_lower(np.roll(z, neighbour))
         return z, squares
 
 
@@ -163,7 +177,7 @@ def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> 
     ends = law.ends.copy()
     ends[0] = np.clip(np.log(k_b) + _STIFFER, *ends[0])
     made = differential_evolution(
-        cost, ends, popsize=_POPULATION, maxiter=_GENERATIONS, init="sobol", seed=0, polish=False, tol=1e-3
+        cost, ends, popsize=_POPULATION, maxiter=_GENERATIONS, init="sobol", rng=0, polish=False, tol=1e-3
     )
     best = made.population[np.argsort(made.population_energies)[:_DESCENTS]]
     found = [minimise(residual, point, law.ends, problem.with_k_b, _LONG) for point in best]
@@ -172,8 +186,35 @@ def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> 
 
 def _off(forward: Forward, seat: Carried, law: Hypothesis, u: FloatArray) -> FloatArray:
     """ln(law / D) over its error, real and imaginary."""
-    condition = forward.condition(seat.run, K_B.value(u[0]))
-    plane, effects = condition.excitation_plane, law.effects(u[1:])
-    D = bearing_stiffness(forward.structure, condition, effects, seat.omega, plane).mean(axis=1)
+    D = _of_law(forward, seat, K_B.value(u[0]), law.effects(u[1:]))
     z = np.log(D / seat.D) / np.hypot(seat.error, _D)
     return softened(np.concatenate([z.real, z.imag]))
+
+
+def _of_law(forward: Forward, seat: Carried, k_b: float, effects: Sequence[Effect]) -> ComplexArray:
+    """(n_freq,) stiffness by linear effects, of the bearings' mean."""
+    condition = forward.condition(seat.run, k_b)
+    plane = condition.excitation_plane
+    return bearing_stiffness(forward.structure, condition, effects, seat.omega, plane).mean(axis=1)
+
+
+def beside_models(problem: Problem, nominal: Fit, best: Fit | None) -> BearingStiffness | None:
+    """The stiffness that a run tells, where it does, beside the nominal model's and a linear candidate's.
+
+    Parameters
+    ----------
+    nominal : recalibrated model without effects
+    best : candidate that explains the runs; None: there is none
+    """
+    seat = carried(problem, nominal)
+    if seat is None:
+        return None
+    told = seat.error < _TOLD
+    models: list[tuple[float, Sequence[Effect]]] = [(nominal.k_b, ())]
+    if best is not None and not nonlinear(best.effects):
+        models.append((best.k_b, on_the_rotor(best.effects)))
+    curves = (_of_law(problem.forward, seat, k_b, effects) for k_b, effects in models)
+    shown: dict[str, FloatArray] = {"frequency_hz": seat.run.frequency_hz, "std": seat.std}
+    for name, D in zip(("", "nominal_", "corrected_"), (seat.D, *curves), strict=False):
+        shown |= {f"{name}real": D.real, f"{name}imag": D.imag}
+    return BearingStiffness(seat.run.name, **{name: tuple(values[told].tolist()) for name, values in shown.items()})

@@ -90,6 +90,21 @@ class JointStiffness:
 
 
 @dataclass(frozen=True)
+class BearingStiffness:
+    """Dynamic stiffness of each bearing and what it stands on, as one run tells it line by line, beside the models'."""
+
+    run: str
+    frequency_hz: tuple[float, ...]  # lines that tell it
+    real: tuple[float, ...]  # N/m
+    imag: tuple[float, ...]  # N/m
+    std: tuple[float, ...]  # N/m, of real and imaginary part
+    nominal_real: tuple[float, ...]  # N/m, recalibrated nominal model
+    nominal_imag: tuple[float, ...]
+    corrected_real: tuple[float, ...] = ()  # N/m, with the effect; empty: none, or no linear one
+    corrected_imag: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class Where:
     """Where the gap lies. Shares sum to 1."""
 
@@ -99,6 +114,7 @@ class Where:
     regime: Regime = "linear"
     levels: dict[str, float] = field(default_factory=dict)  # force level [N] as text -> share
     joint: JointStiffness | None = None
+    bearings: BearingStiffness | None = None  # None: no run tells it, or the gap is named elsewhere
     remark: str = ""
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from gap import wording
 from gap.adequacy import Adequacy, judge
 from gap.audit import amplitude_dependent
+from gap.bearing_stiffness import beside_models
 from gap.causes import cause_of, locations
 from gap.curves import Curve, log_distance_db, nrmse
 from gap.diagnosis import (
@@ -107,6 +108,8 @@ def report(
     regime = _regime(causes[:1] if verdict == "cause" else equivalent, findings)
     told = verdict != "not_enough_data"
     where = locate(drawn, nominal, believed, regime) if told else Where()
+    if told and _may_be_the_bearings(verdict, causes[:1], equivalent):
+        where = replace(where, bearings=beside_models(drawn, nominal, best if best is not nominal else None))
     clock.lap("where")
     shrink: Shrink | None = None
     if best is not nominal:
@@ -147,6 +150,12 @@ def _named(
     if verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings):
         return "cause", (_raster(ranked.no_gap), *causes), answer.nominal
     return verdict, causes, answer.nominal
+
+
+def _may_be_the_bearings(verdict: Verdict, first: Sequence[Cause], equivalent: Sequence[Cause]) -> bool:
+    """Whether what is answered leaves it open that the bearings carry the shaft in another way."""
+    answered = first if verdict == "cause" else equivalent
+    return not answered or any(place.kind == "bearings" for cause in answered for place in cause.locations)
 
 
 def _known(answer: Answer) -> float:

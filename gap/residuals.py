@@ -15,6 +15,8 @@ from gap.nonlinear import BoolArray
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
 
+Values = ComplexArray | FloatArray  # responses, or magnitudes alone
+
 # A channel's own variance is at least this share of all, what the channels share apart.
 _LEAST_OWN = 0.05
 
@@ -64,7 +66,7 @@ def observe(run: Run, std: FloatArray, common: float = 0.0) -> Observed:
     return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least), common)
 
 
-def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
+def residual(observed: Observed, H: ComplexArray, added: float) -> Values:
     """(data - model) over the standard error of a real component; what is not there is zero.
 
     What all channels share is taken out, so that the channels' errors are independent.
@@ -72,7 +74,7 @@ def residual(observed: Observed, H: ComplexArray, added: float) -> ComplexArray:
     return _left(observed, H, _weight(observed, added))
 
 
-def _left(observed: Observed, H: ComplexArray, weight: FloatArray) -> ComplexArray:
+def _left(observed: Observed, H: ComplexArray, weight: FloatArray) -> Values:
     return _independent(observed, np.where(observed.valid, observed.less(H) * weight, 0.0), weight)
 
 
@@ -88,7 +90,7 @@ def _weight(observed: Observed, added: float) -> FloatArray:
     return np.where(observed.valid, 1 / np.sqrt((own + added**2 * squared) / 2), 0.0)
 
 
-def _independent(observed: Observed, z: ComplexArray, weight: FloatArray) -> ComplexArray:
+def _independent(observed: Observed, z: Values, weight: FloatArray) -> Values:
     """Values (..., n_freq, n_channels) in units of the channels' own errors, where these are independent.
 
     An error e that all channels share changes each by e y. With w = e y in units of the own errors the covariance is
@@ -122,7 +124,7 @@ def as_real(changes: ComplexArray, H: ComplexArray, run: Run) -> FloatArray:
     return _flat(_as_recorded(changes, H, run))
 
 
-def _as_recorded(changes: ComplexArray, H: ComplexArray, run: Run) -> ComplexArray | FloatArray:
+def _as_recorded(changes: ComplexArray, H: ComplexArray, run: Run) -> Values:
     """Changes (..., n_freq, n_channels) of a response, or of its magnitude where only that was measured."""
     if not run.magnitude_only:
         return changes
@@ -130,10 +132,10 @@ def _as_recorded(changes: ComplexArray, H: ComplexArray, run: Run) -> ComplexArr
     return (changes * np.where(size > 0, H.conj() / np.where(size > 0, size, 1.0), 0.0)).real
 
 
-def _flat(values: ComplexArray | FloatArray) -> FloatArray:
+def _flat(values: Values) -> FloatArray:
     """(..., n_residuals) of (..., n_freq, n_channels), real parts first."""
     flat = (*values.shape[:-2], values.shape[-2] * values.shape[-1])
-    parts = (values.real, values.imag) if np.iscomplexobj(values) else (values,)
+    parts: list[FloatArray] = [values.real, values.imag] if np.iscomplexobj(values) else [values.real]
     return np.concatenate([part.reshape(flat) for part in parts], axis=-1)
 
 

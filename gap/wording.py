@@ -150,7 +150,7 @@ def next_test(
 
 
 # What to do again where the way of measuring is the cause.
-_AGAIN = {
+_AGAIN: dict[tuple[str, ...], str] = {
     ("coarse_grid",): "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks "
     "show.",
     ("fast_sweep",): "Repeat the runs and stay longer at each line near the resonances, until the response has "

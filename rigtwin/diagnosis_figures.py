@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from plotly.subplots import make_subplots
 
 from gap.curves import SILENT, Curve, nrmse
-from gap.diagnosis import Band, Cause, JointStiffness, Shrink
+from gap.diagnosis import Band, BearingStiffness, Cause, JointStiffness, Shrink
 from gap.phrases import part
 from rigtwin.diagnosis_words import cause_key, cause_title, finite, places, share
 from rigtwin.figures import BLUE, GREY, INK, ORANGE, PURPLE, RESPONSE_UNITS, VERMILION, styled
@@ -425,6 +425,42 @@ def joint_figure(joint: JointStiffness) -> go.Figure:
     figure.update_xaxes(title="frequency, Hz")
     figure.update_yaxes(title="ΔZ, N/m", exponentformat="power", range=_bulk([*joint.real, *joint.imag]))
     return styled(figure, height=340)
+
+
+def bearings_figure(bearings: BearingStiffness, corrected_name: str) -> go.Figure:
+    """Stiffness and loss of each bearing, line by line with standard errors, beside the models'."""
+    figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
+    f = np.array(bearings.frequency_hz)
+    parts = (
+        ("real part", bearings.real, bearings.nominal_real, bearings.corrected_real),
+        ("imaginary part", bearings.imag, bearings.nominal_imag, bearings.corrected_imag),
+    )
+    for row, (part_name, told, *modelled) in enumerate(parts, start=1):
+        hover = f"%{{x:.4f}} Hz<br>%{{y:.4g}} N/m<extra>{part_name}</extra>"
+        figure.add_trace(
+            go.Scatter(
+                x=f,
+                y=np.array(told),
+                error_y={"type": "data", "array": bearings.std, "color": GREY, "thickness": 1, "width": 0},
+                mode="markers",
+                marker={"color": INK, "size": 5},
+                name="told by the run",
+                showlegend=row == 1,
+                hovertemplate=hover,
+            ),
+            row=row,
+            col=1,
+        )
+        lines = (("nominal, recalibrated", VERMILION, "dash"), (corrected_name, BLUE, "solid"))
+        for values, (name, colour, dash) in zip(modelled, lines, strict=True):
+            if values:
+                line = {"color": colour, "width": 2, "dash": dash}
+                trace = go.Scatter(x=f, y=values, line=line, name=name, showlegend=row == 1, hovertemplate=hover)
+                figure.add_trace(trace, row=row, col=1)
+        bulk = _bulk([*told, *(value for values in modelled for value in values)])
+        figure.update_yaxes(title=f"{part_name}, N/m", exponentformat="power", range=bulk, row=row, col=1)
+    figure.update_xaxes(title="frequency, Hz", row=2, col=1)
+    return styled(figure, height=460)
 
 
 def _bulk(values: Sequence[float]) -> list[float] | None:

@@ -15,6 +15,7 @@ from gap.diagnosis import Cause, Diagnosis, Finding, Shrink, Where
 from gap.phrases import part
 from rigtwin.diagnosis_figures import (
     MAP_COLOURS,
+    bearings_figure,
     candidate_figure,
     first_choice,
     foremost,
@@ -115,6 +116,7 @@ def write_diagnosis_page(diagnosis: Diagnosis, curves: Sequence[Curve], campaign
         with_runs=bool(curves),
         **_candidate_content(diagnosis),
         joint=joint_figure(diagnosis.where.joint) if diagnosis.where.joint else None,
+        bearings=bearings_figure(diagnosis.where.bearings, _WITH_EFFECT[0]) if diagnosis.where.bearings else None,
         **_shrink_content(diagnosis.shrink),
         toml=run_toml(diagnosis.next_test.run) if diagnosis.next_test and diagnosis.next_test.run else "",
         audit=_audit_rows(diagnosis.audit),

@@ -132,6 +132,17 @@ def test_the_curves_are_the_runs_and_their_models(weighed):
         assert corrected < 2 * NOISE * np.linalg.norm(curve.run.H)
 
 
+def test_the_bearings_stiffness_stands_there_unless_the_gap_is_named_elsewhere(weighed, healthy):
+    assert weighed.diagnosis.where.bearings is None
+    told = healthy.diagnosis.where.bearings
+    assert told.run == healthy.curves[1].run.name
+    damping = 2 * np.pi * np.array(told.frequency_hz) * BELIEF.bearing_damping_Ns_per_m
+    assert_allclose(np.median(told.real), K_B, rtol=0.02)
+    assert_allclose(told.nominal_real, K_B, rtol=0.01)
+    assert_allclose(told.nominal_imag, damping)
+    assert told.corrected_real == ()
+
+
 def test_where_names_the_node(weighed):
     where = weighed.diagnosis.where
     assert max(where.nodes, key=lambda node: node.share).node == 3

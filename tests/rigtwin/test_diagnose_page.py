@@ -21,6 +21,7 @@ from numpy.testing import assert_allclose
 from gap.curves import Curve, nrmse
 from gap.diagnosis import (
     Band,
+    BearingStiffness,
     Cause,
     Diagnosis,
     Estimate,
@@ -34,6 +35,7 @@ from gap.diagnosis import (
 )
 from rigtwin.diagnosis_figures import (
     RESPONSE_TRACES,
+    bearings_figure,
     candidate_figure,
     gap_map,
     gap_map_figure,
@@ -114,6 +116,17 @@ JOINT = JointStiffness(
     imag=tuple(60.0 * f for f in range(20, 400, 5)),
     explained=0.97,
     order="a stiffness with a mass",
+)
+BEARINGS = BearingStiffness(
+    run="bearing-1",
+    frequency_hz=(30.0, 90.0, 200.0),
+    real=(1.9e6, 2.4e6, 4.1e6),
+    imag=(4e3, 1.1e4, 6e4),
+    std=(2e5, 3e4, 5e4),
+    nominal_real=(2e6, 2e6, 2e6),
+    nominal_imag=(4e3, 1.2e4, 2.5e4),
+    corrected_real=(2e6, 2.4e6, 4e6),
+    corrected_imag=(4e3, 1.2e4, 6e4),
 )
 SHRINK = Shrink(
     held_out="the run on bearings at 2 N",
@@ -275,6 +288,27 @@ def test_settings_of_any_type_become_toml():
     assert tomllib.loads(run_toml(settings))["run"] == [
         {"sweep": "up", "levels": [1.0, 2.5], "words": 'a "b"\n', "flag": True}
     ]
+
+
+def test_the_bearings_stiffness_is_drawn_where_a_run_tells_it(curves, tmp_path):
+    seen = replace(DIAGNOSIS, where=replace(DIAGNOSIS.where, bearings=BEARINGS))
+    page = page_of(seen, curves, tmp_path)
+    assert page.figures == [*FIGURES[:-1], "bearings", FIGURES[-1]]
+    assert "the response of bearing-1; no cause" in words(page)
+
+
+@pytest.mark.parametrize("corrected", [True, False])
+def test_each_part_of_the_bearings_stiffness_stands_beside_its_models(corrected):
+    shown = BEARINGS if corrected else replace(BEARINGS, corrected_real=(), corrected_imag=())
+    traces = bearings_figure(shown, "with the effect").data
+    half = 3 if corrected else 2
+    for part, named in ((traces[:half], "real"), (traces[half:], "imag")):
+        assert_allclose(part[0].y, getattr(BEARINGS, named))
+        assert_allclose(part[0].error_y.array, BEARINGS.std)
+        assert_allclose(part[1].y, getattr(BEARINGS, f"nominal_{named}"))
+        assert len(part) == half
+        if corrected:
+            assert_allclose(part[2].y, getattr(BEARINGS, f"corrected_{named}"))
 
 
 @pytest.mark.parametrize("verdict", ["no_gap", "unknown", "not_enough_data"])

@@ -40,9 +40,12 @@ class PlainRun:
     read: FloatArray  # (n_nodes, m)
 
     def frequencies(self, parameters: FloatArray) -> FloatArray:
-        """(m,) undamped [rad/s]."""
+        """(m,) undamped [rad/s]; none so far out that the affine masses are no longer positive."""
         M, K, _ = self._matrices(parameters)
-        return np.sqrt(np.maximum(scipy.linalg.eigh(K, M, eigvals_only=True), 0.0))
+        try:
+            return np.sqrt(np.maximum(scipy.linalg.eigh(K, M, eigvals_only=True), 0.0))
+        except np.linalg.LinAlgError:
+            return np.zeros(0)
 
     def _matrices(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """M, K and K_shaft, (m, m) each."""

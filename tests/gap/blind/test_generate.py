@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gap.blind.case import measure, plan_lines, standard_error
-from gap.blind.detection import THRESHOLD, Distance
+from gap.blind.detection import THRESHOLD, Distance, PlainRun
 from gap.blind.draw import draw_campaign, empty_case
 from gap.blind.effects import Effect
 from gap.blind.folder import read_csv, write_campaign
@@ -92,6 +92,13 @@ def test_what_the_nuisances_explain_is_no_distance():
     # half a standard deviation of gain in both runs and of modulus
     assert distance.of(responses) < 1.5
     assert distance.of([1.3 * H for H in responses]) > THRESHOLD
+
+
+def test_a_run_so_far_out_that_its_masses_are_negative_has_no_resonances():
+    one, none = np.ones((1, 1)), np.zeros((1, 1))
+    run = PlainRun(np.ones(3), one, one, one, none, ((one, none, none),), 0.001, np.ones(1), np.ones((1, 1)))
+    assert_allclose(run.frequencies(np.array([3.0])), [0.5])
+    assert run.frequencies(np.array([-2.0])).size == 0
 
 
 @pytest.mark.parametrize(

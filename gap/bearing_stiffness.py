@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import differential_evolution
+from scipy.optimize import differential_evolution, least_squares
 
-from gap.descent import minimise, softened
+from gap.descent import softened
 from gap.diagnosis import BearingStiffness
 from gap.fit import Fit
 from gap.forward import Forward, nonlinear, on_the_rotor
@@ -42,8 +42,11 @@ _STIFFEST, _BESIDE = 1e6, 1 + 1e-6
 _STEPS, _FARTHEST = 5, 0.7
 
 # Differential evolution over a law's numbers: its population over their number, generations, and those of the last one
-# that descend, by so many steps, and are kept.
-_POPULATION, _GENERATIONS, _DESCENTS, _LONG, _KEPT = 10, 100, 4, 30, 3
+# that descend, by so many steps; coordinates of ends that are one.
+_POPULATION, _GENERATIONS, _DESCENTS, _LONG, _SAME = 10, 50, 3, 100, 0.01
+
+# Residual where a law has no model.
+_NO_LAW = 1e3
 
 # Misfit that three quarters of the lines stay below where a law of all bearings is worth the search.
 _COMMON = 6.0
@@ -164,24 +167,31 @@ def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: flo
 def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> list[FloatArray]:
     """Where fits of a law that all bearings follow begin: (1 + n_free,) coordinates, those nearest to D first."""
 
-    def residual(u: FloatArray) -> FloatArray | None:
+    def residual(u: FloatArray) -> FloatArray:
         try:
             return _off(problem.forward, seat, law, u)
         except (ValueError, np.linalg.LinAlgError):
-            return None
-
-    def cost(u: FloatArray) -> float:
-        r = residual(u)
-        return np.inf if r is None else float(r @ r)
+            return np.full(2 * len(seat.omega), _NO_LAW)
 
     ends = law.ends.copy()
     ends[0] = np.clip(np.log(k_b) + _STIFFER, *ends[0])
     made = differential_evolution(
-        cost, ends, popsize=_POPULATION, maxiter=_GENERATIONS, init="sobol", rng=0, polish=False, tol=1e-3
+        lambda u: float(np.sum(residual(u) ** 2)),
+        ends,
+        popsize=_POPULATION,
+        maxiter=_GENERATIONS,
+        init="sobol",
+        rng=0,
+        polish=False,
+        tol=0.0,
     )
     best = made.population[np.argsort(made.population_energies)[:_DESCENTS]]
-    found = [minimise(residual, point, law.ends, problem.with_k_b, _LONG) for point in best]
-    return [u for u, _ in sorted(found, key=lambda end: end[1])[:_KEPT]]
+    found = [least_squares(residual, u, bounds=ends.T, x_scale="jac", max_nfev=_LONG) for u in best]
+    kept: list[FloatArray] = []
+    for end in sorted(found, key=lambda end: end.cost):
+        if not any(np.allclose(end.x, u, rtol=0, atol=_SAME) for u in kept):
+            kept.append(end.x)
+    return kept
 
 
 def _off(forward: Forward, seat: Carried, law: Hypothesis, u: FloatArray) -> FloatArray:

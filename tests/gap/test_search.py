@@ -12,7 +12,7 @@ from scipy.stats import chi2
 import gap.search
 from gap.adequacy import judge
 from gap.dwell import _gains
-from gap.forward import Forward
+from gap.forward import Forward, acting
 from gap.hypotheses import Hypothesis
 from gap.likelihood import Problem
 from gap.pair_search import (
@@ -33,6 +33,7 @@ from gap.score import Score
 from gap.search import (
     Search,
     _of_each,
+    all_polished,
     from_afar_too,
     polished,
     recalibrate,
@@ -423,22 +424,42 @@ def test_where_nothing_is_nothing_is_left():
     assert most_left(problem, recalibrate(problem), of(problem.runs, "attached_mass", "shaft_modulus")) < 12
 
 
-def test_tolerances_bend_a_candidate_at_its_own_numbers():
-    """A heavy mass on a rotor that is longer than it should be: the nominal rotor's shapes would leave a misfit."""
-    mass, noise, rng = AttachedMass(mass=0.45, node=3), 2e-4, np.random.default_rng(0)
+def problem_of_longer(*effects):
+    """A rotor that is longer than it should be: with a heavy mass the nominal rotor's shapes would leave a misfit."""
+    noise, rng = 2e-4, np.random.default_rng(0)
     longer = assemble(rebuilt("span", 1e-3), elements_between_nodes=2)
     runs = []
-    for run in both_supports(mass):
+    for run in both_supports(*effects):
         nodes = [channel.node for channel in run.channels]
-        H = measured_response(longer, condition(run.support), (mass,), run.frequency_hz, nodes)
+        H = measured_response(longer, condition(run.support), acting(effects, run.support), run.frequency_hz, nodes)
         error = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
         runs.append(replace(run, H=H * (1 + noise * error), std=noise * np.abs(H)))
     problem = Problem(Forward(STRUCTURE, BELIEF), [observe(run, run.std) for run in runs], model_error=0.0)
     problem.allow_for_tolerances(load_rig(RIG), K_B)
+    return problem
+
+
+def test_tolerances_bend_a_candidate_at_its_own_numbers():
+    problem = problem_of_longer(AttachedMass(mass=0.45, node=3))
+    runs = problem.runs
     fit = problem.fit(candidate(runs, "attached_mass", 3), np.log([K_B, 0.45]), anneal=(0.1, 0.01, 0.0), steps=30)
     better = polished(problem, fit)
     assert better.cost < 1.2 * better.n_data
     assert better.cost < fit.cost - 50
+
+
+@pytest.mark.parametrize("pair_first", [True, False])
+def test_a_single_effect_leaves_the_bends_of_a_better_pair(pair_first):
+    """On rigid supports the pair's other effect does not act: there the two are one to the tolerances."""
+    problem = problem_of_longer(AttachedMass(mass=0.45, node=3), BearingDamping(damping=150.0))
+    mass, damper = candidate(problem.runs, "attached_mass", 3), of(problem.runs, "bearing_damping")[0]
+    pair = problem.fit(Hypothesis((*mass.terms, *damper.terms)), np.log([K_B, 0.45, 150.0]), anneal=(0.0,), steps=30)
+    single = problem.fit(mass, np.log([K_B, 0.002]), anneal=(0.0,), steps=1)
+    made = all_polished(problem, [pair, single] if pair_first else [single, pair])
+    best = max(made, key=lambda fit: fit.log_weight)
+    assert best.hypothesis == pair.hypothesis
+    assert best.cost < 1.2 * best.n_data
+    assert problem.cost(best.hypothesis, best.u, best.nu) == pytest.approx(best.cost, rel=1e-9)
 
 
 def test_rigid_runs_alone_are_a_problem_of_their_own():

@@ -243,8 +243,8 @@ def polished(problem: Problem, fit: Fit) -> Fit:
 def all_polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """Several candidates, each fitted on.
 
-    On a support where the same of their effects act, candidates share how tolerances bend the modes: at the end it is as
-    the best of them had it.
+    On a support where the same of their effects act, candidates share how tolerances bend the modes: at the end it is
+    as the best of them had it.
     """
     made = list(each(partial(polished, problem), fits))
     for _, begun in sorted(zip(made, fits, strict=True), key=lambda both: both[0].log_weight):

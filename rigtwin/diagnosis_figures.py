@@ -432,11 +432,11 @@ def bearings_figure(bearings: BearingStiffness, corrected_name: str) -> go.Figur
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
     f = np.array(bearings.frequency_hz)
     parts = (
-        ("real part", bearings.real, bearings.nominal_real, bearings.corrected_real),
-        ("imaginary part", bearings.imag, bearings.nominal_imag, bearings.corrected_imag),
+        ("real", bearings.real, bearings.nominal_real, bearings.corrected_real),
+        ("imaginary", bearings.imag, bearings.nominal_imag, bearings.corrected_imag),
     )
     for row, (part_name, told, *modelled) in enumerate(parts, start=1):
-        hover = f"%{{x:.4f}} Hz<br>%{{y:.4g}} N/m<extra>{part_name}</extra>"
+        hover = f"%{{x:.4f}} Hz<br>%{{y:.4g}} N/m<extra>{part_name} part</extra>"
         figure.add_trace(
             go.Scatter(
                 x=f,

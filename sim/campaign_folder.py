@@ -28,7 +28,7 @@ from rotor.rig import Rig, load_rig, shipped_rigs
 from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
 from sim.formats.atomic import replacing
 from sim.formats.run_file import SUFFIXES, read_run, write_beside
-from sim.formats.settings import RunSettings, explain, stored_settings
+from sim.formats.settings import SETTING_NAMES, RunSettings, explain, stored_settings
 
 FILE_NAME = "campaign.toml"
 
@@ -99,6 +99,13 @@ class _CampaignTable(_Table):
         return self
 
 
+_KEYS = (
+    *SETTING_NAMES,
+    *_RunTable.__annotations__,
+    *(key for table in (_CampaignTable, _NominalTable, _PeaksTable) for key in table.model_fields),
+)
+
+
 def load_campaign(folder: str | Path) -> Campaign:
     """Load a campaign folder.
 
@@ -154,7 +161,7 @@ def _read_table(folder: Path) -> _CampaignTable:
     except tomllib.TOMLDecodeError as error:
         raise MeasurementError(f"{path}: not valid TOML: {error}") from error
     except ValidationError as error:
-        raise MeasurementError(f"{path}: {explain(error)}") from error
+        raise MeasurementError(f"{path}: {explain(error, _KEYS)}") from error
 
 
 def _rig_to_load(folder: Path, rig: str) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -95,9 +96,14 @@ def settle(path: Path, given: RunSettings, found: RunSettings, usual_node: int) 
     return {**_DEFAULTS, "excitation_node": usual_node, "force_amplitude_N": force, **said}
 
 
-def explain(error: ValidationError) -> str:
-    """All problems of a table in one line: 'run 2 support: Input should be ...; nominal gain: unknown key'."""
-    return "; ".join(_key(e["loc"]) + _problem(e["type"], e["msg"]) for e in error.errors())
+def explain(error: ValidationError, known: Collection[str] = SETTING_NAMES) -> str:
+    """All problems of a table in one line: 'run 2 support: Input should be ...; nominal gain: unknown key'.
+
+    Parameters
+    ----------
+    known : keys that an unknown one may be a misspelling of
+    """
+    return "; ".join(_key(e["loc"]) + _problem(e["type"], e["msg"], e["loc"], known) for e in error.errors())
 
 
 def _key(location: tuple[int | str, ...]) -> str:
@@ -106,9 +112,10 @@ def _key(location: tuple[int | str, ...]) -> str:
     return f"{words}: " if words else ""
 
 
-def _problem(kind: str, message: str) -> str:
+def _problem(kind: str, message: str, location: tuple[int | str, ...], known: Collection[str]) -> str:
     if kind == "extra_forbidden":
-        return "unknown key; check its spelling or remove it"
+        close = get_close_matches(str(location[-1]), known, n=1)
+        return f"unknown key; did you mean {close[0]}?" if close else "unknown key; check its spelling or remove it"
     if kind == "missing":
         return "is missing; write it"
     return message.removeprefix("Value error, ")

@@ -155,7 +155,9 @@ def test_data_files_may_lie_in_subfolders_and_one_file_may_serve_two_runs(tmp_pa
         (PEAKS, "rig: is missing; write it"),
         (HEAD, "no [[run]] and no [[peaks]]; a campaign needs at least one of either"),
         ('rig = "nit-rurkela"\n' + PEAKS, "rig: no rig file nit-rurkela; give the path of a rig TOML"),
-        (HEAD + 'titel = "x"\n' + PEAKS, "titel: unknown key; check its spelling or remove it"),
+        (HEAD + 'titel = "x"\n' + PEAKS, "titel: unknown key; did you mean title?"),
+        (HEAD + RUN.replace("[[run]]", "[[runs]]"), "runs: unknown key; did you mean run?"),
+        (HEAD + "author = 1\n" + PEAKS, "author: unknown key; check its spelling or remove it"),
         (HEAD + "[nominal]\ngain = 0.02\n" + PEAKS, "nominal gain: unknown key"),
         (
             HEAD + "[nominal]\nshaft_damping_ratio = 2\n" + PEAKS,
@@ -167,7 +169,7 @@ def test_data_files_may_lie_in_subfolders_and_one_file_may_serve_two_runs(tmp_pa
         ),
         (
             HEAD + RUN + RUN + "excitation = 2\nforce = 1\n",
-            "run 2 excitation: unknown key; check its spelling or remove it; run 2 force: unknown key",
+            "run 2 excitation: unknown key; did you mean excitation_node?; run 2 force: unknown key",
         ),
         (HEAD + RUN.replace('"rigid"', '"fixed"'), "run 1 support: Input should be 'rigid' or 'bearing'"),
         (HEAD + '[[run]]\nfile = "a.csv"\n', 'run 1: support is missing; say support = "rigid" or "bear'),

@@ -144,8 +144,9 @@ def _key_figures(diagnosis: Diagnosis, curves: Sequence[Curve]) -> list[KeyFigur
         figures.append(KeyFigure("Noise floor", share(shrink.floor), "what noise alone gives"))
     k_b = best_k_b(diagnosis)
     if k_b and finite(k_b.value):
+        of = "of the nominal model, " if diagnosis.verdict in ("unknown", "not_enough_data") else ""
         value = f"{stiffness(k_b.value)} MN/m"
-        figures.append(KeyFigure("Bearing stiffness k_b", value, f"90 % interval {k_b_interval(k_b)}"))
+        figures.append(KeyFigure("Bearing stiffness k_b", value, f"{of}90 % interval {k_b_interval(k_b)}"))
     if named(diagnosis):
         best = diagnosis.causes[0]
         figures.append(KeyFigure("Probability", part(best.probability), cause_title(best)))

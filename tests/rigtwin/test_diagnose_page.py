@@ -323,6 +323,7 @@ def test_a_verdict_without_a_cause_names_none(curves, tmp_path, verdict, with_ca
     text = words(page)
     assert "No cause is named." in text
     assert "Not measured: no effect was named." in text
+    assert ("of the nominal model, 90 % interval" in text) == (verdict != "no_gap")
     assert text.index("35.0 %") < text.index(HEADINGS[0])
     assert "Probability" not in text[: text.index(HEADINGS[0])]
     assert "Probability of each candidate, given these data" not in text

@@ -79,6 +79,14 @@ def test_the_law_that_fits_runs_through_what_the_run_tells():
     assert (np.array(found.std) < 0.3 * np.abs(told)).all()
 
 
+def test_lines_that_hardly_tell_the_stiffness_are_left_out():
+    problem, seat = read(noise=1.0)
+    found = beside_models(problem, recalibrate(problem), None)
+    assert (seat.error < 0.3).any()
+    assert_allclose(found.frequency_hz, seat.run.frequency_hz[seat.error < 0.3])
+    assert len(found.frequency_hz) < len(seat.omega)
+
+
 def test_no_law_is_drawn_where_there_is_none_that_is_linear():
     problem, _ = read()
     nominal = recalibrate(problem)

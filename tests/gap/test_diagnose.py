@@ -24,7 +24,7 @@ from gap.hypotheses import candidates
 from gap.predict import predict
 from gap.prepare import prepared
 from gap.ranking import Ranked, verdict_of
-from gap.report import _equivalent, _regime
+from gap.report import _equivalent, _may_be_the_bearings, _regime
 from gap.search import recalibrate
 from gap.standing import excess_of
 from rotor.effects import (
@@ -141,6 +141,22 @@ def test_the_bearings_stiffness_stands_there_unless_the_gap_is_named_elsewhere(w
     assert_allclose(told.nominal_real, K_B, rtol=0.01)
     assert_allclose(told.nominal_imag, damping)
     assert told.corrected_real == ()
+
+
+@pytest.mark.parametrize(
+    ("verdict", "kinds", "shown"),
+    [
+        ("no_gap", [], True),
+        ("unknown", ["node"], True),
+        ("cause", ["bearings"], True),
+        ("cause", ["node"], False),
+        ("ambiguous", ["node", "bearings"], True),
+        ("ambiguous", ["node", "shaft"], False),
+    ],
+)
+def test_an_answer_elsewhere_hides_the_bearings_stiffness(verdict, kinds, shown):
+    causes = [Cause(("a",), Location(kind), 0.5, {}, None, 0.0, locations=(Location(kind),)) for kind in kinds]
+    assert _may_be_the_bearings(verdict, causes[:1], causes if verdict == "ambiguous" else []) == shown
 
 
 def test_where_names_the_node(weighed):

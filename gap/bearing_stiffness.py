@@ -185,7 +185,7 @@ def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> 
         polish=False,
         tol=0.0,
     )
-    best = made.population[np.argsort(made.population_energies)[:_DESCENTS]]
+    best = np.clip(made.population[np.argsort(made.population_energies)[:_DESCENTS]], *ends.T)  # rounding leaves ranges
     found = [least_squares(residual, u, bounds=ends.T, x_scale="jac", max_nfev=_LONG) for u in best]
     kept: list[FloatArray] = []
     for end in sorted(found, key=lambda end: end.cost):

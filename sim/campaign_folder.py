@@ -28,7 +28,7 @@ from rotor.rig import Rig, load_rig, shipped_rigs
 from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
 from sim.formats.atomic import replacing
 from sim.formats.run_file import SUFFIXES, read_run, write_beside
-from sim.formats.settings import SETTING_NAMES, RunSettings, explain, stored_settings
+from sim.formats.settings import RunSettings, explain, stored_settings
 
 FILE_NAME = "campaign.toml"
 
@@ -100,7 +100,6 @@ class _CampaignTable(_Table):
 
 
 _KEYS = (
-    *SETTING_NAMES,
     *_RunTable.__annotations__,
     *(key for table in (_CampaignTable, _NominalTable, _PeaksTable) for key in table.model_fields),
 )

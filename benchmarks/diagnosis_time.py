@@ -37,10 +37,11 @@ class Group:
 
 
 GROUPS = (
-    Group("one linear effect or artefact", "W1", 10, False, 20.0),
+    Group("one linear effect or artefact", "W1", 12, False, 20.0),
     Group("no gap", "W3", 4, False, 20.0),
-    Group("pairs", "W4", 5, False, 40.0),
-    Group("three levels, nonlinear", "W1", 5, True, 90.0),
+    Group("pairs", "W4", 8, False, 40.0),
+    Group("mechanisms that no library holds", "W8", 6, False, 40.0),
+    Group("three levels, nonlinear", "W1", 8, True, 90.0),
 )
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotor.condition import Condition
+from rotor.measured import Quantity
 
 FloatArray = NDArray[np.floating[Any]]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 SupportKind = Literal["rigid", "bearing"]
 SUPPORTS: tuple[SupportKind, ...] = ("rigid", "bearing")
-Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
 Plane = Literal["y", "z"]
 SweepDirection = Literal["up", "down"]
 

@@ -38,7 +38,7 @@ def size_ratio(rig: Rig, case: Case, effect: Effect, rng: np.random.Generator) -
 
 def can_fade(effect: Effect) -> bool:
     """Whether its size is measured in severity, so that the ratio falls in proportion."""
-    return effect.id in (*LINEAR, *CHAIN) and effect.id not in ("coarse_grid", "fast_sweep") and not effect.form
+    return effect.id in (*LINEAR, *CHAIN) and effect.id not in ("coarse_grid", "fast_sweep")
 
 
 def narrowest_band(rig: Rig, case: Case) -> float:

@@ -204,7 +204,7 @@ const char *states_build(States *s, const System *system, double zeta, double sp
         const int strained = s->omega[i] > RIGID_BODY * s->omega[m - 1];
         s->scale[i] = strained ? s->omega[i] : 1;
         s->A[i * N + m + i] = s->scale[i];
-        s->A[(m + i) * N + i] = -s->omega[i] * s->omega[i] / s->scale[i];
+        s->A[(m + i) * N + i] = strained ? -s->omega[i] : 0; /* a rigid body's omega is round-off */
         for (int j = 0; j < m; j++) {
             double damping = support[i * m + j] + spin * gyroscopic[i * m + j];
             if (strained && s->omega[j] > RIGID_BODY * s->omega[m - 1])

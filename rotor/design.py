@@ -100,7 +100,7 @@ class Design:
         self.disk_mass_change = 0.0  # relative
         self.disk_inertia_factor = 0.0  # of the inertia that the nominal rotor leaves out
         self.gyroscopic_factor = 0.0  # of the polar inertia that the nominal rotor leaves out
-        self.masses: list[tuple[int, float]] = []  # node, mass [kg]
+        self.masses: list[tuple[int, float, float]] = []  # node, mass [kg], half its width [m]
         self.ground_springs: list[tuple[int, int, float, float]] = []  # node, plane, [N/m], [N s/m]
         self.rigid_stiffness = np.inf  # of the rigid supports in place of the bearings [N/m]
         self.bearings = _bearings(structure, condition)

@@ -153,9 +153,9 @@ class _Assembly:
             polar = design.gyroscopic_factor * structure.disk_lumped_polar[disk]
             self.G[theta_y, theta_z] += polar
             self.G[theta_z, theta_y] -= polar
-        for node, mass in design.masses:
-            places = [structure.dof(node, plane) for plane in (1, 2)]
-            self.M[places, places] += mass
+        for node, mass, half_width in design.masses:
+            for side in (-half_width, half_width):
+                self._connect(self.M, [self._beside(node, side, plane) for plane in (1, 2)], mass / 2 * np.eye(2))
 
     def _fixed_supports(self) -> None:
         """Supports with a stiffness of their own, and bearings replaced by rigid supports."""
@@ -235,6 +235,11 @@ class _Assembly:
     def _node(self, node: int, plane: int) -> Pattern:
         return np.array([self.structure.dof(node, plane)]), np.ones(1)
 
+    def _beside(self, node: int, offset: float, plane: int) -> Pattern:
+        structure = self.structure
+        structure.dof(node, plane)  # raises where there is no such node
+        return shaft_point(structure, float(structure.x[structure.stations[node - 1]]) + offset, plane)[0]
+
     def _connect(self, matrix: FloatArray, joint: list[Pattern], values: FloatArray) -> None:
         """Add sum values_ab p_a p_b' over the joint's displacements."""
         for (a, b), value in np.ndenumerate(values):
@@ -257,9 +262,8 @@ class _Assembly:
         for plane in (1, 2):
             sensors[plane - 1, nodes, DOF_PER_NODE * structure.stations + plane - 1] = 1.0
         for node, offset in self.design.sensor_offsets.items():
-            x = float(structure.x[structure.stations[node - 1]]) + offset
             for plane in (1, 2):
-                (places, weights), _ = shaft_point(structure, x, plane)
+                places, weights = self._beside(node, offset, plane)
                 sensors[plane - 1, node - 1] = 0.0
                 sensors[plane - 1, node - 1, places] = weights
         return sensors

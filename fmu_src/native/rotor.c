@@ -237,6 +237,27 @@ static void add_at(double *matrix, int size, int place, double value)
     matrix[place * size + place] += value;
 }
 
+/* Add sum values_ij p_i p_j' over a joint's displacements in y and z. */
+static void join(Assembly *a, double *matrix, const Pattern joint[2], const double values[4])
+{
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++) {
+            if (values[2 * i + j] == 0)
+                continue;
+            for (int p = 0; p < joint[i].count; p++)
+                for (int q = 0; q < joint[j].count; q++)
+                    matrix[joint[i].place[p] * a->size + joint[j].place[q]] +=
+                        values[2 * i + j] * (joint[i].weight[p] * joint[j].weight[q]);
+        }
+}
+
+/* The same value in y and z. */
+static void alike(Assembly *a, double *matrix, const Pattern joint[2], double value)
+{
+    const double values[4] = {value, 0, 0, value};
+    join(a, matrix, joint, values);
+}
+
 static void add_bodies(Assembly *a)
 {
     const Structure *s = a->s;
@@ -252,8 +273,13 @@ static void add_bodies(Assembly *a)
         a->G[(tilt + 1) * a->size + tilt] -= polar;
     }
     for (int k = 0; k < 2; k++)
-        for (int plane = 1; d->mass_node[k] != 0 && plane <= 2; plane++)
-            add_at(a->M, a->size, structure_dof(s, d->mass_node[k], plane), d->mass[k]);
+        for (int side = -1; d->mass_node[k] != 0 && side <= 1; side += 2) {
+            const double x = s->x[s->stations[d->mass_node[k] - 1]] + (k == 0 ? side * d->mass_half_width : 0);
+            Pattern w[2], slope;
+            for (int plane = 0; plane < 2; plane++)
+                shaft_point(s, x, plane + 1, &w[plane], &slope);
+            alike(a, a->M, w, d->mass[k] / 2);
+        }
 }
 
 /* -- the supports ------------------------------------------------------------------------------------------------ */
@@ -293,20 +319,6 @@ static Pattern difference(const Pattern *one, const Pattern *other)
     for (int k = 0; k < other->count; k++)
         put(&result, other->place[k], -other->weight[k]);
     return result;
-}
-
-/* Add sum values_ij p_i p_j' over a joint's displacements in y and z. */
-static void join(Assembly *a, double *matrix, const Pattern joint[2], const double values[4])
-{
-    for (int i = 0; i < 2; i++)
-        for (int j = 0; j < 2; j++) {
-            if (values[2 * i + j] == 0)
-                continue;
-            for (int p = 0; p < joint[i].count; p++)
-                for (int q = 0; q < joint[j].count; q++)
-                    matrix[joint[i].place[p] * a->size + joint[j].place[q]] +=
-                        values[2 * i + j] * (joint[i].weight[p] * joint[j].weight[q]);
-        }
 }
 
 static void new_pair(Assembly *a, Pattern pair[2])
@@ -364,13 +376,6 @@ static const char *check_laws(const Design *d)
         return "bearing_hertz and bearing_clearance take the place of k_b in every direction alike; they do not go with "
                "plane_anisotropy";
     return 0;
-}
-
-/* The same value in y and z. */
-static void alike(Assembly *a, double *matrix, const Pattern joint[2], double value)
-{
-    const double values[4] = {value, 0, 0, value};
-    join(a, matrix, joint, values);
 }
 
 static int has_block(const Design *d)

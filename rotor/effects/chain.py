@@ -84,7 +84,7 @@ class SensorMass(Effect):
     def add_to(self, design: Design) -> None:
         """A mass at the node; for every sensor in turn, see ``rotor.measured.channel_groups``."""
         if self.node:
-            design.masses.append((self.node, self.mass))
+            design.masses.append((self.node, self.mass, 0.0))
 
 
 @dataclass(frozen=True)

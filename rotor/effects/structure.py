@@ -15,8 +15,11 @@ class AttachedMass(Effect):
     id = "attached_mass"
     title = "Attached mass"
     meaning = "a mass sits on the shaft that the model lacks: a collar, a coupling half, an exciter's armature"
-    equation = r"D(\omega) \to D(\omega) - \omega^2 m\, e_n e_n^{T}"
-    signature = "lowers the modes that have an antinode at the node"
+    equation = (
+        r"D(\omega) \to D(\omega) - \omega^2 \frac{m}{2} \sum_\pm N_w(x_n \pm b)^{T} N_w(x_n \pm b), \quad"
+        r" b = 0\!: D(\omega) - \omega^2 m\, e_n e_n^{T}"
+    )
+    signature = "lowers the modes that have an antinode at the node; a wide one also those that tilt there"
     source = "ewins2000"
     location = "node"
     family = "structure"
@@ -24,10 +27,14 @@ class AttachedMass(Effect):
 
     mass: float = parameter(0.1, "kg", "Attached mass", 0.02, 0.5, null=0.0, minimum=0.0, maximum=100.0, log=True)
     node: int = node(4, "Node it sits at")
+    half_width: float = parameter(
+        0.0, "m", "Distance b from the node at which half of it sits on either side", 0.0, 0.03,
+        minimum=0.0, maximum=0.1, form=True,
+    )  # fmt: skip
 
     def add_to(self, design: Design) -> None:
-        """M at the node, y and z."""
-        design.masses.append((self.node, self.mass))
+        """M at the node, or in halves on both sides of it, y and z."""
+        design.masses.append((self.node, self.mass, self.half_width))
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ ROTOR = {
 }
 # Effect: its parameters; * fixed, the others tunable; # an integer, ``enabled`` a switch, the others numbers.
 EFFECTS = """
-attached_mass: enabled mass node#
+attached_mass: enabled mass node# half_width
 exciter_suspension: enabled stiffness damping
 disk_mass: enabled change
 disk_inertia: enabled factor

@@ -75,6 +75,7 @@ class Design(ct.Structure):
         *_fields(ct.c_double, "disk_mass_change disk_inertia_factor gyroscopic_factor"),
         *_fields(ct.c_int * 2, "mass_node"),
         *_fields(ct.c_double * 2, "mass"),
+        *_fields(ct.c_double, "mass_half_width"),
         *_fields(ct.c_int, "sensor_node"),
         *_fields(ct.c_double, "sensor_offset ground_stiffness ground_damping rigid_stiffness tilt_stiffness"),
         *_fields(ct.c_int, "has_pedestal"),

@@ -13,6 +13,7 @@ from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.effects import (
     EFFECTS,
+    AttachedMass,
     AxialLoad,
     BearingClearance,
     BearingFriction,
@@ -36,7 +37,12 @@ STRUCTURE = assemble(load_rig("nit-rourkela"))
 NONLINEAR = tuple(sorted(set(KNOWN) - set(LINEAR)))
 
 # With numbers that do nothing at their start values.
-BENT = (BearingClearance(preload=20.0), BearingFriction(spread=0.8), ViscoelasticSupport(spread=0.6))
+BENT = (
+    AttachedMass(half_width=0.02),
+    BearingClearance(preload=20.0),
+    BearingFriction(spread=0.8),
+    ViscoelasticSupport(spread=0.6),
+)
 
 # Of a channel's peak, over a simulation.
 SAME_MOTION, SAME_NONLINEAR_MOTION = 1e-9, 1e-6

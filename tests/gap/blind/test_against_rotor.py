@@ -17,6 +17,7 @@ from gap.blind.rig import read_rig
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.continuation import trace
+from rotor.effects import AttachedMass
 from rotor.effects.library import EFFECTS
 from rotor.harmonic_balance import Balance
 from rotor.measured import measured_response
@@ -70,6 +71,23 @@ def test_linear_effects_agree(name, rigid):
     moving = peak > 1e-4 * peak.max()
     error = np.abs(reported(RIG, setting, effects, lines) - expected).max(axis=0)
     assert (error[moving] / peak[moving]).max() < 1e-3
+
+
+@pytest.mark.parametrize("rigid", [True, False])
+@pytest.mark.parametrize("node", [2, 3, 4])
+def test_two_halves_of_a_collar_are_an_attached_mass_of_some_width(node, rigid):
+    rng = np.random.default_rng(node)
+    setting = random_setting(rng, rigid)
+    collar = Effect("attached_mass", {"mass": 0.3}, node, form="collar", extras={"half_width": 0.01})
+    lines = choose_lines([p for m in machines(RIG, setting, (collar,), None) for p in resonances(m)], rng)[::2]
+    H = reported(RIG, setting, (collar,), lines)
+    for half_width, same in ((0.01, True), (0.0, False)):
+        mass = AttachedMass(mass=0.3, node=node, half_width=half_width)
+        expected = measured_response(STRUCTURE, condition(setting), [mass], lines)
+        peak = np.abs(expected).max(axis=0)
+        moving = peak > 1e-4 * peak.max()
+        error = (np.abs(H - expected).max(axis=0)[moving] / peak[moving]).max()
+        assert error < 1e-3 if same else error > 1e-2
 
 
 @pytest.mark.parametrize("name", NONLINEAR)

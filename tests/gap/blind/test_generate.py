@@ -109,7 +109,10 @@ def test_a_run_so_far_out_that_its_masses_are_negative_has_no_resonances():
         (Effect("shaft_modulus", {"factor": 0.99}), Effect("shaft_modulus", {"factor": 0.96})),
         (Effect("shaft_modulus", {"factor": 1.01}), Effect("shaft_modulus", {"factor": 1.04})),
         # in another form, where resonances far apart are no further from each other than near ones
-        (Effect("hub_stiffening", {"factor": 1.2}, form="tapered"), Effect("hub_stiffening", {"factor": 1.8}, form="tapered")),
+        (
+            Effect("hub_stiffening", {"factor": 1.2}, form="tapered"),
+            Effect("hub_stiffening", {"factor": 1.8}, form="tapered"),
+        ),
     ],
 )
 def test_size_is_in_proportion_to_severity(small, large):

@@ -35,7 +35,7 @@ from rotor.structure import FloatArray
 # Every so many lines: of the grid, of the descents, of the fits.
 _GRID_LINES, _DESCENT_LINES, _FIT_LINES = 8, 6, 4
 
-# The same where the gap is small, which takes more lines to be seen: of what a law promises, and of the fits.
+# The same of the fits where the gap is small, which takes more lines to be seen.
 _SMALL_LINES = 2
 
 # What coarsely computed motions leave of the response.
@@ -136,8 +136,8 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     shifts that are free of each other are not.
     """
     rest = Rest(fit, fit.k_b, seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
-    some = thinned(problem.made(resolution=ROUGH), _SMALL_LINES, fit.k_b, MODEL_ERROR)
-    score = Score(some, some.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
+    every = thinned(problem.made(resolution=ROUGH), 1, fit.k_b, MODEL_ERROR)
+    score = Score(every, every.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 
 

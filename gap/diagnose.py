@@ -29,6 +29,7 @@ from gap.search import (
     Progress,
     Search,
     all_polished,
+    bent_little,
     best_first,
     from_afar_too,
     recalibrate,
@@ -219,8 +220,12 @@ def _finished(
     """The problem on the finer mesh; linear effects, best first, and pairs where no single one is adequate."""
     if found.fits and not adequate(problem, found.best):
         found = with_bent(problem, from_afar_too(problem, found, hypotheses, progress), hypotheses)
+    alone = not found.fits or _suffices(problem, found.best, hypotheses)
+    if not alone and adequate(problem, found.best):  # what a second effect would take away may be its own law's
+        found = bent_little(problem, found)
+        alone = _suffices(problem, found.best, hypotheses)
     fits = list(found.fits) or [found.nominal]
-    if with_pairs and found.fits and not _suffices(problem, found.best, hypotheses):
+    if with_pairs and not alone:
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
     finer = problem.made(refined=True)

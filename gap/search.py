@@ -207,8 +207,7 @@ def _not_hopeless(problem: Problem, starts: Sequence[Start], added: float) -> li
 
 def with_bent(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> Search:
     """The search, and its best effect bent, where it can be; far from the data, the best of all that can be."""
-    best = found.best
-    starts = [Start(best.hypothesis.bent, u, best.nu) for u in best.hypothesis.bent_from(best.u)]
+    starts = _bent(found.best)
     if found.rough:
         few, base = problem.thinned(_THIRD), found.nominal.u[:1]
         laws = [hypothesis.bent for hypothesis in hypotheses if hypothesis.bent != hypothesis]
@@ -217,8 +216,23 @@ def with_bent(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis])
         rough = [(law, u) for law, us in zip(laws, ends, strict=True) for u in us]
         starts += [Start(law, u, problem.unit(law, u)) for law, u in rough]
         starts += [begin(law, u, found.nominal) for law, u in rough]
-    bent = race(problem, starts, BENT, None) if starts else []
-    return replace(found, fits=tuple(best_first([*found.fits, *bent[:1]])))
+    return _along_with(race(problem, starts, BENT, None) if starts else [], bent_little(problem, found))
+
+
+def bent_little(problem: Problem, found: Search) -> Search:
+    """The search, and its best effect bent, fitted without an added error: a slight bend would hide behind one."""
+    starts = _bent(found.best)
+    return _along_with(race(problem, starts, CLOSE, None) if starts else [], found)
+
+
+def _bent(fit: Fit) -> list[Start]:
+    """Starts of an effect with its law bent, where that can be."""
+    return [Start(fit.hypothesis.bent, u, fit.nu) for u in fit.hypothesis.bent_from(fit.u)]
+
+
+def _along_with(fits: Sequence[Fit], found: Search) -> Search:
+    """The search, and the best of these fits."""
+    return replace(found, fits=tuple(best_first([*found.fits, *fits[:1]])))
 
 
 def _all_the_way_down(few: Problem, base: FloatArray, seat: Carried | None, hypothesis: Hypothesis) -> list[FloatArray]:

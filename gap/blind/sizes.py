@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gap.blind.case import Case, plan_lines, response
+from gap.blind.case import Case, Run, plan_lines, response
 from gap.blind.detection import THRESHOLD, Distance, severity_at_limit
 from gap.blind.effects import CHAIN, LINEAR, Effect, faded
 from gap.blind.lines import resonances
@@ -77,3 +78,9 @@ def _fixed_size(rig: Rig, case: Case, rng: np.random.Generator) -> float:
     lines = [f[ok] for f, ok in zip(lines, there, strict=True)]
     responses = [H[ok] for H, ok in zip(responses, there, strict=True)]
     return Distance(rig, case, settings, lines).of(responses) / THRESHOLD
+
+
+def shown_size(rig: Rig, case: Case, runs: Sequence[Run]) -> float:
+    """The same of what runs show, free of noise, gains and drift; runs begin with one on rigid supports."""
+    distance = Distance(rig, case, [run.setting for run in runs], [run.frequency_hz for run in runs])
+    return distance.of([run.ideal for run in runs]) / THRESHOLD

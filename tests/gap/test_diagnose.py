@@ -440,6 +440,7 @@ def test_without_that_effect_the_same_gap_is_unknown():
 @pytest.mark.parametrize(
     ("effect", "name", "settings"),
     [
+        (AttachedMass(mass=0.3, node=3, half_width=0.025), "half_width", {}),
         (ViscoelasticSupport(strength=0.5, relaxation_time=1e-3, spread=0.9), "spread", {}),
         (
             PedestalFlexibility(stiffness=8e6, mass=3.0, damping=250.0, block_compliance=0.15, block_mass=8.0),
@@ -468,6 +469,16 @@ def test_the_form_of_a_law_is_fitted_where_the_plain_law_leaves_more_than_noise(
     ).diagnosis
     assert (plain.verdict, plain.causes[0].effects) == ("cause", (effect.id,))
     assert name not in plain.causes[0].parameters
+
+
+def test_a_law_that_is_bent_little_is_no_second_effect():
+    """A collar 14 mm wide, without its width within twice the noise; with it, nothing is left for another effect."""
+    runs = both_supports(AttachedMass(mass=0.3, node=3, half_width=0.007), seed=11)
+    kept = ("attached_mass", "disk_inertia", "sensor_position", "bearing_damping")
+    found = diagnose(campaign_of(*runs), exclude=all_but(*kept, *RIVALS)).diagnosis
+    assert [cause.effects for cause in found.causes] == [("attached_mass",)]
+    width = found.causes[0].parameters["half_width"]
+    assert abs(width.value - 0.007) < 3 * width.std < 0.0035
 
 
 def test_a_diagnosis_keeps_linear_algebra_on_one_thread(monkeypatch):

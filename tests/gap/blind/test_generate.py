@@ -10,20 +10,23 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gap.blind import generate
 from gap.blind.case import measure, plan_lines, standard_error
 from gap.blind.detection import THRESHOLD, Distance, PlainRun
-from gap.blind.draw import draw_campaign, empty_case
+from gap.blind.draw import LIBRARY, draw_campaign, empty_case, library_effect
 from gap.blind.effects import Effect
 from gap.blind.folder import read_csv, write_campaign
 from gap.blind.generate import Order, make, make_all, seal
 from gap.blind.machine import Workshop
+from gap.blind.nonlinear import NotFoundError
 from gap.blind.response import reported
 from gap.blind.rig import read_rig
 from gap.blind.score import read_labels
-from gap.blind.sizes import size_ratio
+from gap.blind.sizes import shown_size, size_ratio
 from sim.campaign_folder import load_campaign
 
 RIG = read_rig("nit-rourkela")
+CUBIC = next(i for i in range(len(LIBRARY)) if library_effect(i) == "bearing_cubic")
 
 
 def test_the_same_order_makes_the_same_campaign(tmp_path):
@@ -153,3 +156,32 @@ def test_a_campaign_that_another_worker_has_made_meanwhile_stays(tmp_path):
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
     make(order, tmp_path)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_a_nonlinear_effect_that_the_runs_do_not_show_is_drawn_again(monkeypatch):
+    """Its size is what the runs show: one whose motion never came about is none, whatever was planned."""
+    shown: list[bool] = []
+
+    def without(rig, case, drive_node, levels, rng):
+        shown.append(bool(shown))  # not in the first draw
+        seen = case if shown[-1] else replace(case, effects=())
+        return measure(rig, seen, drive_node, levels, rng)
+
+    monkeypatch.setattr(generate, "measure", without)
+    order = Order("W1", "tuning", 3, CUBIC)
+    draw, measured, _ = generate.measured_draw(RIG, order, order.rng())
+    assert len(shown) == 3
+    assert draw.rejected >= 1
+    assert draw.ratios == (shown_size(RIG, draw.case, measured),)
+    assert draw.ratios[0] >= 3
+
+
+def test_an_effect_that_no_draw_shows_is_an_error(monkeypatch):
+    def without(rig, case, drive_node, levels, rng):
+        return measure(rig, replace(case, effects=()), drive_node, levels[:1], rng)
+
+    monkeypatch.setattr(generate, "measure", without)
+    monkeypatch.setattr(generate, "REDRAWS", 1)
+    order = Order("W1", "tuning", 3, CUBIC)
+    with pytest.raises(NotFoundError, match="1 showed no effect"):
+        generate.measured_draw(RIG, order, order.rng())

@@ -46,6 +46,9 @@ _FORCES = 30
 # Stiffness at rest over the one that suits the lowest level, at which a law may act already.
 _AT_REST = {"bearing_cubic": (1.0, 0.95), "bearing_hertz": (1.0, 1.05, 1.1), "bearing_clearance": (1.0, 1.06)}
 
+# Laws that do not act below some amplitude.
+_TOUCHING = ("rub", "bearing_clearance")
+
 # Relative distance to the data at which a line of the grid counts half.
 _HALF = 0.1
 
@@ -130,8 +133,9 @@ def node_of(hypothesis: Hypothesis) -> int:
 
 
 def by_distance(problem: Problem, hypothesis: Hypothesis, rest: Rest, nu: FloatArray) -> list[Start]:
-    """Points of the grid with their distance; of a rub, which few lines see, with their robust misfit."""
-    far = (lambda fit: robust_misfit(problem, fit)[0]) if hypothesis.ids == ("rub",) else partial(distance, problem)
+    """Points of the grid with their distance; of a law that few lines may see, with their robust misfit."""
+    few = hypothesis.ids[0] in _TOUCHING
+    far = (lambda fit: robust_misfit(problem, fit)[0]) if few else partial(distance, problem)
     found = []
     for point, factor in itertools.product(points_of(hypothesis, rest), _AT_REST.get(hypothesis.ids[0], (1.0,))):
         u = hypothesis.clipped(point + np.log(factor) * (np.arange(len(point)) == 0))

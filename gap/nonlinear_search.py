@@ -32,11 +32,8 @@ from gap.search import NEAR, Progress, Search, best_first, first_of_each, recali
 from gap.starts import Start
 from rotor.structure import FloatArray
 
-# Every so many lines: of the grid, of the descents, of the fits.
-_GRID_LINES, _DESCENT_LINES, _FIT_LINES = 8, 6, 4
-
-# The same of the fits where the gap is small, which takes more lines to be seen.
-_SMALL_LINES = 2
+# Every so many lines: of the grid, of the descents, of the fits; where the gap is small all, as one line may hold it.
+_GRID_LINES, _DESCENT_LINES, _FIT_LINES, _ALL_LINES = 8, 6, 4, 1
 
 # What coarsely computed motions leave of the response.
 _ROUGH_ERROR, _MIDDLE_ERROR = 0.05, 0.01
@@ -57,7 +54,7 @@ _ALIKE = 0.05
 # Effects whose stiffness at rest is not k_b; points that are descended from where the gap is small, and by how much
 # more of the misfit than the best one's a candidate may leave after that.
 _SHARES_STIFFNESS = ("bearing_friction",)
-_NEAR_STARTS, _AHEAD = 6, 60.0
+_NEAR_STARTS, _AHEAD = 6, 240.0
 
 # Where the gap is small, places of a law that are carried on: they hardly differ there.
 _PLACES_SMALL = 2
@@ -104,7 +101,7 @@ def search_nonlinear(
     nominal = every.fit(NOMINAL, calm.u, nu)
     small = nominal.chi2 < NEAR * nominal.n_data
     if small:
-        every = thinned(final, _SMALL_LINES, calm.k_b, MODEL_ERROR)
+        every = thinned(final, _ALL_LINES, calm.k_b, MODEL_ERROR)
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
@@ -136,7 +133,7 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     shifts that are free of each other are not.
     """
     rest = Rest(fit, fit.k_b, seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
-    every = thinned(problem.made(resolution=ROUGH), 1, fit.k_b, MODEL_ERROR)
+    every = thinned(problem.made(resolution=ROUGH), _ALL_LINES, fit.k_b, MODEL_ERROR)
     score = Score(every, every.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 
@@ -274,13 +271,13 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: Rest, nomina
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
     k_b, rough = rest.calm.k_b, problem.made(resolution=ROUGH)
-    many = thinned(rough, _SMALL_LINES, k_b, MODEL_ERROR)
-    some = thinned(problem.made(resolution=MIDDLE), _FIT_LINES, k_b, MODEL_ERROR)
-    nominal = many.fit(NOMINAL, nominal.u, nominal.nu)
+    every = thinned(rough, _ALL_LINES, k_b, MODEL_ERROR)
+    finer = thinned(problem.made(resolution=MIDDLE), _ALL_LINES, k_b, MODEL_ERROR)
+    nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     grid: dict[str, list[Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
     beside: list[Start] = []
-    gains = each(partial(by_score, Score(many, nominal), rest), hypotheses)
+    gains = each(partial(by_score, Score(every, nominal), rest), hypotheses)
     for hypothesis, points in zip(hypotheses, gains, strict=True):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
@@ -289,8 +286,8 @@ def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: Rest, nomina
             beside += sorted(by_distance(few, hypothesis, rest, nu), key=cost_of)[:1]
     tell("descents")
     chosen = _few_of_each([start for points in grid.values() for start in _promising(points)])[:_NEAR_STARTS]
-    left = descend(some, [*chosen, *beside], (0.0,))
-    left = _few_of_each([*left, *descend(some, _elsewhere(some, hypotheses, left), (0.0,))])[:_LEFT]
+    left = descend(finer, [*chosen, *beside], (0.0,))
+    left = _few_of_each([*left, *descend(finer, _elsewhere(finer, hypotheses, left), (0.0,))])[:_LEFT]
     return [start for start in left if start.cost < left[0].cost + _AHEAD]
 
 

@@ -18,13 +18,18 @@ from gap.likelihood import MODEL_ERROR, Problem
 from gap.modal import MODES, TOLERANCES
 from gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
 from gap.nonlinear_search import (
+    _FIRST,
+    _GRID_LINES,
+    _ROUGH_ERROR,
     ADEQUATE_NONLINEAR,
     NEAR,
     _at_believed_levels,
     _bent,
+    _calm,
     _elsewhere,
     _few_of_each,
     _or_vaguer,
+    _promising,
     _told,
     _uneven,
     most_promised,
@@ -33,7 +38,7 @@ from gap.nonlinear_search import (
 from gap.pair_search import PAIR_GAIN
 from gap.predict import predict
 from gap.residuals import observe
-from gap.robust import robust_fit, robust_misfit, settle, thinned, unfitted
+from gap.robust import descend, robust_fit, robust_misfit, settle, thinned, unfitted
 from gap.score import Score
 from gap.search import recalibrate
 from gap.starts import Start
@@ -237,6 +242,31 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     best = found.fits[0]
     assert best.chi2 < 1.2 * best.n_data
     assert best.effects[0].preload == pytest.approx(opening.preload, rel=0.05)
+
+
+def test_a_gap_that_a_single_line_holds_is_seen():
+    """Only at the top of the loudest resonance does the bearing lift off; every second line would pass it over."""
+    opening = BearingClearance(gap=5e-7, preload=47.0)
+    runs = runs_of(opening)
+    problem, laws = problem_of(runs), candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
+    *_, found = search_nonlinear(problem, laws)
+    assert found.nominal.chi2 < NEAR * found.nominal.n_data
+    assert found.fits[0].log_weight > found.nominal.log_weight + 100
+    assert found.fits[0].effects[0].preload == pytest.approx(opening.preload, rel=0.05)
+
+
+def test_a_bearing_that_lifts_off_on_few_lines_is_told_by_their_misfit():
+    """As a mean distance of all lines it is hardly nearer to the data than a rotor without a gap."""
+    opening = BearingClearance(gap=8e-7, preload=2.0)
+    runs = runs_of(opening)
+    problem = problem_of(runs)
+    (law,) = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
+    calm, nu = _calm(problem)
+    rest = Rest(calm, calm.k_b, seen_motion(problem, calm.k_b), (1, 7))
+    few = thinned(problem.made(resolution=ROUGH), _GRID_LINES, calm.k_b, _ROUGH_ERROR)
+    (best,) = descend(few, _promising(by_distance(few, law, rest, nu)), _FIRST)
+    assert law.effects(best.u[1:])[0].gap == pytest.approx(opening.gap, rel=0.1)
+    assert law.effects(best.u[1:])[0].preload == pytest.approx(opening.preload, rel=0.1)
 
 
 @pytest.fixture(scope="module", params=[(1e-6, 10.0), (1e-5, 28.0)], ids=["reached", "out of reach"])

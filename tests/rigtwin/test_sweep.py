@@ -27,7 +27,8 @@ def test_effects_of_rotor_and_chain_are_switched_on_with_their_parameters(rotor_
         *("sweep", rotor_fmu, *BAND, "--effect", "attached_mass", "--effect", "sensor_gain", "--out", path),
         *("--set", "attached_mass.mass=0.3", "--set", "sensor_gain.node=4", "--set", "k_b=3e6"),
     )
-    assert found["effects"] == {"attached_mass": {"mass": 0.3, "node": 4, "half_width": 0.0}, "sensor_gain": {"gain": 1.1, "node": 4}}
+    collar = {"mass": 0.3, "node": 4, "half_width": 0.0}
+    assert found["effects"] == {"attached_mass": collar, "sensor_gain": {"gain": 1.1, "node": 4}}
     assert found["parameters"] == {"k_b": 3e6}
     swept = read_run(path)
     effects = AttachedMass(mass=0.3), SensorGain(node=4)

@@ -127,8 +127,8 @@ same model. Gaps are errors relative to the response free of noise, gains and dr
 
 {table(header, rows)}
 Where the sweep falls off a bent resonance, one line more or less on the upper branch is the whole error. Which line is
-the last one on it lies within what the sealed numbers themselves leave in another solver with another mesh, and a drift
-of 1e-4 moves it as well: so no diagnosis can promise more for a run that ends there.
+the last one on it lies within what the sealed numbers themselves leave in another solver with another mesh. So what is
+left of these two gaps is not an error of the diagnosis' numbers: the true ones leave as much.
 """
 
 

@@ -36,7 +36,7 @@ CONDITION_WORDS = (
     "rigid_support", "excitation_node", "excitation_plane",
 )  # fmt: skip
 EFFECT_WORDS = {
-    "attached_mass": {"mass": "mass[0]", "half_width": "mass_half_width", "node": "mass_node[0]"},
+    "attached_mass": {"mass": "mass[0]", "half_width": "mass_half_width[0]", "node": "mass_node[0]"},
     "sensor_mass": {"mass": "mass[1]", "node": "mass_node[1]"},
     "exciter_suspension": {"stiffness": "ground_stiffness", "damping": "ground_damping"},
     "disk_mass": {"change": "disk_mass_change"},

@@ -218,18 +218,28 @@ def _finished(
     with_pairs: bool = True,
 ) -> tuple[Problem, list[Fit]]:
     """The problem on the finer mesh; linear effects, best first, and pairs where no single one is adequate."""
-    if found.fits and not adequate(problem, found.best):
-        found = with_bent(problem, from_afar_too(problem, found, hypotheses, progress), hypotheses)
-    alone = not found.fits or _suffices(problem, found.best, hypotheses)
-    if not alone and adequate(problem, found.best):  # what a second effect would take away may be its own law's
-        found = bent_little(problem, found)
-        alone = _suffices(problem, found.best, hypotheses)
+    found, alone = _bent_where_it_helps(problem, found, hypotheses, progress)
     fits = list(found.fits) or [found.nominal]
     if with_pairs and not alone:
         fits = _with_pairs(problem, found, hypotheses, progress)
         clock.lap("pairs")
     finer = problem.made(refined=True)
     return finer, best_first([*all_polished(finer, fits[:POLISHED]), *fits[POLISHED:]])
+
+
+def _bent_where_it_helps(
+    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None
+) -> tuple[Search, bool]:
+    """The search, with its best effect bent where it does not suffice; whether nothing is left for a second one."""
+    if not found.fits:
+        return found, True
+    if not adequate(problem, found.best):
+        found = with_bent(problem, from_afar_too(problem, found, hypotheses, progress), hypotheses)
+    elif _suffices(problem, found.best, hypotheses):
+        return found, True
+    else:  # what a second effect would take away may be its own law's
+        found = bent_little(problem, found)
+    return found, _suffices(problem, found.best, hypotheses)
 
 
 def _suffices(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> bool:

@@ -237,6 +237,13 @@ static void add_at(double *matrix, int size, int place, double value)
     matrix[place * size + place] += value;
 }
 
+/* The deflection at a distance along the shaft from a node. */
+static void beside(const Structure *s, int node, double offset, int plane, Pattern *w)
+{
+    Pattern slope;
+    shaft_point(s, s->x[s->stations[node - 1]] + offset, plane, w, &slope);
+}
+
 /* Add sum values_ij p_i p_j' over a joint's displacements in y and z. */
 static void join(Assembly *a, double *matrix, const Pattern joint[2], const double values[4])
 {
@@ -274,10 +281,9 @@ static void add_bodies(Assembly *a)
     }
     for (int k = 0; k < 2; k++)
         for (int side = -1; d->mass_node[k] != 0 && side <= 1; side += 2) {
-            const double x = s->x[s->stations[d->mass_node[k] - 1]] + (k == 0 ? side * d->mass_half_width : 0);
-            Pattern w[2], slope;
+            Pattern w[2];
             for (int plane = 0; plane < 2; plane++)
-                shaft_point(s, x, plane + 1, &w[plane], &slope);
+                beside(s, d->mass_node[k], side * d->mass_half_width[k], plane + 1, &w[plane]);
             alike(a, a->M, w, d->mass[k] / 2);
         }
 }
@@ -597,12 +603,9 @@ const char *system_build(System *system, const Structure *structure, const Desig
 
 void system_sensor(const System *system, const Structure *s, const Design *d, int node, int plane, double *pattern)
 {
-    const int beside = d->sensor_offset != 0 && (d->sensor_node == 0 || d->sensor_node == node);
-    Pattern w = {0, {0}, {0}}, slope;
-    if (beside)
-        shaft_point(s, s->x[s->stations[node - 1]] + d->sensor_offset, plane, &w, &slope);
-    else
-        put(&w, structure_dof(s, node, plane), 1);
+    const int displaced = d->sensor_node == 0 || d->sensor_node == node;
+    Pattern w;
+    beside(s, node, displaced ? d->sensor_offset : 0, plane, &w);
     for (int i = 0; i < system->n; i++) {
         pattern[i] = 0;
         for (int k = 0; k < w.count; k++)

@@ -28,7 +28,7 @@ typedef struct {
     double disk_mass_change, disk_inertia_factor, gyroscopic_factor;
     int mass_node[2]; /* 0: none */
     double mass[2];   /* attached, of an accelerometer */
-    double mass_half_width; /* of the attached one */
+    double mass_half_width[2];
     int sensor_node; /* whose accelerometer sits beside its node, 0: all */
     double sensor_offset;
     double ground_stiffness, ground_damping; /* where the exciter acts */

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
 import sys
 from enum import StrEnum
 from io import TextIOWrapper
@@ -15,6 +14,7 @@ import typer
 from typer.core import TyperCommand
 
 from rigtwin.exits import GATE_FAILED, CommandGroup, UserError
+from rigtwin.interrupt import install as install_interrupt
 from rigtwin.scale_out import ONE_THREAD, ExecutorOption
 
 app = typer.Typer(
@@ -358,7 +358,7 @@ def main() -> None:
     """The ``rigtwin`` command."""
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: nothing is left half-written or behind
+    install_interrupt()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "±" must not stop a command

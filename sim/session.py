@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import tempfile
+import weakref
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
@@ -55,13 +57,15 @@ class FmuSession:
 
     def __init__(self, fmu: str | Path):
         self._log: deque[str] = deque(maxlen=_MESSAGES)
-        self._folder = _unpack(Path(fmu))
+        self._folder = _new_folder()
+        self._remove_folder = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         try:
+            _unpack(fmu, self._folder)
             self.description = _describe(fmu, self._folder)
             self._variables = {v.name: v for v in self.description.modelVariables}
             self._fmu = self._instantiate()
         except BaseException:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._remove_folder()
             raise
         self._open = True
         self.time = 0.0
@@ -79,8 +83,10 @@ class FmuSession:
         """Free the instance and delete the unpacked files; closing again does nothing."""
         if self._open:  # freeing an instance twice is a segmentation fault
             self._open = False
-            self._fmu.freeInstance()
-            shutil.rmtree(self._folder, ignore_errors=True)
+            try:
+                self._fmu.freeInstance()
+            finally:
+                self._remove_folder()
 
     @property
     def variables(self) -> list[str]:
@@ -190,19 +196,19 @@ class FmuSession:
         return FmuError(f"{error}: {log}" if log else str(error))
 
 
-def _unpack(fmu: Path) -> Path:
+def _new_folder() -> Path:
     folder = tempfile.mkdtemp(prefix="rigtwin_fmu_")
     if not _SAFE_PATH.fullmatch(folder):
-        shutil.rmtree(folder)
+        os.rmdir(folder)
         raise FmuError(f"the folder for temporary files, {folder}, has characters FMU loaders cannot read; set TMPDIR")
-    try:
-        extract(str(fmu), unzipdir=folder)
-    except BaseException as error:
-        shutil.rmtree(folder)
-        if isinstance(error, Exception):  # fmpy raises whatever zipfile does
-            raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error
-        raise
     return Path(folder)
+
+
+def _unpack(fmu: str | Path, folder: Path) -> None:
+    try:
+        extract(str(fmu), unzipdir=str(folder))
+    except Exception as error:  # fmpy raises whatever zipfile does
+        raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error
 
 
 def _describe(fmu: str | Path, folder: Path) -> ModelDescription:

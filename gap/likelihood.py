@@ -444,7 +444,7 @@ class Problem:
         for j, (step, others) in enumerate(moved):
             if step == 0.0 or others[r] is modal:
                 continue
-            columns.append(np.where(_tells(others[r], own), change_of(modal, others[r], own), 0.0) * gains / step)
+            columns.append(_slope_of(modal, others[r], own) * gains / step)
             places.append(j)
         columns.append(H)
         places.append(n_u + self.nuisances.gain.start + r)
@@ -516,6 +516,13 @@ def middle_level(runs: Sequence[Run]) -> list[int]:
 def _tells(modal: Modal | NonlinearModal, own: tuple) -> BoolArray | bool:
     """(n_freq, 1) whether a line's response has a slope, with a run's drifts and tolerances; any has where linear."""
     return modal.tells(*own)[:, None] if isinstance(modal, NonlinearModal) else True
+
+
+def _slope_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
+    """``change_of`` a small step of a number, to first order."""
+    if isinstance(before, NonlinearModal) and isinstance(after, NonlinearModal):
+        return before.change_to(after, *own)
+    return change_of(before, after, own)
 
 
 def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:

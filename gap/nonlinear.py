@@ -17,6 +17,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +90,7 @@ class Solved:
     """Motions of a run at given drifts of the resonances."""
 
     balance: Balance
+    omega: FloatArray  # (n_freq,) [rad/s]
     joints: ComplexArray  # (n_freq, K, n_joints)
     states: ComplexArray  # (n_freq, K, n_states)
     H: ComplexArray  # (n_freq, n_channels)
@@ -96,6 +98,17 @@ class Solved:
     tells: BoolArray  # (n_freq,) lines near enough to a motion to tell how the response changes
     plain: Balance | None = None  # without the drifts
     mode: IntArray | None = None  # (n_states,) as of ``NonlinearModal``
+
+    @cached_property
+    def forces(self) -> ComplexArray:
+        """(n_freq, K, n_joints) harmonics of the joints' forces [N]."""
+        return self.balance.forces.harmonics(self.joints)
+
+    @cached_property
+    def tangent(self) -> tuple[FloatArray, ComplexArray]:
+        """(n_freq, n, n) inverse of the balance's Jacobian, and of the forces' fundamentals the derivative in it."""
+        _, DN = self.balance.forces(self.joints)
+        return np.linalg.inv(jacobian(self.balance.receptance(self.omega)[0], DN)), DN[:, 1]
 
 
 @dataclass(frozen=True)
@@ -138,6 +151,17 @@ class NonlinearModal:
         every = np.concatenate([D, by_tolerance, there._by_level(solved)])
         return solved.H, np.where(solved.tells[:, None], every, 0.0)
 
+    def change_to(
+        self, other: NonlinearModal, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+    ) -> ComplexArray:
+        """(n_freq, n_channels) the response with other numbers of the same laws less this one, to first order."""
+        there = self.driven(level)
+        solved = there.solved(drift, tolerance)
+        balance = _drifted(*other._with_tolerance(tolerance), drift)
+        push, own = there._moved_by(solved, balance, balance.forces.harmonics(solved.joints))
+        change = there._answer(solved, push[..., None], own[..., None])[0]
+        return np.where(solved.tells[:, None], change, 0.0)
+
     def driven(self, level: float) -> NonlinearModal:
         """The same under a force e^level as large as the run believes, remembered."""
         if level == self.level:
@@ -173,11 +197,14 @@ class NonlinearModal:
         if key not in self._solved:
             if len(self._solved) > 2:
                 self._solved.pop(next(iter(self._solved)))
-            plain, mode = self.balance_of(tolerance) if tolerance.any() else (self.balance, self.mode)
+            plain, mode = self._with_tolerance(tolerance)
             balance = _drifted(plain, mode, drift)
             made = self._by_data(balance) if self.with_data else self._by_sweep(balance)
             self._solved[key] = replace(made, plain=plain, mode=mode)
         return self._solved[key]
+
+    def _with_tolerance(self, tolerance: FloatArray) -> tuple[Balance, IntArray]:
+        return self.balance_of(tolerance) if tolerance.any() else (self.balance, self.mode)
 
     # -- the branch that the data are on ---------------------------------------------------------
 
@@ -241,7 +268,7 @@ class NonlinearModal:
         assert motions.off is not None
         tells = usable & (motions.converged | (motions.off <= _TELLS))
         H = np.where(usable[:, None], H, 0.0)
-        return Solved(balance, motions.joints, states, H, motions.converged & usable, tells)
+        return Solved(balance, self._omega[at], motions.joints, states, H, motions.converged & usable, tells)
 
     def _miss(self, solved: Solved, lines: IntArray | None = None) -> FloatArray:
         """(n_freq,) distance to the data, relative, over all channels."""
@@ -356,11 +383,10 @@ class NonlinearModal:
 
     def _by_tolerance(self, solved: Solved, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
         """(n_tolerances, n_freq, n_channels) derivative by the tolerances."""
-        before = self._held(solved.balance, solved)
         changes = []
         for one in np.eye(len(tolerance)):
-            after = self._held(_drifted(*self.balance_of(tolerance + _STEP * one), drift), solved)
-            changes.append([(b - a) / _STEP for a, b in zip(before, after, strict=True)])
+            balance = _drifted(*self.balance_of(tolerance + _STEP * one), drift)
+            changes.append([change / _STEP for change in self._moved_by(solved, balance, solved.forces)])
         push, own = (np.stack(parts, axis=-1) for parts in zip(*changes, strict=True))
         return self._answer(solved, push, own)
 
@@ -370,14 +396,17 @@ class NonlinearModal:
         states = self._force * balance.resolvent(self._omega, balance.loads)[..., -1:]  # (n_freq, K, n_states, 1)
         return self._answer(solved, balance.left @ states, self._read(balance) @ states[:, 1]) - solved.H
 
-    def _held(self, balance: Balance, solved: Solved) -> tuple[ComplexArray, ComplexArray]:
-        """(n_freq, K, n_joints) motion of a rotor's joints and (n_freq, n_channels) sensors under a motion's forces."""
-        amounts = np.concatenate(
-            [-solved.balance.forces.harmonics(solved.joints), np.full((*solved.joints.shape[:2], 1), self._force)],
-            axis=2,
-        )
+    def _moved_by(self, solved: Solved, balance: Balance, forces: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """How another rotor under given forces moves beside a motion.
+
+        Returns
+        -------
+        (n_freq, K, n_joints) of the joints and (n_freq, n_channels) of the sensors
+        """
+        amounts = np.concatenate([-forces, np.full((*forces.shape[:2], 1), self._force)], axis=2)
         states = balance.resolvent(self._omega, balance.loads @ amounts[..., None])[..., 0]
-        return states @ balance.left.T, states[:, 1] @ self._read(balance).T
+        joints = states @ balance.left.T - solved.states @ solved.balance.left.T
+        return joints, states[:, 1] @ self._read(balance).T - solved.states[:, 1] @ self._read(solved.balance).T
 
     def _answer(self, solved: Solved, push: ComplexArray, own: ComplexArray) -> ComplexArray:
         """(m, n_freq, n_channels) derivative of the response by m numbers.
@@ -388,12 +417,11 @@ class NonlinearModal:
         own : (n_freq, n_channels, m) the same of the sensors' motion
         """
         balance = solved.balance
-        _, DN = balance.forces(solved.joints)
-        J = jacobian(balance.receptance(self._omega)[0], DN)
+        inverse, DN = solved.tangent
         m = push.shape[-1]
-        flat = real_form(push.reshape(*push.shape[:2], -1)).reshape(len(J), -1, m)
-        dX = np.linalg.solve(J, flat).reshape(len(J), DN.shape[3], DN.shape[4], m)
-        dN = np.einsum("fjun,funm->fjm", DN[:, 1], dX, optimize=True)
+        flat = real_form(push.reshape(*push.shape[:2], -1)).reshape(len(inverse), -1, m)
+        dX = (inverse @ flat).reshape(len(inverse), *DN.shape[2:], m)
+        dN = np.einsum("fjun,funm->fjm", DN, dX, optimize=True)
         to_sensors = self._read(balance) @ balance.resolvent(self._omega, balance.loads)[:, 1, :, :-1]
         change = self._unit * self._scale[:, None, None] * (own - to_sensors @ dN)
         return np.moveaxis(np.where(np.isfinite(change), change, 0.0), 2, 0)
@@ -441,4 +469,4 @@ def _replaced(best: Solved, other: Solved, lines: IntArray, better: BoolArray) -
     taken = lines[better]
     joints[taken], states[taken], H[taken] = other.joints[better], other.states[better], other.H[better]
     converged[taken] = tells[taken] = True
-    return Solved(best.balance, joints, states, H, converged, tells)
+    return Solved(best.balance, best.omega, joints, states, H, converged, tells)

@@ -46,7 +46,7 @@ _TRIED = 14
 # how finely it is followed, and how long; fits that end within ``_WITHIN`` of the best are all carried on, but for
 # those that end at the same place, since one level hardly tells them apart.
 _RATIOS, _MEANS = (0.1, 0.2, 0.4, 0.7, 1.0), (0.97, 1.0, 1.03, 1.06, 1.1)
-_UNEVEN, _UNEVEN_EFFORT, _SAME = Resolution(9, 256, 15), {"rounds": 2, "steps": 5}, 0.01
+_SEVERAL, _UNEVEN_EFFORT, _SAME = Resolution(9, 256, 15), {"rounds": 2, "steps": 5}, 0.01
 
 # It is the same at all levels: the stiffnesses of linear rotors at the lowest and the highest differ by less than this.
 _ALIKE = 0.05
@@ -97,11 +97,11 @@ def search_nonlinear(
     loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
     rest = Rest(calm, loud, seen_motion(problem, calm.k_b), held)
     final = problem.made(resolution=FINAL, refined=True)
-    every = thinned(final, _FIT_LINES, calm.k_b, MODEL_ERROR)
+    every, lines = thinned(final, _FIT_LINES, calm.k_b, MODEL_ERROR), _FIT_LINES
     nominal = every.fit(NOMINAL, calm.u, nu)
     small = nominal.chi2 < NEAR * nominal.n_data
     if small:
-        every = thinned(final, _ALL_LINES, calm.k_b, MODEL_ERROR)
+        every, lines = thinned(final, _ALL_LINES, calm.k_b, MODEL_ERROR), _ALL_LINES
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
@@ -116,7 +116,7 @@ def search_nonlinear(
     if abs(np.log(rest.loud / calm.k_b)) < _ALIKE:
         left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
-    first = fitted(every, left, rounds=1, steps=3)
+    first = fitted(thinned(problem.made(resolution=_SEVERAL), lines, calm.k_b, MODEL_ERROR), left, rounds=1, steps=3)
     fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[:_FINALISTS]
     near = [fit for fit in fits if fit.cost < fits[0].cost + _CLEAR]
     fits = [*_or_vaguer(every, fitted(every, near)), *fits[len(near) :]]
@@ -242,7 +242,7 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
     How stiff it is on average is another number for every resonance, and takes several harmonics. Single lines near a
     resonance are on another branch of the response at times, so the fits are robust.
     """
-    low = thinned(_at_level(problem.made(resolution=_UNEVEN), min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
+    low = thinned(_at_level(problem.made(resolution=_SEVERAL), min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
     points = list(each(partial(_of_mean, low, hypothesis, calm), _RATIOS))
     found = sorted(fitted(low, points, **_UNEVEN_EFFORT), key=lambda fit: fit.cost)
     near = [Start(hypothesis, fit.u, nu, fit.cost) for fit in found if fit.cost < _WITHIN * found[0].cost]

@@ -189,7 +189,7 @@ class Balance:
                 start = 2 * _Newton(self, receptance, share * force_amplitude, start).run().joints
                 share *= 2
         newton = _Newton(self, receptance, force_amplitude, start).run(iterations)
-        stable = newton.converged & (newton.determinant > 0)
+        stable = newton.converged & (np.linalg.slogdet(newton.jacobian)[0] > 0)
         reasons = tuple("" if ok else "Newton's method found no motion" for ok in newton.converged)
         return Motions(self, force_amplitude, hz, newton.joints, stable, reasons, newton.off)
 
@@ -208,7 +208,7 @@ class _Newton:
         self.u = real_form(start).reshape(len(start), balance.forces.n_unknowns * balance.n_joints)
         R, J = balance.residual(receptance, force_amplitude, start)
         self.size, self.step = np.linalg.norm(R, axis=1), _solve(J, -R)
-        self.determinant = np.linalg.slogdet(J)[0]
+        self.jacobian = J
         self.share = np.ones(len(start))
         self.converged = np.zeros(len(start), dtype=bool)
 
@@ -246,7 +246,7 @@ class _Newton:
         better = short | (size <= (1 - 0.1 * share) * self.size[active])
         good = active[better]
         self.u[good], self.size[good], self.step[good] = trial[better], size[better], _solve(J[better], -R[better])
-        self.determinant[good] = np.linalg.slogdet(J[better])[0]
+        self.jacobian[good] = J[better]
         self.share[active] = np.where(better, np.minimum(1.0, 2 * share), share / 2)
         stalled = self.share[active] < _SHORTEST_SHARE
         self.converged[active] = (short & (share == 1)) | (~better & (relative <= _ROUND_OFF))

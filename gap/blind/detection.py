@@ -58,9 +58,16 @@ class PlainRun:
         return self.with_drift_slopes(parameters, 0)[0]
 
     def with_drift_slopes(self, parameters: FloatArray, n_drifts: int) -> tuple[ComplexArray, ComplexArray]:
-        """(n_freq, n_nodes) accelerance, and (n_freq, n_nodes, n_drifts) its slope by each resonance's drift."""
+        """(n_freq, n_nodes) accelerance, and (n_freq, n_nodes, n_drifts) its slope by each resonance's drift.
+
+        Not a number so far out that the affine masses are no longer positive: the distance of such a trial is infinite.
+        """
         M, K, K_shaft = self._matrices(parameters)
-        squares, Phi = scipy.linalg.eigh(K, M)
+        try:
+            squares, Phi = scipy.linalg.eigh(K, M)
+        except np.linalg.LinAlgError:
+            shape = (len(self.omega), len(self.read))
+            return np.full(shape, np.nan, dtype=complex), np.full((*shape, n_drifts), np.nan, dtype=complex)
         with np.errstate(invalid="ignore"):  # a trial may make the rotor unstable; its distance is infinite
             root = squares**0.25
         C = Phi.T @ self.C @ Phi + 2 * self.zeta * (Phi.T @ K_shaft @ Phi) / np.outer(root, root)

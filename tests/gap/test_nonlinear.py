@@ -126,6 +126,20 @@ def test_derivatives_by_the_tolerances_follow_the_shapes(hardening):
         assert np.linalg.norm((moved - H) / step - D[MODES + t]) < 5e-3 * np.linalg.norm(D[MODES + t])
 
 
+@pytest.mark.parametrize("law", [CUBIC, BearingFriction(force=2.0, stiffness=3e6)], ids=lambda law: law.id)
+def test_changes_by_numbers_of_a_law_are_those_of_the_motion(hardening, law):
+    forward = Forward(STRUCTURE, BELIEF).made(resolution=replace(FINAL, harmonics=3, samples=128))
+    drift, tolerance = np.full(MODES, 1e-4), np.full(len(TOLERANCES), 3e-4)
+    forward.allow_for_tolerances(load_rig(RIG), hardening[1:2], K_B)
+    modal = forward.modal(hardening[1], K_B, (law,))
+    before = modal.response(drift, tolerance, 0.02)
+    for k_b, share in ((K_B * 1.0001, 0.0), (K_B, 0.001)):
+        other = replace(law, stiffness=law.stiffness * (1 + share))
+        there = forward.modal(hardening[1], k_b, (other,))
+        change = modal.change_to(there, drift, tolerance, 0.02)
+        assert np.linalg.norm(there.response(drift, tolerance, 0.02) - before - change) < 0.02 * np.linalg.norm(change)
+
+
 def test_derivatives_by_the_level_are_those_of_the_motion(hardening):
     forward = Forward(STRUCTURE, BELIEF)
     modal = forward.modal(hardening[1], K_B, (CUBIC,))

@@ -97,11 +97,13 @@ def test_what_the_nuisances_explain_is_no_distance():
     assert distance.of([1.3 * H for H in responses]) > THRESHOLD
 
 
-def test_a_run_so_far_out_that_its_masses_are_negative_has_no_resonances():
+def test_a_run_so_far_out_that_its_masses_are_negative_has_neither_resonances_nor_a_response():
     one, none = np.ones((1, 1)), np.zeros((1, 1))
     run = PlainRun(np.ones(3), one, one, one, none, ((one, none, none),), 0.001, np.ones(1), np.ones((1, 1)))
     assert_allclose(run.frequencies(np.array([3.0])), [0.5])
     assert run.frequencies(np.array([-2.0])).size == 0
+    assert np.isfinite(run.at(np.array([3.0]))).all()
+    assert np.isnan(run.at(np.array([-2.0]))).all()  # as far away as can be, where a trial step leads there
 
 
 @pytest.mark.parametrize(

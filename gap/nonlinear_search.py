@@ -79,8 +79,8 @@ _GAINED = 0.7
 # Mean square misfit that a law's noise leaves at most; docs/diagnosis-method.md says why it is more than 1.
 ADEQUATE_NONLINEAR = 1.5
 
-# A misfit by so much above the best one's is not fitted further.
-_CLEAR = 400.0
+# A misfit by so much above the best one's is not fitted further, after the first fits and after those with more steps.
+_CLEAR, _CLEARLY = 400.0, 100.0
 
 
 def search_nonlinear(
@@ -116,10 +116,12 @@ def search_nonlinear(
     if abs(np.log(rest.loud / calm.k_b)) < _ALIKE:
         left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
-    first = fitted(thinned(problem.made(resolution=_SEVERAL), lines, calm.k_b, MODEL_ERROR), left, rounds=1, steps=3)
+    several = thinned(problem.made(resolution=_SEVERAL), lines, calm.k_b, MODEL_ERROR)
+    first = fitted(several, left, rounds=1, steps=3)
     fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[:_FINALISTS]
-    near = [fit for fit in fits if fit.cost < fits[0].cost + _CLEAR]
-    fits = [*_or_vaguer(every, fitted(every, near)), *fits[len(near) :]]
+    near, far = _parted(fits, _CLEAR)
+    nearest, behind = _parted(_or_vaguer(several, fitted(several, near)), _CLEARLY)
+    fits = [*fitted(every, nearest), *behind, *far]
     fits += _bent(problem, every, fits)
     fits = best_first(fit for fit in fits if fit.log_evidence() > linear.log_evidence())
     every, fits = _at_believed_levels(every, fits)
@@ -189,6 +191,12 @@ def _far(
     if not left or left[0].cost > _GAINED * robust_misfit(some, linear)[0]:
         return False, left
     return True, best_of_each([*left, *settle(some, _elsewhere(some, hypotheses, left))])[:_LEFT]
+
+
+def _parted(fits: Sequence[Fit], clear: float) -> tuple[list[Fit], list[Fit]]:
+    """Fits whose misfit is clearly above the least apart from the others."""
+    limit = min((fit.cost for fit in fits), default=0.0) + clear
+    return [fit for fit in fits if fit.cost < limit], [fit for fit in fits if fit.cost >= limit]
 
 
 def _told(problem: Problem, starts: Sequence[Start]) -> list[Start]:

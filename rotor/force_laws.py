@@ -21,7 +21,8 @@ class ForceLaw:
 
     Without memory: force(x, *coefficients). With memory the force is its own memory, a function of
     the displacement, the displacement before, and the force before:
-    force(x, x_before, force_before, *coefficients), exact for any monotone path in between.
+    force(x, x_before, force_before, *coefficients), exact for any monotone path in between, and of
+    the form limited(force_before + ..., ...).
     """
 
     name: str

@@ -16,13 +16,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from rotor.force_laws import LAWS
 from rotor.local_force import LocalForce
-from rotor.printed_laws import SCALAR
 from rotor.structure import ComplexArray, FloatArray
 
 # Rounding of a corner, relative to the way that the joint makes between two samples. With less, curves of lightly
@@ -35,8 +33,9 @@ _COMPLEX_STEP = 1e-20
 # Share of a law's stiffness below which what it remembers is round-off.
 _ROUND_OFF = 1e-9
 
-# Fewer motions than this go through a law with memory one by one: an array costs more than a few floats.
-_FEW = 24
+
+# Motions from which laws with memory go step by step: the steps of fewer are taken at once.
+_FEW = 40
 
 
 @dataclass(frozen=True)
@@ -294,66 +293,85 @@ def _evaluate(
 
 
 def _history(name: str, coefficients: FloatArray, x: FloatArray, derivatives: bool) -> FloatArray:
-    """Go through two periods sample by sample.
+    """Go through two periods from rest.
 
     Parameters
     ----------
     name : of a law with memory
     coefficients : (n_coefficients, B) of the law, for each motion its own
     x : (B, n_samples) [m]
-    derivatives : whether they are wanted where that costs something
+    derivatives : whether they are wanted, else they are zero
 
     Returns
     -------
     (4, B, 2 n_samples) force and derivatives, in the order of the law's arguments
     """
-    few = len(x) < _FEW
-    return _one_by_one(name, coefficients, x) if few else _side_by_side(name, coefficients, x, derivatives)
-
-
-def _one_by_one(name: str, coefficients: FloatArray, x: FloatArray) -> FloatArray:
-    """``_history`` in floats."""
-    law, history = SCALAR[name], []
-    for path, own in zip(x.tolist(), coefficients.T.tolist(), strict=True):
-        before, force = 0.0, 0.0
-        for displacement in path + path:
-            step = law(displacement, before, force, *own)
-            history += step
-            before, force = displacement, step[0]
-    values = np.array(history, dtype=float).reshape(len(x), -1, 4)
-    return np.ascontiguousarray(np.moveaxis(values, 2, 0))
-
-
-def _side_by_side(name: str, coefficients: FloatArray, x: FloatArray, derivatives: bool) -> FloatArray:
-    """``_history`` in arrays: forces step by step, then all derivatives at once, if they are wanted."""
-    law = _STEP[name]
-    path = np.ascontiguousarray(np.concatenate([x, x], axis=1).T)  # (2 n_samples, B)
+    unlimited, own = _UNLIMITED[name], coefficients[..., None]
+    path = np.concatenate([x, x], axis=1)
+    before = _one_earlier(path)
+    more, limit = unlimited(path, before, 0.0, *own)
     values = np.zeros((4, *path.shape))
-    force = values[0]
-    before = last = np.zeros(len(x))
-    for displacement, now in zip(path, force, strict=True):
-        now[:] = law(displacement, before, last, *coefficients)
-        before, last = displacement, now
-    if not derivatives:
-        return np.moveaxis(values, 1, 2)
-    zero = np.zeros((1, len(x)))
-    variables = [path, np.concatenate([zero, path[:-1]]), np.concatenate([zero, force[:-1]])]
-    for place, variable in enumerate(variables):
-        moved = [variable + 1j * _COMPLEX_STEP if v is variable else v for v in variables]
-        values[1 + place] = law(*moved, *coefficients).imag / _COMPLEX_STEP
-    return np.ascontiguousarray(np.moveaxis(values, 1, 2))
+    values[0] = _added_up(more, limit)
+    if derivatives:
+        variables = [path, before, _one_earlier(values[0])]
+        sticks = np.abs(unlimited(*variables, *own)[0]) <= limit
+        for place, variable in enumerate(variables):
+            moved = [variable + 1j * _COMPLEX_STEP if v is variable else v for v in variables]
+            values[1 + place] = np.where(sticks, unlimited(*moved, *own)[0].imag / _COMPLEX_STEP, 0.0)
+    return values
 
 
-def _limited(u: Any, a: FloatArray) -> Any:
-    """``limited`` of ``force_laws`` for arrays, real or complex for a derivative."""
-    if np.iscomplexobj(u):
-        return np.where(np.abs(u.real) <= a, u, np.copysign(a, u.real))
-    return np.minimum(np.maximum(u, -a), a)
+def _one_earlier(values: FloatArray) -> FloatArray:
+    """(B, n) what was there one sample before, zero at first."""
+    return np.concatenate([np.zeros((len(values), 1)), values[:, :-1]], axis=1)
 
 
-# Laws with memory for arrays, from the same expressions that are printed for floats.
-_STEP = {
-    law.name: eval(f"lambda {', '.join(law.arguments)}: {law.force}", {"limited": _limited})
+def _added_up(more: FloatArray, limit: FloatArray) -> FloatArray:
+    """(B, n) sums from zero, kept within limits at every step.
+
+    Parameters
+    ----------
+    more : (B, n) what a step adds
+    limit : (B, 1)
+    """
+    return _by_spans(more, limit) if len(more) < _FEW else _step_by_step(more, limit)
+
+
+def _by_spans(more: FloatArray, limit: FloatArray) -> FloatArray:
+    """``_added_up`` of few, all steps at once.
+
+    A step takes f to min(max(f + s, low), high), and so do several steps in a row, with another s, low and high: these
+    are found for spans of one, two, four and more steps, each from two spans of half the length [blelloch1990].
+    """
+    s, low, high = more, np.broadcast_to(-limit, more.shape), np.broadcast_to(limit, more.shape)
+    span = 1
+    while span < more.shape[1]:
+        s1, low1, high1 = (each[:, :-span] for each in (s, low, high))
+        s2, low2, high2 = (each[:, span:] for each in (s, low, high))
+        both = (s1 + s2, _kept(low1 + s2, low2, high2), _kept(high1 + s2, low2, high2))
+        s, low, high = (np.hstack([old[:, :span], new]) for old, new in zip((s, low, high), both, strict=True))
+        span *= 2
+    return _kept(s, low, high)
+
+
+def _step_by_step(more: FloatArray, limit: FloatArray) -> FloatArray:
+    """``_added_up`` of many."""
+    sums, most = np.ascontiguousarray(more.T), limit[:, 0]  # (n, B)
+    least, before = -most, np.zeros(len(more))
+    for now in sums:
+        now += before
+        np.maximum(now, least, out=now)
+        before = np.minimum(now, most, out=now)
+    return sums.T
+
+
+def _kept(value: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    return np.minimum(np.maximum(value, low), high)
+
+
+# Laws with memory before they are limited, and the limit: from the same expressions that are printed for floats.
+_UNLIMITED = {
+    law.name: eval(f"lambda {', '.join(law.arguments)}: {law.force}", {"limited": lambda u, a: (u, a)})
     for law in LAWS
     if law.memory
 }

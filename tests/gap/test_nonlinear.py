@@ -43,11 +43,11 @@ from gap.score import Score
 from gap.search import recalibrate
 from gap.starts import Start
 from gap.transfer import transfer_interval
+from rotor import periodic_force
 from rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
 from rotor.effects.effect import Effect
-from rotor.harmonic_balance import Balance
-from rotor.model import build_model
-from rotor.periodic_force import _one_by_one, _side_by_side
+from rotor.force_laws import LAWS
+from rotor.printed_laws import SCALAR
 from rotor.rig import load_rig
 from tests.gap.conftest import (
     BELIEF,
@@ -60,7 +60,6 @@ from tests.gap.conftest import (
     all_but,
     blank,
     campaign_of,
-    condition,
     lines,
     truth,
     with_noise,
@@ -90,17 +89,25 @@ def hardening():
     return runs_of(CUBIC)
 
 
-def test_motions_with_memory_are_the_same_side_by_side():
-    model = build_model(STRUCTURE, condition("bearing"), [BearingFriction(force=2.0, stiffness=3e6)])
-    balance = Balance(model, condition("bearing"), samples=64)
-    force = balance.forces._acting[0].force
-    law, coefficients = force.law.name, np.tile(np.array(force.coefficients)[:, None], 3)
-    t = 2 * np.pi * np.arange(64) / 64
+@pytest.mark.parametrize("law", [law for law in LAWS if law.memory], ids=lambda law: law.name)
+@pytest.mark.parametrize("few", [0, 10])
+def test_all_steps_of_a_law_with_memory_are_those_of_its_printed_form(law, few, monkeypatch):
+    monkeypatch.setattr(periodic_force, "_FEW", few)
+    t = 2 * np.pi * np.arange(60) / 60  # no power of two
     x = 2e-6 * np.array([0.1, 1.0, 3.0])[:, None] * (np.cos(t) + 0.3 * np.sin(3 * t))
-    one, many = _one_by_one(law, coefficients, x), _side_by_side(law, coefficients, x, derivatives=True)
-    assert np.allclose(one, many, rtol=1e-12, atol=1e-12)
-    assert 0 < np.count_nonzero(one[3]) < one[3].size  # some stick, some slip
-    assert np.array_equal(_side_by_side(law, coefficients, x, derivatives=False)[0], many[0])
+    coefficients = np.array([[3e6, 2e6, 3e6], [2.0, 1.0, 2.0]])
+    expected = []
+    for path, own in zip(x, coefficients.T, strict=True):
+        before, force = 0.0, 0.0
+        for displacement in [*path, *path]:
+            expected.append(SCALAR[law.name](displacement, before, force, *own))
+            before, force = displacement, expected[-1][0]
+    found = periodic_force._history(law.name, coefficients, x, derivatives=True)
+    assert np.allclose(np.reshape(expected, (3, 120, 4)).transpose(2, 0, 1), found, rtol=1e-12, atol=1e-12)
+    assert 0 < np.count_nonzero(found[3]) < found[3].size  # some stick, some slip
+    alone = periodic_force._history(law.name, coefficients, x, derivatives=False)
+    assert np.array_equal(alone[0], found[0])
+    assert not alone[1:].any()
 
 
 def test_derivatives_by_drift_are_those_of_the_motion(hardening):

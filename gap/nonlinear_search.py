@@ -110,7 +110,7 @@ def search_nonlinear(
     plain, left = (False, []) if small else _far(problem, others, rest, linear, nu, tell)
     beside = [] if plain else left[:1]  # told by other lines and errors than those near the nominal model
     if not plain:
-        left = _near(problem, others, rest, nominal, tell)
+        left = _near(problem, lines, others, rest, nominal, tell)
     tell("bilinear_support")
     left = [*(start for start in left if start.cost < _WITHIN * left[0].cost), *beside]
     if abs(np.log(rest.loud / calm.k_b)) < _ALIKE:
@@ -273,14 +273,16 @@ def _softer(log_ratio: float) -> float:
     return float(np.log((1 + np.exp(log_ratio / 2)) ** 2 / (4 * np.exp(log_ratio))))
 
 
-def _near(problem: Problem, hypotheses: Sequence[Hypothesis], rest: Rest, nominal: Fit, tell: _Teller) -> list[Start]:
+def _near(
+    problem: Problem, lines: int, hypotheses: Sequence[Hypothesis], rest: Rest, nominal: Fit, tell: _Teller
+) -> list[Start]:
     """Where the gap is small: the same grid by what each point leaves of the misfit, nuisances refitted to first order.
 
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
     k_b, rough = rest.calm.k_b, problem.made(resolution=ROUGH)
-    every = thinned(rough, _ALL_LINES, k_b, MODEL_ERROR)
-    finer = thinned(problem.made(resolution=MIDDLE), _ALL_LINES, k_b, MODEL_ERROR)
+    every = thinned(rough, lines, k_b, MODEL_ERROR)
+    finer = thinned(problem.made(resolution=MIDDLE), lines, k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     grid: dict[str, list[Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)

@@ -244,7 +244,9 @@ class _Fourier:
         sums = np.concatenate([np.zeros((1, D.shape[1])), np.cumsum(self.analysis, axis=0)])
         seen = sums[np.maximum(until - n_samples, 0)] - sums[np.maximum(m + 1 - n_samples, 0)]  # (n, K)
         kept = stays[motion, m, None] * self.displacement.T[m % n_samples]  # (n, n_unknowns)
-        np.add.at(D, motion, seen[:, :, None] * kept[:, None, :])
+        some, first = np.unique(motion, return_index=True)
+        if len(some):
+            D[some] = np.add.reduceat(seen[:, :, None] * kept[:, None, :], first)
         return D
 
 

@@ -242,14 +242,10 @@ class ExcludingCommand(TyperCommand):
     """Takes ``--exclude A B`` as ``--exclude A --exclude B``: options take one value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """The arguments with the option before every effect that follows one."""
-        if "--exclude" not in args:
-            return super().parse_args(ctx, args)
-        from rotor.effects import EFFECTS
-
+        """The arguments with the option before every word that follows one, unless it is an option or a folder."""
         told: list[str] = []
         for word in args:
-            follows = told[-2:-1] == ["--exclude"] and word in EFFECTS
+            follows = told[-2:-1] == ["--exclude"] and not word.startswith("-") and not Path(word).exists()
             told += ["--exclude", word] if follows else [word]
         return super().parse_args(ctx, told)
 

@@ -206,6 +206,8 @@ def test_wrong_input_of_diagnose_is_refused_before_any_work(refused, asked, camp
     out = tmp_path / "out"
     message = refused("diagnose", campaign, "--out", out, "--exclude", "open_crak")
     assert message.startswith("--exclude: there is no effect 'open_crak'; did you mean open_crack?")
+    message = refused("diagnose", "--exclude", "rub", "open_crak", campaign, "--out", out)
+    assert message.startswith("--exclude: there is no effect 'open_crak'; did you mean open_crack?")
     assert "no such folder" in refused("diagnose", tmp_path / "nosuch", "--out", out)
     assert "holds no campaign.toml" in refused("diagnose", tmp_path, "--out", out)
     assert not out.exists()

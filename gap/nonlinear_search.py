@@ -124,7 +124,8 @@ def search_nonlinear(
     fits = [*fitted(every, nearest), *behind, *far]
     fits += _bent(problem, every, fits)
     fits = best_first(fit for fit in fits if fit.log_evidence() > linear.log_evidence())
-    every, fits = _at_believed_levels(every, fits)
+    if fits and _adequate(fits[0]):
+        every, fits = _at_believed_levels(every, fits)
     return every, linear, Search(nominal, tuple(fits))
 
 
@@ -304,7 +305,7 @@ def _near(
 def _bent(problem: Problem, every: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """The best law bent, if it can be, where it leaves more than noise: that number roughly first, then all finely."""
     plain = min(fits, key=lambda fit: fit.cost, default=None)
-    if plain is None or plain.chi2 < ADEQUATE_NONLINEAR * plain.n_data:
+    if plain is None or _adequate(plain):
         return []
     law = plain.hypothesis
     starts = [Start(law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
@@ -312,6 +313,10 @@ def _bent(problem: Problem, every: Problem, fits: Sequence[Fit]) -> list[Fit]:
         return []
     some = thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, plain.k_b, _MIDDLE_ERROR)
     return fitted(every, settle(some, descend(some, starts, _FIRST))[:1])
+
+
+def _adequate(fit: Fit) -> bool:
+    return fit.chi2 < ADEQUATE_NONLINEAR * fit.n_data
 
 
 def _at_believed_levels(problem: Problem, fits: Sequence[Fit]) -> tuple[Problem, Sequence[Fit]]:

@@ -55,7 +55,7 @@ def robust_fit(
     fit = unfitted(problem, hypothesis, u, np.zeros(problem.nuisances.n) if nu is None else nu)
     for _ in range(rounds):
         try:
-            weighted = _without_outliers(problem, fit)
+            weighted = without_outliers(problem, fit)
             fit = weighted.fit(hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=steps)
         except (ValueError, np.linalg.LinAlgError):
             return None
@@ -66,7 +66,7 @@ def robust_fit(
     return fit
 
 
-def _without_outliers(problem: Problem, fit: Fit) -> Problem:
+def without_outliers(problem: Problem, fit: Fit) -> Problem:
     """The problem itself, or with the errors of its outlying lines enlarged, where there are any."""
     _, squares = robust_misfit(problem, fit)
     return _weighted(problem, squares) if _outliers(squares) else problem

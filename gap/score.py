@@ -48,6 +48,11 @@ class Score:
         self._unsettled = gradient if settled else np.zeros(len(gradient))
 
     @property
+    def misfit(self) -> float:
+        """Of the data alone, as the fit stands."""
+        return sum(float(residual @ residual) for residual, *_ in self._parts)
+
+    @property
     def condition(self) -> Condition:
         """What the nominal model believes."""
         return self._problem.forward.condition(self._problem.runs[0], self.fit.k_b)

@@ -13,6 +13,7 @@ from gap.fit import Fit
 from gap.forward import nonlinear
 from gap.likelihood import Problem
 from gap.nonlinear_search import ADEQUATE_NONLINEAR
+from gap.robust import without_outliers
 from gap.score import Score
 from gap.search import strained
 
@@ -90,9 +91,9 @@ def gains_differ(problem: Problem, fit: Fit) -> bool:
     if excess_of(problem, fit, quality) < 1 and _passed_over(problem, fit, fit, quality) < 1:
         return False
     scale2 = max(quality.scale, 1.0) ** 2
-    score = Score(problem, fit, settled=True)
+    score = Score(without_outliers(problem, fit) if nonlinear(fit.effects) else problem, fit, settled=True)
     gain, n = score.remounted()
-    left, numbers = fit.chi2, fit.n_data
+    left, numbers = score.misfit, fit.n_data
     if not nonlinear(fit.effects):  # an error that is estimated is known to some per cent, and so is chi2
         left, numbers = score.apart(range(len(problem.runs)), shapes=True)
     by_chance = scale2 * float(chi2.isf(PASSED_OVER_CHANCE, n)) if n else np.inf

@@ -7,6 +7,7 @@ import numpy as np
 from rotor.structure import ComplexArray, FloatArray
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a trial may have an unstable pole: it is infinitely far from the data
 def transients(omega: FloatArray, poles: ComplexArray | complex, dwell: FloatArray | float) -> ComplexArray:
     """(n_freq, ...) transient of each pole when the reading of a line begins, in the force's own phase.
 

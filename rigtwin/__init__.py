@@ -5,6 +5,7 @@ module                 what it holds                                     start h
 =====================  ================================================  ========================
 ``cli``                the commands and their options                    ``app``
 ``exits``              exit codes, and what a user sees of an error      ``CommandGroup``
+``interrupt``          Ctrl-C and SIGTERM                                ``install``
 ``console``            tables, progress bars, JSON                       ``progress``
 ``wording``            numbers as they are printed                       ``with_error``
 ``fmus``               FMUs as commands need them: built, opened, asked  ``rotor_fmu``

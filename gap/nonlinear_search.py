@@ -42,11 +42,14 @@ _ROUGH_ERROR, _MIDDLE_ERROR = 0.05, 0.01
 _VAGUE = {"bearing_clearance": "gap"}
 _TRIED = 14
 
+# How finely all laws are fitted first, and a bilinear support is followed.
+_SEVERAL = Resolution(9, 256, 15)
+
 # Of a bilinear support, logarithms of the ratio that are started from, its mean stiffness over that of a linear rotor,
-# how finely it is followed, and how long; fits that end within ``_WITHIN`` of the best are all carried on, but for
+# and how long it is followed; fits that end within ``_WITHIN`` of the best are all carried on, but for
 # those that end at the same place, since one level hardly tells them apart.
 _RATIOS, _MEANS = (0.1, 0.2, 0.4, 0.7, 1.0), (0.97, 1.0, 1.03, 1.06, 1.1)
-_SEVERAL, _UNEVEN_EFFORT, _SAME = Resolution(9, 256, 15), {"rounds": 2, "steps": 5}, 0.01
+_UNEVEN_EFFORT, _SAME = {"rounds": 2, "steps": 5}, 0.01
 
 # It is the same at all levels: the stiffnesses of linear rotors at the lowest and the highest differ by less than this.
 _ALIKE = 0.05

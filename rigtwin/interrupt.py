@@ -41,5 +41,6 @@ def _modules(frame: FrameType | None) -> Iterator[str]:
 
 
 def _can_be_left(modules: list[str]) -> bool:
+    """Whether neither an FMU's call has led to Python code other than its caller's own, nor something must be whole."""
     own = next((i for i, module in enumerate(modules) if module in _CALLERS), 0)
     return own == 0 and _WHOLE.isdisjoint(modules)

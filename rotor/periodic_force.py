@@ -33,7 +33,6 @@ _COMPLEX_STEP = 1e-20
 # Share of a law's stiffness below which what it remembers is round-off.
 _ROUND_OFF = 1e-9
 
-
 # Motions from which laws with memory go step by step: the steps of fewer are taken at once.
 _FEW = 40
 
@@ -358,7 +357,7 @@ def _by_spans(more: FloatArray, limit: FloatArray) -> FloatArray:
 
 def _step_by_step(more: FloatArray, limit: FloatArray) -> FloatArray:
     """``_added_up`` of many."""
-    sums, most = np.ascontiguousarray(more.T), limit[:, 0]  # (n, B)
+    sums, most = np.array(more.T, order="C"), limit[:, 0]  # (n, B)
     least, before = -most, np.zeros(len(more))
     for now in sums:
         now += before

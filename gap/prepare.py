@@ -11,7 +11,7 @@ from gap.search import recalibrate
 from rotor.assembly import assemble
 from rotor.rig import load_rig
 from rotor.structure import Structure
-from sim.campaign import Campaign, MeasurementError
+from sim.campaign import Campaign
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
 # A crack or a hub inside an element needs more of them.
@@ -35,11 +35,7 @@ def forward_of(campaign: Campaign) -> Forward:
     """
     structure = structure_of(campaign.rig)
     for run in campaign.runs:
-        last = max(run.excitation_node, *(channel.node for channel in run.channels))
-        if last > structure.n_nodes:
-            raise MeasurementError(
-                f"run {run.name!r}: node {last} does not exist, the rig has {structure.n_nodes}; correct one of them"
-            )
+        run.check_nodes(structure.n_nodes)
     return Forward(structure, campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
 
 

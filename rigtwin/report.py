@@ -41,9 +41,11 @@ def write_report(sources: Sources, out: Path, estimator: Path | None) -> None:
     """Read, fit, estimate, write the page."""
     check_writable(out)
     campaign = _read(sources)
+    rig = load_rig(campaign.rig)
+    for run in campaign.runs:
+        run.check_nodes(len(rig.nodes_m))
     modes, unfitted = _modes(campaign.runs)
     answers, why_none = _estimate(campaign, estimator)
-    rig = load_rig(campaign.rig)
     write_page(
         "report.html",
         out,

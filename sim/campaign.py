@@ -68,6 +68,14 @@ class Run:
             if array is not None and array.shape != shape:
                 raise MeasurementError(f"run {self.name!r}: {label} has shape {array.shape}, expected {shape}")
 
+    def check_nodes(self, n_nodes: int) -> None:
+        """Raise MeasurementError where the exciter or an accelerometer is at a node that a rig of so many lacks."""
+        places = [("excitation_node", self.excitation_node), *((f"channel {c}", c.node) for c in self.channels)]
+        for label, node in places:
+            if node > n_nodes:
+                wrong = f"node {node} does not exist, the rig has {n_nodes}"
+                raise MeasurementError(f"run {self.name!r}, {label}: {wrong}; correct one of them")
+
     def on_lines(self, lines: NDArray[np.bool_] | slice) -> Run:
         """The same run on some of its lines, without harmonics; the others were swept all the same."""
         std = None if self.std is None else self.std[lines]

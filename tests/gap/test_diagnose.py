@@ -262,8 +262,10 @@ def test_where_every_channel_is_zero_nothing_is_said_of_the_bearings():
 def test_a_node_that_the_rig_lacks_is_wrong_input():
     run = measure("rigid", (MASS,))
     beyond = replace(run, channels=(*run.channels[:-1], Channel(9)))
-    with pytest.raises(MeasurementError, match="node 9 does not exist, the rig has 7"):
+    with pytest.raises(MeasurementError, match="channel node9: node 9 does not exist, the rig has 7"):
         diagnose(campaign_of(beyond))
+    with pytest.raises(MeasurementError, match="excitation_node: node 8 does not exist, the rig has 7"):
+        diagnose(campaign_of(replace(run, excitation_node=8)))
 
 
 def test_with_every_effect_excluded_a_gap_is_unknown():

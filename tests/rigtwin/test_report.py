@@ -196,6 +196,14 @@ def test_the_name_of_a_file_does_not_change_what_is_said_of_it(refused, swept, t
     assert "--rigid or --bearing" not in refused("report", wrong, "--out", tmp_path / "page.html")
 
 
+def test_a_node_that_the_rig_lacks_is_refused(refused, swept, tmp_path):
+    header, *lines = swept.rigid.read_text(encoding="utf-8").splitlines(keepends=True)
+    wrong, page = tmp_path / "rigid.csv", tmp_path / "page.html"
+    wrong.write_text("".join([header.replace("node7", "node12"), *lines]), encoding="utf-8")
+    assert "channel node12: node 12 does not exist, the rig has 7" in refused("report", "--rigid", wrong, "--out", page)
+    assert not page.exists()
+
+
 def test_a_dead_channel_is_drawn_as_nothing(swept):
     run = read_run(swept.bearing)
     assert run.std is not None

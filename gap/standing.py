@@ -91,10 +91,12 @@ def gains_differ(problem: Problem, fit: Fit) -> bool:
     if excess_of(problem, fit, quality) < 1 and _passed_over(problem, fit, fit, quality) < 1:
         return False
     scale2 = max(quality.scale, 1.0) ** 2
-    score = Score(without_outliers(problem, fit) if nonlinear(fit.effects) else problem, fit, settled=True)
+    bent = nonlinear(fit.effects)
+    score = Score(without_outliers(problem, fit) if bent else problem, fit, settled=True)
     gain, n = score.remounted()
-    left, numbers = score.misfit, fit.n_data
-    if not nonlinear(fit.effects):  # an error that is estimated is known to some per cent, and so is chi2
+    if bent:
+        left, numbers = score.misfit, fit.n_data
+    else:  # an error that is estimated is known to some per cent, and so is chi2
         left, numbers = score.apart(range(len(problem.runs)), shapes=True)
     by_chance = scale2 * float(chi2.isf(PASSED_OVER_CHANCE, n)) if n else np.inf
     return gain > by_chance and gain - scale2 * n > REMOUNTED_SHARE * (left - scale2 * numbers)

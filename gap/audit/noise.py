@@ -5,9 +5,10 @@ Over a few neighbouring lines every channel is a polynomial over one common deno
     H_c(f) (1 + d x) = n_c0 + n_c1 x + n_c2 x^2,    x = (f - f_i) / reach,
 
 a resonance and what the other modes leave: a local rational model as in McKelvey and Guerin (IFAC
-Symposium on System Identification, 2012). What is left at the line itself, divided by the square
-root of one minus its leverage, is one draw of its error. Magnitudes are fitted as squares, with real
-coefficients, a cubic over a quadratic. Nothing is assumed of the raster: lines may lie anywhere.
+Symposium on System Identification, 2012). Where resonances may lie in pairs, in two planes or with a
+spin, it is a cubic over a quadratic. What is left at the line itself, divided by the square root of
+one minus its leverage, is one draw of its error. Magnitudes are fitted as squares, with real
+coefficients, a cubic over a quadratic, too. Nothing is assumed of the raster: lines may lie anywhere.
 """
 
 from __future__ import annotations
@@ -22,17 +23,23 @@ from scipy.optimize import nnls
 from gap.curves import SILENT
 from sim.campaign import FloatArray, Run
 
-# Neighbouring lines in one local fit, and in a narrow one. A magnitude's fit has more unknowns.
-_WINDOW, _WINDOW_MAGNITUDE = (9, 6), (11, 8)
+
+@dataclass(frozen=True)
+class _LocalFit:
+    """Degrees of numerator and denominator of a local fit, and neighbouring lines in a wide and in a narrow one."""
+
+    degrees: tuple[int, int]
+    windows: tuple[int, int]
+
+
+# One resonance, and two poles: a magnitude's square has a conjugate pair, and two planes have pairs of resonances.
+_ONE_POLE, _TWO_POLES = _LocalFit((2, 1), (9, 6)), _LocalFit((3, 2), (11, 8))
 
 # Scatter about wide fits over that about narrow ones from which it is no noise: a window holds more than one resonance.
 _UNRESOLVED = 1.6
 
 # A run whose lines fill fewer wide windows holds a resonance in each of them.
 _WINDOWS = 2
-
-# Degrees of numerator and denominator.
-_DEGREES, _DEGREES_MAGNITUDE = (2, 1), (3, 2)
 
 # The largest quarter of the residuals is left out of every mean square: lines of a jump, of ringing or
 # of a sharp resonance between two lines do not say what the noise is.
@@ -96,7 +103,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
 
     Parameters
     ----------
-    run : at least 7 lines (magnitudes: 9) that are finite in every live channel; with fewer all is nan
+    run : at least 7 lines (magnitudes, two planes, a spin: 9) that are finite in every live channel; fewer: all is nan
 
     Returns
     -------
@@ -109,14 +116,14 @@ def estimate_noise(run: Run) -> NoiseEstimate:
     lines = np.isfinite(H[:, live]).all(axis=1) if live.any() else np.zeros(len(H), dtype=bool)
     std, draws, relative = nothing.copy(), nothing.copy(), np.full(H.shape[1], np.nan)
     std[:, silent], draws[:, silent], relative[silent] = 0.0, 0.0, 0.0
-    n, degrees = int(np.count_nonzero(lines)), _DEGREES_MAGNITUDE if run.magnitude_only else _DEGREES
-    if n < sum(degrees) + 4:
+    n, local = int(np.count_nonzero(lines)), _local_fit(run)
+    if n < sum(local.degrees) + 4:
         return NoiseEstimate(relative, std, draws, math.inf)
     with np.errstate(all="ignore"):
         H_live = H[np.ix_(lines, live)]
-        windows = _WINDOW_MAGNITUDE if run.magnitude_only else _WINDOW
-        wide, narrow = (_scatter(run.frequency_hz[lines], H_live, run.magnitude_only, window) for window in windows)
-        resolved = n >= _WINDOWS * windows[0] and not np.median(wide.relative / narrow.relative) > _UNRESOLVED
+        fits = (_Windows(run.frequency_hz[lines], window, local.degrees) for window in local.windows)
+        wide, narrow = (_scatter(fit, H_live, run.magnitude_only) for fit in fits)
+        resolved = n >= _WINDOWS * local.windows[0] and not np.median(wide.relative / narrow.relative) > _UNRESOLVED
         found = wide if resolved else narrow
         draws[np.ix_(lines, live)] = found.draws
         std[:, live] = np.sqrt((found.share * np.abs(H[:, live])) ** 2 + found.floor**2)
@@ -124,7 +131,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         common = 0.0
         if resolved:
             common = _common(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
-            common *= _not_followed(H_live.shape[1], windows[0], degrees)
+            common *= _not_followed(H_live.shape[1], local)
     return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved, common)
 
 
@@ -143,20 +150,25 @@ class _Scatter:
         return np.abs(self.residuals)
 
 
-def _scatter(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window: int) -> _Scatter:
-    residuals, size = _residuals(frequency_hz, H, magnitude, window), np.abs(H)
+def _local_fit(run: Run) -> _LocalFit:
+    planes = {run.excitation_plane, *(channel.plane for channel in run.channels)}
+    return _TWO_POLES if run.magnitude_only or run.spin_rpm or len(planes) > 1 else _ONE_POLE
+
+
+def _scatter(fit: _Windows, H: np.ndarray, magnitude: bool) -> _Scatter:
+    residuals, size = _residuals(fit, H, magnitude), np.abs(H)
     parts = [_two_parts(s, d, magnitude) for s, d in zip(size.T, np.abs(residuals).T, strict=True)]
     share, floor = np.array(parts).T
     relative = np.median(np.hypot(share, floor / np.maximum(size, np.finfo(float).tiny)), axis=0)
     return _Scatter(residuals, share, floor, relative)
 
 
-def _not_followed(n_channels: int, window: int, degrees: tuple[int, int]) -> float:
+def _not_followed(n_channels: int, local: _LocalFit) -> float:
     """By how much an error that all channels share is larger than it seems once draws are freed of their leverage.
 
     The denominator is common to all channels: it follows their common error as a numerator does a channel's own.
     """
-    numerator, denominator = degrees[0] + 1, degrees[1]
+    numerator, denominator, window = local.degrees[0] + 1, local.degrees[1], local.windows[0]
     own = 1 - (numerator + denominator / n_channels) / window
     return math.sqrt(own / (1 - (numerator + denominator) / window))
 
@@ -296,14 +308,12 @@ def mean_square(squares: FloatArray, *, magnitude: bool = False) -> float:
     return float(kept.mean()) / share
 
 
-def _residuals(frequency_hz: FloatArray, H: np.ndarray, magnitude: bool, window: int) -> np.ndarray:
+def _residuals(fit: _Windows, H: np.ndarray, magnitude: bool) -> np.ndarray:
     """(n_freq, n_channels) residual of every line, freed of its leverage; nan where the leverage is too high."""
     Y = np.abs(H) ** 2 if magnitude else H
-    degrees = _DEGREES_MAGNITUDE if magnitude else _DEGREES
     size = np.abs(Y)
     # A line in an antiresonance, a thousandth of the usual, must not rule its window.
     weight = 1 / np.maximum(size, 1e-3 * np.median(size, axis=0) + np.finfo(float).tiny)
-    fit = _Windows(frequency_hz, window, degrees)
     first, d = fit.residuals(Y, weight, prior=1e-6, denominator=None)
     level = np.array([mean_square(np.abs(r) ** 2, magnitude=magnitude) for r in (first * weight).T])
     weight = weight / np.maximum(np.sqrt(level), 1e-9)

@@ -21,7 +21,7 @@ from gap.audit.wild import wild_lines, without_wild_lines
 from gap.diagnosis import Finding
 from rotor.assembly import assemble
 from rotor.condition import Condition
-from rotor.effects import SensorDelay
+from rotor.effects import Gyroscopic, SensorDelay
 from rotor.effects.library import EFFECTS
 from rotor.measured import measured_response
 from rotor.modal import damped_modes
@@ -226,6 +226,18 @@ def test_lines_that_lie_too_far_apart_contradict_no_standard_errors(step_hz):
 @pytest.mark.parametrize("step_hz", [0.5, 2.0])
 def test_lines_that_lie_close_enough_tell_the_noise(step_hz):
     assert estimate_noise(measure(BEARING, np.arange(20.0, 401.0, step_hz), noise=0.01)).resolved
+
+
+def test_resonances_in_pairs_are_no_noise():
+    """A window may hold forward and backward whirl."""
+    turning = replace(BEARING, spin_speed=600.0)
+    f = clustered(BEARING)
+    H = np.hstack([measured_response(STRUCTURE, turning, (Gyroscopic(),), f, plane=k) for k in (1, 2)])
+    std = 0.01 * np.abs(H)
+    channels = tuple(Channel(node, plane) for plane in ("y", "z") for node in range(1, 8))
+    H = H + std * circular(np.random.default_rng(3), H.shape)
+    found = estimate_noise(Run(f, H, channels, "bearing", spin_rpm=5730.0))
+    assert_allclose(found.relative.mean(), 0.01, rtol=0.1)
 
 
 def test_errors_that_are_far_too_small_at_some_values_alone_give_way_there():

@@ -55,8 +55,9 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     if confirm is not None:
         after, masks, verified = _measured(problem, with_it, after, masks, confirm)
     numbers = _figures(problem, masks, before, after, scale)
+    stretches = min(_BLOCKS, max(len(run.frequency_hz) for run in problem.runs))
     return Shrink(
-        held_out=f"every second of {_BLOCKS} stretches of lines of every run (interpolation)",
+        held_out=f"every second of {stretches} stretches of lines of every run (interpolation)",
         before=numbers[0],
         after=numbers[1],
         floor=numbers[2],

@@ -20,8 +20,6 @@ from rotor.rig import load_rig
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Campaign, MeasurementError, Run
 
-_DEFAULT_K_B = 1e7
-
 
 @dataclass(frozen=True)
 class Predicted:
@@ -75,7 +73,7 @@ class _Told:
 def _told(document: Mapping[str, Any]) -> _Told:
     effects, k_b = corrected_rotor(document)
     calibration = (document.get("calibration") if explains(document) else None) or {}
-    nominal_k_b = float((document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B))
+    nominal_k_b = float((document["nominal"].get("k_b") or {}).get("value", Condition.k_b))
     return _Told(
         nominal_k_b=Condition(k_b=nominal_k_b).k_b,  # which refuses what is no stiffness
         k_b=Condition(k_b=float(k_b)).k_b,
@@ -102,7 +100,7 @@ def _predict(told: _Told, campaign: Campaign) -> Iterator[Predicted]:
 
 def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], float]:
     """Effects and bearing stiffness [N/m] of the corrected model; no effect where none is named."""
-    nominal = (document["nominal"].get("k_b") or {}).get("value", _DEFAULT_K_B)
+    nominal = (document["nominal"].get("k_b") or {}).get("value", Condition.k_b)
     if not explains(document):
         return (), nominal
     cause = document["causes"][0]

@@ -148,7 +148,7 @@ def _named(
     if verdict in ("cause", "ambiguous"):
         return verdict, causes, best_of(ranked)
     if verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings):
-        return "cause", (_raster(ranked.no_gap), *causes), answer.nominal
+        return "cause", (_raster(answer), *causes), answer.nominal
     return verdict, causes, answer.nominal
 
 
@@ -279,9 +279,10 @@ def _is_coarse(campaign: Campaign, findings: Sequence[Finding]) -> bool:
     return bool(coarse) and 2 * len(coarse) >= len(campaign.runs)
 
 
-def _raster(no_gap: float) -> Cause:
+def _raster(answer: Answer) -> Cause:
     """The raster as the cause, as surely as the model is right."""
-    return Cause(("coarse_grid",), Location("raster"), no_gap, {}, None, math.nan, locations=(Location("raster"),))
+    k_b, place = _k_b(answer.problem, answer.nominal, answer.scale), Location("raster")
+    return Cause(("coarse_grid",), place, answer.ranked.no_gap, {}, k_b, math.nan, locations=(place,))
 
 
 def _form_finding(answer: Answer) -> tuple[Finding, ...]:

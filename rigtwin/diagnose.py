@@ -39,6 +39,7 @@ from rigtwin.effects import effect_of
 from rigtwin.exits import UserError
 from rigtwin.fmus import existing, rotor_fmu
 from rigtwin.scale_out import executor
+from rotor.condition import Condition
 from rotor.effects import Effect, ForceDropout
 from rotor.measured import DERIVATIVE_ORDER
 from sim.campaign import Campaign, ComplexArray, Run
@@ -293,6 +294,8 @@ def write_prediction(path: Path, folder: Path, out: Path) -> int:
         raise UserError(f"{folder}: the campaign has no run, only resonance lists; there are no lines to predict")
     if document.get("rig") != Path(campaign.rig).name:
         note(f"{path} is of the rig {document.get('rig')}, {folder} of {campaign.rig}; the campaign's is predicted")
+    if document["nominal"].get("k_b") is None and any(run.support == "bearing" for run in campaign.runs):
+        note(f"{path} does not say k_b: the runs on bearings are predicted with the default, {Condition.k_b:g} N/m")
     files = _files(campaign, folder)
     runs = [
         (out / kind / file, run)

@@ -617,6 +617,7 @@ def test_a_raster_that_is_too_coarse_is_named_in_its_own_words():
         campaign_of(*runs), exclude=[name for name in EFFECTS if name not in ("attached_mass", "coarse_grid")]
     )
     assert found.diagnosis.causes[0].effects == ("coarse_grid",)
+    assert found.diagnosis.causes[0].k_b == found.diagnosis.nominal["k_b"]
     assert found.diagnosis.verdict == "cause"
     assert "agree line by line" in found.diagnosis.sentence
 

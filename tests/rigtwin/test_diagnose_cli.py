@@ -364,6 +364,13 @@ def test_predict_writes_every_run_twice_on_its_own_lines(predicted, document, ca
     assert "names no cause" not in result.stderr
 
 
+def test_predict_says_where_a_diagnosis_does_not_know_the_bearings(predicted, campaign, tmp_path):
+    for nominal, said in ((DIAGNOSIS.nominal, False), (DIAGNOSIS.nominal | {"k_b": None}, True)):
+        document = replace(DIAGNOSIS, nominal=nominal).save(tmp_path / f"diagnosed {said}")
+        result = run("predict", document, campaign, "--out", tmp_path / "out")
+        assert (result.exit_code, "does not say k_b" in result.stderr) == (0, said)
+
+
 def test_predict_says_where_a_diagnosis_names_no_cause(predicted, campaign, tmp_path):
     document = replace(DIAGNOSIS, verdict="unknown").save(tmp_path / "diagnosed")
     result = run("predict", document, campaign, "--out", tmp_path / "out")

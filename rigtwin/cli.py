@@ -255,7 +255,7 @@ def diagnose(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of the campaign.")],
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json and report.html.")],
     exclude: Annotated[
-        list[str] | None, typer.Option(metavar="EFFECT", help="Effect that is no candidate; repeat, or A,B.")
+        list[str] | None, typer.Option(metavar="EFFECT", help="Effect that is no candidate; repeat, A,B or A B.")
     ] = None,
     no_fmu: Annotated[
         bool, typer.Option("--no-fmu", help="Build no FMU: the shrink is the fitting model's own.")

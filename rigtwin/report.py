@@ -117,15 +117,21 @@ def _estimate(campaign: Campaign, estimator: Path | None) -> tuple[list[Answer],
 
 def _result(campaign: Campaign, answers: Sequence[Answer], why_none: str) -> str:
     if not answers:
-        return f"{len(campaign.runs)} runs, {len(campaign.peaks)} resonance lists; no stiffness: {why_none}."
+        return f"{_counted(campaign)}; no stiffness: {why_none}."
     valid = [answer.estimate for answer in answers if answer.estimate.valid]
     if not valid:
-        return f"{len(campaign.runs)} runs; the estimated stiffness is not valid: {answers[0].objections[0]}."
+        return f"{_counted(campaign)}; the estimated stiffness is not valid: {answers[0].objections[0]}."
     best = min(valid, key=lambda estimate: estimate.k_b_std / estimate.k_b)
     return (
         f"k_b = {stiffness_with_error(best.k_b, best.k_b_std)} MN/m, "
         f"90 % interval {interval(best.k_b_low, best.k_b_high)} MN/m."
     )
+
+
+def _counted(campaign: Campaign) -> str:
+    """What was measured, in words."""
+    counts = ((len(campaign.runs), "run"), (len(campaign.peaks), "resonance list"))
+    return ", ".join(f"{n} {what}{'s' * (n != 1)}" for n, what in counts if n)
 
 
 def _curve(run: Run) -> Curve:

@@ -236,7 +236,8 @@ def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:
             f"The given standard errors themselves scatter by {100 * rough:.2g} % from line to line, as those from few "
             "repeats do; the scatter of the lines is taken instead. Average the errors over neighbouring lines."
         )
-        yield p.finding("noise", "warning", words, rough, ROUGH_ERRORS)
+        severity = "warning" if rough > 2 * ROUGH_ERRORS else "note"  # little is lost with the scatter instead
+        yield p.finding("noise", severity, words, rough, ROUGH_ERRORS)
     elif weighed.uneven:
         words = (
             f"{100 * share:.2g} % of the values scatter over {CONTRADICTED:g} times as much as their errors say; "

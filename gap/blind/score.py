@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from gap.blind.effects import NONLINEAR
 from gap.blind.folder import HELD_OUT, TRUTH, read_csv
 from gap.blind.statistics import Rate, auroc, brier, calibration_error, median, rate
 
@@ -72,10 +73,7 @@ class Label:
 
     @property
     def is_nonlinear(self) -> bool:
-        return len(self.levels) > 1 and bool(self.ids & NONLINEAR)
-
-
-NONLINEAR = {"bearing_cubic", "bearing_hertz", "bearing_clearance", "bearing_friction", "bilinear_support", "rub"}
+        return len(self.levels) > 1 and bool(self.ids.intersection(NONLINEAR))
 
 
 @dataclass(frozen=True)

@@ -197,16 +197,19 @@ def from_repeats(repeats):
 
 
 @pytest.mark.parametrize(
-    ("given_for", "said"),
-    [(one_for_each_channel, "of its own"), *((from_repeats(n), "few repeats") for n in (2, 4, 20))],
+    ("given_for", "said", "severity"),
+    [
+        (one_for_each_channel, "of its own", "warning"),
+        *((from_repeats(n), "few repeats", severity) for n, severity in ((2, "warning"), (4, "warning"), (20, "note"))),
+    ],
     ids=["one for each channel", "2 repeats", "4 repeats", "20 repeats"],
 )
-def test_errors_that_are_wrong_from_line_to_line_give_way_to_the_scatter(given_for, said):
+def test_errors_that_are_wrong_from_line_to_line_give_way_to_the_scatter(given_for, said, severity):
     run = measure(RIGID, noise=0.01)
     assert run.std is not None
     odd = replace(run, std=given_for(run.std))
-    (found,) = troubles(audit(in_campaign(odd)))
-    assert found.check == "noise"
+    (found,) = noted(audit(in_campaign(odd)), "noise")
+    assert found.severity == severity
     assert said in found.words
     assert_array_equal(believed_errors(odd), estimate_noise(run).std)
 

@@ -150,7 +150,7 @@ def test_the_report_reads_a_campaign_folder(demo, tmp_path):
 def test_one_support_alone_has_no_stiffness_and_says_why(swept, tmp_path):
     result = run("report", "--rigid", swept.rigid, "--out", tmp_path / "page.html")
     assert result.exit_code == 0
-    assert "no stiffness: an estimate needs a run on rigid supports and one on bearings" in result.stdout
+    assert "1 run; no stiffness: an estimate needs a run on rigid supports and one on bearings" in result.stdout
 
 
 def test_a_campaign_of_peaks_alone_is_a_page_without_figures(tmp_path):

@@ -61,3 +61,11 @@ def listed(names: Iterable[object]) -> str:
     """'a', 'a and b', 'a, b and c'; 'none' without any."""
     *first, last = list(map(str, names)) or ["none"]
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def ten_to(power: int) -> str:
+    """'×10⁶', as it follows a number's digits."""
+    return f"×10{str(power).translate(_RAISED)}"
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

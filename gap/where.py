@@ -21,6 +21,7 @@ from gap.diagnosis import Band, JointStiffness, NodeShare, Regime, Where
 from gap.fit import Fit
 from gap.forward import Forward
 from gap.likelihood import Problem
+from gap.phrases import ten_to
 from gap.residuals import Observed
 from rotor.structure import ComplexArray, FloatArray
 from sim.campaign import Run
@@ -201,7 +202,4 @@ def _plain(size: float) -> str:
     if "e" not in text:
         return text.replace("-", "−")
     digits, power = text.split("e")
-    return f"{digits}×10{str(int(power)).translate(_RAISED)}".replace("-", "−")
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return f"{digits}{ten_to(int(power))}".replace("-", "−")

@@ -25,12 +25,12 @@ from typing import Any
 
 import numpy as np
 
+from gap.blind import SETS
 from rigtwin.console import note, say
 from rigtwin.exits import UserError
 from rigtwin.scale_out import ONE_THREAD, executor
 from sim.formats.atomic import replacing
 
-SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
 PAGE = "blind.md"
 SCHEMA = "rigtwin.blind-results/2"
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from gap.diagnosis import Cause, Diagnosis, Estimate, Shrink
-from gap.phrases import place
+from gap.phrases import place, ten_to
 from rigtwin.effects import number, unit
 from rigtwin.wording import interval, stiffness_with_error, with_error
 from rotor.effects import EFFECTS
@@ -45,8 +45,6 @@ NO_CAUSE = {
 # Half the width of a 90 % interval, in standard errors.
 _Z90 = 1.6449
 
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 
 def finite(value: float | None) -> bool:
     """Whether there is a number."""
@@ -74,7 +72,7 @@ def quantity(estimate: Estimate) -> str:
     else:
         scale = 10.0**power
         text = f"({with_error(value / scale, std / scale)})" if finite(std) and std > 0 else f"{value / scale:.4g}"
-        text += f"×10{str(power).translate(_RAISED)}"
+        text += ten_to(power)
     return f"{text} {of_unit}".rstrip().replace("-", "−")
 
 

@@ -29,3 +29,5 @@ A second implementation on purpose: it imports nothing of the diagnosis, its rot
 
 `data/` holds cases made by other codes.
 """
+
+SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")

@@ -25,7 +25,6 @@ from gap.blind.nonlinear import NotFoundError, telling_levels
 from gap.blind.rig import Rig
 from gap.blind.sizes import DRIVE_NODE, LARGE, SMALL, can_fade, nominal_off, size_class, size_ratio
 
-SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
 LIBRARY = (*LINEAR, *CHAIN, *NONLINEAR)
 TOLERANCE = 1e-3
 ATTEMPTS = 10  # draws for the wanted size class; then any that can be seen

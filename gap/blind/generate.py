@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gap.blind import SETS
 from gap.blind.case import Run, measure
-from gap.blind.draw import SETS, Draw, draw_campaign, label_of
+from gap.blind.draw import Draw, draw_campaign, label_of
 from gap.blind.folder import HELD_OUT, MEASURED, TRUTH, write_campaign, write_json, write_truth
 from gap.blind.nonlinear import NotFoundError
 from gap.blind.rig import Rig, read_rig

@@ -55,7 +55,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     if confirm is not None:
         after, masks, verified = _measured(problem, with_it, after, masks, confirm)
     numbers = _figures(problem, masks, before, after, scale)
-    stretches = min(_BLOCKS, max(len(run.frequency_hz) for run in problem.runs))
+    stretches = max(_stretches(len(run.frequency_hz)) for run in problem.runs)
     return Shrink(
         held_out=f"every second of {stretches} stretches of lines of every run (interpolation)",
         before=numbers[0],
@@ -78,7 +78,12 @@ def _refitted(training: Problem, best: Fit) -> Fit:
 
 
 def _held_out(n: int) -> BoolArray:
-    return (np.arange(n) * min(_BLOCKS, n) // n) % 2 == 1
+    return (np.arange(n) * _stretches(n) // n) % 2 == 1
+
+
+def _stretches(n: int) -> int:
+    """Into how many n lines are parted."""
+    return min(_BLOCKS, n)
 
 
 def _measured(

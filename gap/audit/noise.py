@@ -151,6 +151,7 @@ class _Scatter:
 
 
 def _local_fit(run: Run) -> _LocalFit:
+    """That with as many poles as the curves of a run have near one resonance."""
     planes = {run.excitation_plane, *(channel.plane for channel in run.channels)}
     return _TWO_POLES if run.magnitude_only or run.spin_rpm or len(planes) > 1 else _ONE_POLE
 

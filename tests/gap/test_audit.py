@@ -208,8 +208,10 @@ def test_errors_that_are_wrong_from_line_to_line_give_way_to_the_scatter(given_f
     run = measure(RIGID, noise=0.01)
     assert run.std is not None
     odd = replace(run, std=given_for(run.std))
-    (found,) = noted(audit(in_campaign(odd)), "noise")
+    findings = audit(in_campaign(odd))
+    (found,) = noted(findings, "noise")
     assert found.severity == severity
+    assert troubles(findings) == [found] * (severity == "warning")
     assert said in found.words
     assert_array_equal(believed_errors(odd), estimate_noise(run).std)
 

@@ -34,8 +34,8 @@ from sim.formats.atomic import replacing
 PAGE = "blind.md"
 SCHEMA = "rigtwin.blind-results/2"
 
-# The fact that tells draws apart.
-_DRAW = "split, seed"
+# The fact that tells apart what must not stand on one page.
+_SPLIT = "split"
 
 # Seconds after which a diagnosis is given up: one that ends on a slow machine ends everywhere.
 _LONGEST = 3600.0
@@ -87,7 +87,7 @@ def _places(request: BlindRequest, name: str) -> tuple[Path, Path]:
 
 
 def _make_and_diagnose(request: BlindRequest, name: str) -> str:
-    """One set; returns how many campaigns it has, when it was done, and the SHA-256 of their labels."""
+    """One set; returns how many campaigns it has, of which seed, when it was done, and the SHA-256 of their labels."""
     from gap.blind import generate
     from rigtwin.provenance import commit
 
@@ -104,7 +104,7 @@ def _make_and_diagnose(request: BlindRequest, name: str) -> str:
     sealed = (campaigns / "labels.sha256").read_text(encoding="utf-8").split()[0]
     revision = commit()
     by = f" by commit {revision}" if revision else ""
-    return f"{made} campaigns, {datetime.now(UTC):%Y-%m-%d}{by}, labels sealed: {sealed}"
+    return f"{made} campaigns, seed {request.seed}, {datetime.now(UTC):%Y-%m-%d}{by}, labels sealed: {sealed}"
 
 
 # -- diagnosing ----------------------------------------------------------------------------------------
@@ -249,13 +249,13 @@ def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]
 
 
 def _save(request: BlindRequest, name: str, seal: str) -> None:
-    """A row for every campaign of a set; those of other sets of the same draw stay."""
+    """A row for every campaign of a set; those of other sets of the same split stay, whatever their seed."""
     from gap.blind.results import to_row
     from gap.blind.score import read_outcomes
 
     file, facts = request.pages[1], _facts(request)
     before = _read(file) if file.exists() else {"facts": {}, "campaigns": []}
-    same = before["facts"].get(_DRAW) == facts[_DRAW]
+    same = before["facts"].get(_SPLIT) == facts[_SPLIT]
     seals = {key: words for key, words in before["facts"].items() if same and key in SETS}
     rows = [row for row in before["campaigns"] if same and row["label"]["set"] != name]
     rows += [to_row(outcome) for outcome in read_outcomes(*_places(request, name))]
@@ -294,7 +294,7 @@ def _render(request: BlindRequest) -> None:
 def _facts(request: BlindRequest) -> dict[str, str]:
     """What the figures come from."""
     facts = {
-        _DRAW: f"{request.split}, {request.seed}",
+        _SPLIT: request.split,
         "processor": request.executor
         or f"{_processor()}, {os.cpu_count()} cores, {request.workers} processes of one thread",
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",

@@ -101,14 +101,16 @@ def test_the_page_comes_from_the_results_alone(tmp_path, answered):
 
 
 def test_sets_are_added_one_by_one(tmp_path, answered):
-    """Another set of the same draw joins the page, the same set takes its own place, another draw begins anew."""
-    rows = []
-    for changes in ({}, {"sets": ("W5",)}, {"sets": ("W3",)}, {"seed": 8}):
-        run_blind(request(tmp_path, **changes))
-        document = json.loads((tmp_path / "blind.json").read_text(encoding="utf-8"))
-        rows.append([row["label"]["set"] for row in document["campaigns"]])
-        assert sorted(set(rows[-1])) == [key for key in document["facts"] if key.startswith("W")]
-    assert rows == [["W3"] * 2, ["W3"] * 2 + ["W5"] * 2, ["W3"] * 2 + ["W5"] * 2, ["W3"] * 2]
+    """A set takes its own place, with its seed, and leaves the others of the same split; another split begins anew."""
+    page, found = tmp_path / "page.md", []
+    for changes in ({}, {"sets": ("W5",)}, {"sets": ("W3",), "seed": 8}, {"split": "report"}):
+        run_blind(request(tmp_path / "out", page=page, **changes))
+        document = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
+        seeds = {key: words.split(", ")[1] for key, words in document["facts"].items() if key.startswith("W")}
+        found.append(seeds)
+        assert [row["label"]["set"] for row in document["campaigns"]] == [key for key in sorted(seeds) for _ in "12"]
+    first = f"seed {request(tmp_path).seed}"
+    assert found == [{"W3": first}, {"W3": first, "W5": first}, {"W3": "seed 8", "W5": first}, {"W3": first}]
 
 
 def test_a_process_that_dies_leaves_a_failure(tmp_path, monkeypatch):

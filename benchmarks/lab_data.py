@@ -148,7 +148,8 @@ def _page(outcomes: dict[str, list[Outcome]]) -> str:
 Written by `python -m benchmarks.lab_data` ({machine()}). {COUNT} campaigns of the blind
 generator, one linear effect or error of the measurement chain each, large and small ones, two supports, 280 lines and
 seven nodes. They are diagnosed whole, and with something taken away; an effect of which nothing is left then (a delay
-without phases, a support that was not measured) does not count in that row. "k_b": relative error of the stiffness, median.
+without phases, a support that was not measured) does not count in that row. "k_b": median relative error of the
+stiffness.
 
 {table(header, [_row(words, of) for words, of in outcomes.items()])}"""
 

@@ -126,8 +126,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         resolved = n >= _WINDOWS * local.windows[0] and not np.median(wide.relative / narrow.relative) > _UNRESOLVED
         found = wide if resolved else narrow
         draws[np.ix_(lines, live)] = found.draws
-        floor = np.minimum(wide.floor, narrow.floor)  # what only wide windows see is the curve
-        std[:, live] = np.hypot(found.share * np.abs(H[:, live]), floor)
+        std[:, live] = np.sqrt((found.share * np.abs(H[:, live])) ** 2 + found.floor**2)
         relative[live] = found.relative
         common = 0.0
         if resolved:

@@ -228,17 +228,6 @@ def test_lines_that_lie_too_far_apart_contradict_no_standard_errors(step_hz):
     assert "too far apart" in finding.words
 
 
-def test_a_fine_raster_round_resonances_of_a_coarse_one_contradicts_no_standard_errors():
-    """A curve between coarse lines that wide windows cannot follow is no floor of the noise."""
-    condition = replace(BEARING, shaft_damping_ratio=0.001)
-    f, coarse = damped_modes(build_system(STRUCTURE, condition)).frequency_hz, np.arange(20.0, 400.5, 4.0)
-    far = coarse[np.min(np.abs(coarse[:, None] - f), axis=1) > 1]
-    fine = (f[f < 400][:, None] + np.arange(-20, 21) / 20).ravel()
-    run = measure(condition, np.unique(np.round(np.concatenate([far, fine]), 6)), noise=0.002, seed=1)
-    assert not troubles(audit(in_campaign(run)), "noise")
-    assert_array_equal(believed_errors(run), run.std)
-
-
 @pytest.mark.parametrize("step_hz", [0.5, 2.0])
 def test_lines_that_lie_close_enough_tell_the_noise(step_hz):
     assert estimate_noise(measure(BEARING, np.arange(20.0, 401.0, step_hz), noise=0.01)).resolved

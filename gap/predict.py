@@ -73,9 +73,8 @@ class _Told:
 def _told(document: Mapping[str, Any]) -> _Told:
     effects, k_b = corrected_rotor(document)
     calibration = (document.get("calibration") if explains(document) else None) or {}
-    nominal_k_b = float((document["nominal"].get("k_b") or {}).get("value", Condition.k_b))
     return _Told(
-        nominal_k_b=Condition(k_b=nominal_k_b).k_b,  # which refuses what is no stiffness
+        nominal_k_b=Condition(k_b=_nominal_k_b(document)).k_b,  # which refuses what is no stiffness
         k_b=Condition(k_b=float(k_b)).k_b,
         effects=effects,
         damping={key: float(value) for key in DAMPING if (value := document["nominal"].get(key)) is not None},
@@ -98,9 +97,14 @@ def _predict(told: _Told, campaign: Campaign) -> Iterator[Predicted]:
         yield Predicted(run, _with(run, before), _with(run, after.response(None, told.tolerance) * gains))
 
 
+def _nominal_k_b(document: Mapping[str, Any]) -> float:
+    """Bearing stiffness [N/m] of the nominal model; the default where the diagnosis does not know it."""
+    return float((document["nominal"].get("k_b") or {}).get("value", Condition.k_b))
+
+
 def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], float]:
     """Effects and bearing stiffness [N/m] of the corrected model; no effect where none is named."""
-    nominal = (document["nominal"].get("k_b") or {}).get("value", Condition.k_b)
+    nominal = _nominal_k_b(document)
     if not explains(document):
         return (), nominal
     cause = document["causes"][0]

@@ -200,7 +200,7 @@ class Lists:
         return np.where(np.isfinite(total), total, -np.inf)
 
     def _table(self, peaks: PeakList, found: Resonances, inflate: float = 1.0) -> FloatArray:
-        """(n_peaks + 1, MODES + 1, n_k_b) log-likelihood of the first peaks by the first resonances."""
+        """(n_peaks + 1, N_RESONANCES + 1, n_k_b) log-likelihood of the first peaks by the first resonances."""
         _, unseen, matched, foreign = self._terms(peaks, found, inflate)
         n, m, n_k = matched.shape
         table = np.full((n + 1, m + 1, n_k), -np.inf)
@@ -216,7 +216,10 @@ class Lists:
         return np.where(np.isnan(found.f_hz[:, 0]), -np.inf, table)
 
     def _terms(self, peaks: PeakList, found: Resonances, inflate: float):
-        """Probability to be seen and its logarithms: not seen (MODES, n_k_b), matched (n_peaks, MODES, n_k_b)."""
+        """Probability to be seen and its logarithms, not seen and matched.
+
+        Shapes: (N_RESONANCES, n_k_b), the last (n_peaks, N_RESONANCES, n_k_b).
+        """
         f, height = found.f_hz.T, found.height.T
         low, high = self.tested_hz
         inside = (f >= low) & (f <= high)

@@ -21,7 +21,7 @@ from rotor.system import LinearSystem
 from sim.campaign import NominalBelief, SupportKind
 
 # Resonances that are kept, the lowest ones.
-MODES = 8
+N_RESONANCES = 8
 
 # Below this a motion is one of the rigid body [Hz].
 _LEAST_HZ = 1.0
@@ -37,8 +37,8 @@ _BUILT_AT = 1e6, 2e6
 class Resonances:
     """The lowest resonances for each bearing stiffness."""
 
-    f_hz: FloatArray  # (n_k_b, MODES) ascending; inf where there are no more, nan where the rotor buckles
-    height: FloatArray  # (n_k_b, MODES) drive-point accelerance at the peak [(m/s^2)/N]; 0 where there are no more
+    f_hz: FloatArray  # (n_k_b, N_RESONANCES) ascending; inf where there are no more, nan where the rotor buckles
+    height: FloatArray  # (n_k_b, N_RESONANCES) drive-point accelerance at the peak [(m/s^2)/N]; 0 beyond the last
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class Rotor:
         base = inverse @ low.K @ inverse.T - _BUILT_AT[0] * slope
         squares, shapes = np.linalg.eigh(base + k_b[:, None, None] * slope)
         buckled = squares[:, 0] < -1e-9 * squares[:, -1]
-        omega = np.sqrt(np.clip(squares[:, :MODES], (2 * np.pi * 1e-3) ** 2, None))
-        shapes = shapes[:, :, :MODES]
+        omega = np.sqrt(np.clip(squares[:, :N_RESONANCES], (2 * np.pi * 1e-3) ** 2, None))
+        shapes = shapes[:, :, :N_RESONANCES]
         push = inverse @ low.unit_vector(self.node, 1)
         damper = inverse @ low.C_support @ inverse.T
         zeta = low.shaft_damping_ratio + np.einsum("kim,ij,kjm->km", shapes, damper, shapes) / (2 * omega)
@@ -116,14 +116,14 @@ class Rotor:
         upper = poles.imag > 0
         omega = np.abs(poles[upper])
         height = np.abs(residues[0, 0, upper]) * omega**2 / np.maximum(-poles[upper].real, 1e-12)
-        order = np.argsort(omega)[:MODES]
+        order = np.argsort(omega)[:N_RESONANCES]
         return _sorted(omega[None, order] / (2 * np.pi), height[None, order])
 
 
 def _sorted(f_hz: FloatArray, height: FloatArray) -> Resonances:
     """Without motions of the rigid body, and of one width."""
     n, m = f_hz.shape
-    f, h = np.full((n, MODES), np.inf), np.zeros((n, MODES))
+    f, h = np.full((n, N_RESONANCES), np.inf), np.zeros((n, N_RESONANCES))
     f[:, :m], h[:, :m] = f_hz, height
     h[f < _LEAST_HZ] = 0.0
     f[f < _LEAST_HZ] = np.inf

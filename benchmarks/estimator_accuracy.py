@@ -197,7 +197,7 @@ def _too_uncertain(clean: Dataset) -> np.ndarray:
 
 def _card_lines() -> str:
     card = StiffnessEstimator().card
-    wanted = ("architecture", "training_rigs", "calibration_rigs", "seed", "limits_of_use")
+    wanted = ("architecture", "training_rigs", "calibration_rigs", "limits_of_use")
     return "\n".join(f"- {key.replace('_', ' ')}: {card[key]}" for key in wanted)
 
 

@@ -5,6 +5,7 @@ The same campaigns are diagnosed whole and with something taken away: phases, li
 
 from __future__ import annotations
 
+import itertools
 import json
 import tempfile
 from collections.abc import Callable, Sequence
@@ -16,6 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.page import DOCS, machine, table
+from gap.blind.draw import library_effect
+from gap.blind.effects import NONLINEAR
 from gap.blind.folder import MEASURED
 from gap.blind.generate import Order, make
 from gap.blind.score import Label, Outcome, label_from, outcome
@@ -110,13 +113,15 @@ def main() -> None:
 def _campaigns(folder: Path) -> list[tuple[Path, Label]]:
     """The first that are linear and have seven nodes, with their labels."""
     found: list[tuple[Path, Label]] = []
-    index = 0
-    while len(found) < COUNT:
+    for index in itertools.count():
+        if len(found) == COUNT:
+            break
+        if library_effect(index) in NONLINEAR:
+            continue
         order = Order("W1", "tuning", SEED, index)
         label = label_from(make(order, folder))
         if label.sensors == "all" and len(label.levels) == 1:
             found.append((folder / order.name / MEASURED, label))
-        index += 1
     return found
 
 

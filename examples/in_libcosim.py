@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from fmpy import read_model_description
 from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 from libcosimpy.CosimManipulator import CosimManipulator
 from libcosimpy.CosimObserver import CosimObserver
 from libcosimpy.CosimSlave import CosimLocalSlave
@@ -35,6 +36,7 @@ def references(fmu: Path) -> dict[str, int]:
 
 def main() -> None:
     """Build, connect, run, read."""
+    log_output_level(CosimLogLevel.WARNING)
     with tempfile.TemporaryDirectory() as folder:
         rotor = build_native_rotor_fmu(load_rig("nit-rourkela"), Path(folder), targets=[this_machine()])
         estimator = build_native_estimator_fmu(Path(folder), targets=[this_machine()])

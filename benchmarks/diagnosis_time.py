@@ -13,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.campaigns import tuning_campaigns
 from benchmarks.page import DOCS, bar, best_seconds, machine, table
-from gap.blind.draw import library_effect
-from gap.blind.effects import NONLINEAR
-from gap.blind.generate import Order, make
 from gap.diagnose import diagnose
 from rigtwin.diagnose import measured_on_the_virtual_rig, shared_among
 from sim.campaign_folder import load_campaign
@@ -62,18 +60,8 @@ def main() -> None:
 
 def _campaigns(group: Group, folder: Path) -> list[Path]:
     """The first campaigns of the kind, two supports and 280 lines each."""
-    found: list[Path] = []
-    for index in itertools.count():
-        if len(found) == group.count:
-            break
-        if group.set == "W1" and (library_effect(index) in NONLINEAR) != group.nonlinear:
-            continue  # making a nonlinear campaign takes as long as its diagnosis
-        order = Order(group.set, "tuning", SEED, index)
-        levels = make(order, folder)["levels"]
-        assert isinstance(levels, list)
-        if (len(levels) > 1) == group.nonlinear:
-            found.append(folder / order.name / "measured")
-    return found
+    made = tuning_campaigns(group.set, SEED, folder, group.nonlinear)
+    return [path for path, _ in itertools.islice(made, group.count)]
 
 
 def _diagnosed(folder: Path, helpers: Executor | None) -> tuple[float, float]:

@@ -16,12 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.campaigns import tuning_campaigns
 from benchmarks.page import DOCS, machine, table
-from gap.blind.draw import library_effect
-from gap.blind.effects import NONLINEAR
-from gap.blind.folder import MEASURED
-from gap.blind.generate import Order, make
-from gap.blind.score import Label, Outcome, label_from, outcome
+from gap.blind.score import Label, Outcome, outcome
 from gap.diagnose import diagnose
 from rigtwin.scale_out import executor
 from sim.campaign import Run
@@ -112,17 +109,8 @@ def main() -> None:
 
 def _campaigns(folder: Path) -> list[tuple[Path, Label]]:
     """The first that are linear and have seven nodes, with their labels."""
-    found: list[tuple[Path, Label]] = []
-    for index in itertools.count():
-        if len(found) == COUNT:
-            break
-        if library_effect(index) in NONLINEAR:
-            continue
-        order = Order("W1", "tuning", SEED, index)
-        label = label_from(make(order, folder))
-        if label.sensors == "all" and len(label.levels) == 1:
-            found.append((folder / order.name / MEASURED, label))
-    return found
+    made = tuning_campaigns("W1", SEED, folder)
+    return list(itertools.islice((each for each in made if each[1].sensors == "all"), COUNT))
 
 
 def _hidden(label: Label, loss: Loss) -> bool:

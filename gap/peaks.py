@@ -216,9 +216,9 @@ class Lists:
         return np.where(np.isnan(found.f_hz[:, 0]), -np.inf, table)
 
     def _terms(self, peaks: PeakList, found: Resonances, inflate: float):
-        """Probability to be seen and its logarithms, not seen and matched.
+        """Probability that a resonance is seen; logarithms that it is not, that a peak is its own, that one is foreign.
 
-        Shapes: (N_RESONANCES, n_k_b), the last (n_peaks, N_RESONANCES, n_k_b).
+        Shapes: (N_RESONANCES, n_k_b) twice, (n_peaks, N_RESONANCES, n_k_b), ().
         """
         f, height = found.f_hz.T, found.height.T
         low, high = self.tested_hz

@@ -1,22 +1,19 @@
 """Ctrl-C and SIGTERM: an interrupt that waits for a place where the code can be left.
 
 An FMU that is itself Python runs in this very interpreter, and its loader takes the KeyboardInterrupt for a
-failure of the FMU, or loses it; so do imports of compiled modules. A folder half made or half deleted stays behind.
+failure of the FMU, loses it, or crashes; so do imports of compiled modules. A folder half made or half deleted
+stays behind.
 """
 
 from __future__ import annotations
 
-import _thread
 import signal
-import threading
-from collections.abc import Iterator
+import sys
 from types import FrameType
+from typing import Any
 
 # The modules from which an FMU is called, and those that are not left before they are done.
-_CALLERS = {"fmpy.fmi1", "fmpy.fmi2", "fmpy.fmi3", "sim.instances"}
-_WHOLE = {"importlib._bootstrap", "shutil", "tempfile"}
-
-_AGAIN = 0.005  # [s]
+_WHOLE = {"fmpy.fmi1", "fmpy.fmi2", "fmpy.fmi3", "sim.instances", "importlib._bootstrap", "shutil", "tempfile"}
 
 
 def install() -> None:
@@ -26,21 +23,26 @@ def install() -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    if _can_be_left(list(_modules(frame))):
+    place = _place(frame)
+    if place is frame:
         raise KeyboardInterrupt
-    again = threading.Timer(_AGAIN, _thread.interrupt_main, (number,))
-    again.daemon = True
-    again.start()
+    if place is not None:  # it is None once the interpreter itself tidies up
+        place.f_trace, place.f_trace_opcodes = _leave, True  # a line may be the first outside a try or with
+        sys.settrace(lambda *_: None)  # without one, Python does not look at the frame's own
 
 
-def _modules(frame: FrameType | None) -> Iterator[str]:
-    """The modules of the code that runs, the innermost first."""
+def _place(frame: FrameType | None) -> FrameType | None:
+    """The innermost frame that nothing runs in which must come to its end."""
+    place = frame
     while frame is not None:
-        yield frame.f_globals.get("__name__", "")
+        if frame.f_globals.get("__name__") in _WHOLE:
+            place = frame.f_back
         frame = frame.f_back
+    return place
 
 
-def _can_be_left(modules: list[str]) -> bool:
-    """Whether neither an FMU's call has led to Python code other than its caller's own, nor something must be whole."""
-    own = next((i for i, module in enumerate(modules) if module in _CALLERS), 0)
-    return own == 0 and _WHOLE.isdisjoint(modules)
+def _leave(frame: FrameType, event: str, argument: Any) -> None:
+    """As soon as the frame itself goes on."""
+    sys.settrace(None)
+    frame.f_trace, frame.f_trace_opcodes = None, False
+    raise KeyboardInterrupt

@@ -20,7 +20,7 @@ from gap.nonlinear_search import most_promised, search_nonlinear
 from gap.pair_search import PAIR_GAIN, each_alone, exchanged, most_left, pairs, straightened
 from gap.peaks import diagnose_peaks
 from gap.prepare import prepared
-from gap.ranking import rank, verdict_of
+from gap.ranking import of_the_likeliest, rank, verdict_of
 from gap.report import Answer, Clock, Outcome, report
 from gap.robust import robust_fit
 from gap.score import Score
@@ -97,7 +97,8 @@ def diagnose(
     standing = standing_of(problem, nominal, fits)
     clock.lap("form")
     ranked = rank(problem, nominal, standing)
-    verdict = verdict_of(problem, nominal, ranked, standing) if enough else "not_enough_data"
+    standing = of_the_likeliest(problem, nominal, ranked, standing)
+    verdict = verdict_of(ranked, standing) if enough else "not_enough_data"
     answer = Answer(whole, problem, nominal, ranked, standing, verdict)
     return report(campaign, answer, findings, exclude, confirm, clock)
 

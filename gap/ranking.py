@@ -8,17 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from gap.adequacy import judge
 from gap.diagnosis import Verdict
 from gap.evidence import sample
 from gap.fit import Fit
 from gap.hypotheses import NO_GAP_PRIOR, SURE
 from gap.likelihood import Problem
 from gap.search import first_of_each
-from gap.standing import Standing, adequate, scale_of
+from gap.standing import Standing, excess_of, scale_of
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
 AT_MOST = 3  # effects in that set
+
+_LIKELIEST = 0.5  # probability of no gap above which it is the answer
 
 # Candidates of such a probability, of the most probable ones, have their evidence sampled.
 _WORTH_SAMPLING, _SAMPLED = 1e-4, 4
@@ -57,11 +60,18 @@ def _by_evidence(nominal: Fit, fits: Sequence[Fit], scale: float) -> Ranked:
     return Ranked(tuple(fits[k] for k in order), tuple(float(share[k]) for k in order), float(share[-1]))
 
 
-def verdict_of(problem: Problem, nominal: Fit, ranked: Ranked, standing: Standing) -> Verdict:
-    if ranked.no_gap > 0.5:
-        return "no_gap" if adequate(problem, nominal) and standing.excess < 1 else "unknown"
+def of_the_likeliest(problem: Problem, nominal: Fit, ranked: Ranked, standing: Standing) -> Standing:
+    """The same, but where no gap is the most probable, the nominal model has to leave as little as the best fit."""
+    if ranked.no_gap <= _LIKELIEST:
+        return standing
+    return replace(standing, excess=max(standing.excess, excess_of(problem, nominal, judge(problem, nominal))))
+
+
+def verdict_of(ranked: Ranked, standing: Standing) -> Verdict:
     if standing.excess >= 1:
         return "unknown"
+    if ranked.no_gap > _LIKELIEST:
+        return "no_gap"
     return "cause" if max(map(together, by_name(ranked).values())) >= SURE else "ambiguous"
 
 

@@ -13,7 +13,7 @@
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
 PYTHON3 ?= python3
-# Draw of the report set that docs/blind.md shows, but for W1 (6). What has been learned from is no longer blind.
+# Draw of the report set that docs/blind.md shows. What has been learned from is no longer blind.
 BLIND_SEED := 9
 PYTHON := $(VENV)/bin/python
 # The matrices are small: one BLAS thread per process is several times faster than many.

@@ -11,7 +11,7 @@ import gap.transfer
 from gap.forward import Forward
 from gap.hypotheses import NOMINAL, candidates
 from gap.search import recalibrate
-from gap.transfer import _Test, transfer_interval
+from gap.transfer import _STRETCH, _STRETCH_NONLINEAR, _Test, transfer_interval
 from rotor.effects import AttachedMass, BearingCubic
 from sim.campaign import Channel
 from tests.gap.conftest import (
@@ -46,7 +46,7 @@ def test_what_is_left_of_the_gap_is_stretched_both_ways(heavy, monkeypatch):
     monkeypatch.setattr(gap.transfer, "_other_nodes", lambda problem: [4])
     monkeypatch.setattr(gap.transfer, "_draws", lambda best, *_: [(best.u, best.nu)])
     low, high = transfer_interval(*heavy, 1.0)
-    assert (1 - low) / (1 - high) == pytest.approx(1.2**2)
+    assert (1 - low) / (1 - high) == pytest.approx(_STRETCH**2)
 
 
 def test_a_model_without_any_motion_there_has_no_interval(heavy, monkeypatch):
@@ -77,3 +77,13 @@ def test_a_rig_of_the_fitted_numbers_is_the_corrected_model(channels):
     """Whatever its sensors tell of its motions."""
     problem, nominal, best = swept_law(20.0, channels)
     assert _Test(problem, nominal, best, 4).shrink(best.u, best.nu) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_what_a_nonlinear_cause_leaves_is_stretched_further(monkeypatch):
+    problem, nominal, best = swept_law(20.0, (Channel(2),))
+    off = best.u + np.array([1e-3, 0.0])
+    monkeypatch.setattr(gap.transfer, "_draws", lambda best, *_: [(off, best.nu)])
+    low, high = transfer_interval(problem, nominal, best, 1.0)
+    assert low < high < 1
+    assert (1 - low) / (1 - high) == pytest.approx(_STRETCH_NONLINEAR**2)
+    assert _STRETCH_NONLINEAR > _STRETCH

@@ -35,7 +35,8 @@ def must_be_corrected(finding: Finding) -> bool:
 
 def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "no_gap":
-        return "Model and measurement agree within the noise and the drifts of the test: there is nothing to explain."
+        words = "Model and measurement agree within the noise and the drifts of the test: there is nothing to explain"
+        return f"{words}{_IN_WHAT_IS_THERE if _lines_lack(diagnosis) else ''}."
     if diagnosis.verdict == "not_enough_data":
         return "The data are too few to tell one cause from another."
     if diagnosis.verdict == "unknown":
@@ -55,6 +56,14 @@ def _verdict(diagnosis: Diagnosis) -> str:
     choices = [*map(named, diagnosis.equivalent), *(["no gap at all"] if _may_be_none(diagnosis) else [])]
     words = f"These data cannot tell apart {', or '.join(choices)}"
     return f"{words}." if tail == "." else f"{words}; the first{tail}"
+
+
+# A cause may show on one line alone, as where a sweep jumps.
+_IN_WHAT_IS_THERE = " in the lines that were used; which ones are missing or left out, the audit says"
+
+
+def _lines_lack(diagnosis: Diagnosis) -> bool:
+    return any(f.check == "missing_lines" and f.severity == "warning" for f in diagnosis.audit)
 
 
 def _may_be_none(diagnosis: Diagnosis) -> bool:

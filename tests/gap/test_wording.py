@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from gap.diagnosis import Cause, Location, Shrink
+from gap.diagnosis import Cause, Finding, Location, Shrink
 from gap.wording import next_test, sentence
 from sim.campaign import Campaign
 from tests.gap.conftest import blank, lines
@@ -34,6 +34,23 @@ def test_causes_that_cannot_be_told_apart_are_all_named_and_so_is_none():
     assert words.endswith("tell apart disk mass at the disks, or diametral inertia of the disks at the disks.")
     words = sentence(ambiguous(0.4, shrink(0.4)))  # type: ignore[arg-type]
     assert ", or no gap at all; the first: it takes away" in words
+
+
+@pytest.mark.parametrize(
+    ("check", "severity", "said"),
+    [
+        (
+            "missing_lines",
+            "warning",
+            "in the lines that were used; which ones are missing or left out, the audit says.",
+        ),
+        ("missing_lines", "ok", "nothing to explain."),
+        ("raster", "warning", "nothing to explain."),
+    ],
+)
+def test_no_gap_is_said_of_the_lines_that_were_used(check, severity, said):
+    found = Finding(check, severity, "words", "run", 1.0, 0.0)
+    assert sentence(SimpleNamespace(verdict="no_gap", audit=(found,))).endswith(said)  # type: ignore[arg-type]
 
 
 def test_of_a_gap_like_the_noise_no_share_is_said():

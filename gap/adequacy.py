@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
+from gap.audit import live_channels, of_complex, shared_variance
 from gap.audit.noise import CREDIBLE
 from gap.fit import Fit
 from gap.likelihood import Problem
@@ -19,6 +20,9 @@ _TRIMMED = 0.95
 # Standard errors are believed where the data's own scatter differs by less than this over the root of the number of
 # values: some 3.5 standard errors of a mean over overlapping differences.
 _DOUBTFUL = 5.0
+
+# Channels hardly share an error if it is, by so many standard errors, below this part of what the lines seemed to tell.
+_HARDLY, _SURELY = 0.5, 2.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,27 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         correlation=products / max(squares, 1e-30) * n / np.sqrt(max(variance, 1.0)),
         spread=float(np.sqrt(2 / max(reals, 1))),
     )
+
+
+def not_shared(problem: Problem, fit: Fit) -> Problem | None:
+    """The problem without errors that channels share, where they hardly share what the fit leaves; else nothing.
+
+    Near a line, what a fast sweep still rings with moves all channels alike, as noise of the force does.
+    """
+    kept = [
+        o if not o.common or _shared(o, model) > (_HARDLY * o.common) ** 2 else replace(o, common=0.0)
+        for o, model in zip(problem.observed, problem.predict(fit), strict=True)
+    ]
+    return None if all(a is b for a, b in zip(kept, problem.observed, strict=True)) else problem.on(kept)
+
+
+def _shared(observed: Observed, model: ComplexArray) -> float:
+    """At most so much variance channels share of what a model leaves, relative and as of the complex response."""
+    size, live = np.abs(observed.run.H), live_channels(observed.run)
+    with np.errstate(all="ignore"):
+        left = np.where(observed.valid, observed.less(model) / size, np.nan)
+        square, error = shared_variance(left[:, live], (observed.error / size)[:, live])
+    return float(of_complex(np.asarray(1.0), observed.run)) ** 2 * (square + _SURELY * error)
 
 
 def _bends(z: ComplexArray) -> FloatArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gap.adequacy import judge
+from gap.adequacy import judge, not_shared
 from gap.audit import amplitude_dependent, audit, usable
 from gap.fit import Fit
 from gap.held_out import Confirm
@@ -136,7 +136,8 @@ def _explained(
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Fit what may explain the runs: nonlinear effects only where levels differ, linear ones unless those suffice.
 
-    It begins anew, with gains of each sensor in each run, where the best fit shows that these differ.
+    It begins anew with gains of each sensor in each run where the best fit shows that these differ, and with less error
+    that channels share where they do not share what it leaves.
 
     Parameters
     ----------
@@ -152,21 +153,22 @@ def _explained(
         clock.lap("single effects")
         return made
 
-    def anew() -> tuple[Problem, Fit, list[Fit]]:
-        remounted = problem.remounted()
-        return _explained(remounted, recalibrate(remounted), library, dependent, progress, clock)
+    def anew(other: Problem) -> tuple[Problem, Fit, list[Fit]]:
+        return _explained(other, recalibrate(other), library, dependent, progress, clock)
 
     laws = _not_ruled_out(problem, library.laws)
     found = None if dependent and laws else singles()
+    if found and not adequate(problem, found.best) and (apart := not_shared(problem, found.best)):
+        return anew(apart)
     if found and gains_differ(problem, found.best):
-        return anew()
+        return anew(problem.remounted())
     if found and not (laws and _differ_by_level(problem, found.best, laws)):
         problem, fits = _finished(problem, found, library.linear, progress, clock)
         return problem, nominal, fits
     coarser, linear, bent = search_nonlinear(problem, laws, progress)
     clock.lap("nonlinear effects")
     if gains_differ(coarser, bent.best):
-        return anew()
+        return anew(problem.remounted())
     suffices = bool(bent.fits) and adequate(coarser, bent.best)
     rivalled = found is not None and bool(found.fits) and adequate(problem, found.best)
     if suffices and not rivalled and bent.nominal.chi2 > _PLAIN * bent.nominal.n_data:

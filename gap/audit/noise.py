@@ -130,7 +130,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         relative[live] = found.relative
         common = 0.0
         if resolved:
-            common = _common(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
+            common = shared_error(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
             common *= _not_followed(H_live.shape[1], local)
     return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved, common)
 
@@ -174,13 +174,23 @@ def _not_followed(n_channels: int, local: _LocalFit) -> float:
     return math.sqrt(own / (1 - (numerator + denominator) / window))
 
 
-def _common(residuals: np.ndarray, std: FloatArray) -> float:
-    """Relative error that all channels share, from the covariance of their relative residuals (n, n_live) line by line.
+def shared_error(residuals: np.ndarray, std: FloatArray) -> float:
+    """Relative error that all channels share; 0 where it is hardly any. Parameters as in ``shared_variance``."""
+    square, error = shared_variance(residuals, std)
+    known = std[np.isfinite(std)]
+    worth = square > max(_COMMON_ERRORS * error, _COMMON_SHARE * float(np.median(known)) ** 2 if known.size else 0.0)
+    return math.sqrt(square) if worth else 0.0
 
-    The largest quarter is left out; what that takes from the covariance it takes from the mean square as well.
+
+def shared_variance(residuals: np.ndarray, std: FloatArray) -> tuple[float, float]:
+    """Square of the relative error that all channels share, and its standard error; (0, inf) where too few lines tell.
+
+    It is the covariance of the channels' relative residuals line by line. The largest quarter is left out; what that
+    takes from the covariance it takes from the mean square as well.
 
     Parameters
     ----------
+    residuals : (n, n_live) relative to the responses
     std : (n, n_live) relative standard errors, the shared part among them
     """
     z = residuals / std
@@ -188,16 +198,14 @@ def _common(residuals: np.ndarray, std: FloatArray) -> float:
     z, std = z[known], std[known]
     n, n_channels = z.shape
     if n_channels < 2 or n < _GROUP:
-        return 0.0
+        return 0.0, math.inf
     squares = np.sum(np.abs(z) ** 2, axis=1)
     kept = np.argsort(squares)[: math.ceil(_KEPT * n)]
     enlarged = n_channels * len(kept) / float(squares[kept].sum())
     products = enlarged * (np.abs(z.sum(axis=1)) ** 2 - squares)[kept]
     weights = (np.sum(1 / std, axis=1) ** 2 - np.sum(std**-2, axis=1))[kept]
     square = float(products.sum() / weights.sum())
-    error = float(np.sqrt(np.sum((products - square * weights) ** 2)) / weights.sum())
-    worth = square > max(_COMMON_ERRORS * error, _COMMON_SHARE * float(np.median(std)) ** 2)
-    return math.sqrt(square) if worth else 0.0
+    return square, float(np.sqrt(np.sum((products - square * weights) ** 2)) / weights.sum())
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,20 @@ import pytest
 from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from gap.adequacy import Adequacy, judge
-from gap.audit import usable
+from gap.adequacy import Adequacy, judge, not_shared
+from gap.audit import common_error, usable
 from gap.audit.prepared import Prepared
 from gap.curves import nrmse
 from gap.diagnose import _library, _not_ruled_out, diagnose
 from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Finding, Location, Where
+from gap.forward import Forward
 from gap.held_out import _figures, _held_out, lines_to_measure
 from gap.hypotheses import candidates
 from gap.predict import predict
 from gap.prepare import prepared
 from gap.ranking import Ranked, of_the_likeliest, verdict_of
 from gap.report import _equivalent, _may_be_the_bearings, _regime
+from gap.residuals import observe
 from gap.search import recalibrate
 from gap.standing import Standing, excess_of
 from rotor.effects import (
@@ -32,6 +34,7 @@ from rotor.effects import (
     BearingCubic,
     BearingOffset,
     CompliantRigidSupport,
+    FastSweep,
     ForceDropout,
     PedestalFlexibility,
     PlaneAnisotropy,
@@ -58,6 +61,7 @@ from tests.gap.conftest import (
     measure,
     problem_of,
     truth,
+    with_noise,
 )
 
 
@@ -700,3 +704,45 @@ def test_a_sensor_beside_its_node_is_not_passed_off_as_one_mounted_anew():
     diagnosis = diagnose(campaign_of(*both_supports(effect)), exclude=all_but("sensor_position", *RIVALS)).diagnosis
     assert (diagnosis.verdict, diagnosis.causes[0].effects) == ("cause", ("sensor_position",))
     assert not [f for f in diagnosis.audit if "differ from run to run" in f.words]
+
+
+# -- errors that channels share -------------------------------------------------------------------------
+
+
+def sharing(run, common):
+    """A problem that takes part of a run's errors for shared ones."""
+    return problem_of(run).on([observe(run, run.std, common)])
+
+
+@pytest.mark.parametrize("magnitude", [False, True])
+def test_errors_that_channels_do_not_share_are_no_shared_ones(magnitude):
+    run = measure("bearing")
+    run = replace(run, H=np.abs(run.H), magnitude_only=True) if magnitude else run
+    problem = sharing(run, 0.9 * NOISE)
+    less = not_shared(problem, recalibrate(problem))
+    assert less
+    assert less.observed[0].common == 0
+
+
+def test_errors_that_channels_share_stay_shared_ones():
+    run, rng = measure("bearing", noise=1e-3), np.random.default_rng(2)
+    force = rng.standard_normal((len(run.H), 1)) + 1j * rng.standard_normal((len(run.H), 1))
+    H = run.H * (1 + NOISE / np.sqrt(2) * force)
+    problem = sharing(replace(run, H=H, std=NOISE * np.abs(run.H)), 0.95 * NOISE)
+    assert not_shared(problem, recalibrate(problem)) is None
+    assert not_shared(sharing(run, 0.0), recalibrate(sharing(run, 0.0))) is None
+
+
+def test_what_a_fast_sweep_still_rings_with_is_no_noise_of_the_force():
+    """All channels ring alike, so that near a line it looks like it; what the fit leaves tells."""
+    belief, effect = replace(BELIEF, shaft_damping_ratio=0.0019), FastSweep(dwell=0.47)
+    rng, near = np.random.default_rng(1), np.array([0, 0.3, 0.6, 1, 1.4, 2, 3, 4, 6, 8, 12, 16, 22, 30])
+    peaks = [f * (1 + 0.0019 * sign * near) for f in (100.5, 323.5) for sign in (-1, 1)]
+    frequency_hz = np.unique(np.round(np.r_[np.linspace(20, 400, 190) + rng.uniform(-0.5, 0.5, 190), *peaks], 6))
+    run = blank("rigid", frequency_hz, sweep="up")
+    run = with_noise(run, Forward(STRUCTURE, belief).modal(run, K_B, [effect]).response(), 1)
+    assert common_error(run) > NOISE
+    campaign = replace(campaign_of(run), nominal=belief)
+    found = diagnose(campaign, exclude=all_but("fast_sweep", *RIVALS)).diagnosis
+    assert (found.verdict, found.causes[0].effects) == ("cause", ("fast_sweep",))
+    assert_allclose(found.causes[0].parameters["dwell"].value, effect.dwell, rtol=1e-4)

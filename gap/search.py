@@ -24,7 +24,7 @@ from gap.helpers import each
 from gap.hypotheses import K_B, K_B_RANGE, NOMINAL, Hypothesis
 from gap.likelihood import Problem
 from gap.score import Score
-from gap.starts import RIVALS, Promise, Start, begin, crossing, points, promises, scanned, several
+from gap.starts import RIVALS, Promise, Start, begin, crossing, placed, points, promises, scanned, several
 from rotor.structure import FloatArray
 
 T = TypeVar("T")
@@ -295,7 +295,7 @@ def _rough_starts(
     by_grid = {h: scanned(problem, h, nominal) for h in hypotheses}
     most = max(_ALL * nominal.cost, nominal.cost - _NOTHING * nominal.n_data)
     found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
-    weak = {h: (by_grid[h] or promises(score, h))[0] for h in hypotheses}
+    weak = {h: (by_grid[h] or placed(problem, h, nominal) or promises(score, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
     on_grid = {h: [] if found_by_grid else crossing(few, h, nominal, FAR[0].added) for h in hypotheses}
     rough = [_Rough(h, found.get(h, []), weak[h], on_grid[h]) for h in hypotheses]
@@ -373,7 +373,8 @@ def weak_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        tried = scanned(problem, hypothesis, nominal) or promises(score, hypothesis)
+        tried = scanned(problem, hypothesis, nominal) or placed(problem, hypothesis, nominal)
+        tried = tried or promises(score, hypothesis)
         found.append((tried[0].gain, [promise.start for promise in tried[:RIVALS]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0

@@ -1,11 +1,13 @@
 """Where a candidate's fit begins: points of its ranges, next to the nominal model, or on a grid of its own.
 
-Most effects need nothing here. Two whose misfit has narrow minima do: anisotropic bearings (``points``, ``crossing``),
-whose resonances of the other plane are a few half-power widths wide, and a sweep that is too fast (``scanned``).
+Most effects need nothing here. Those whose misfit has narrow or many minima do: anisotropic bearings (``points``,
+``crossing``), whose resonances of the other plane are a few half-power widths wide, a sweep that is too fast
+(``scanned``), and a crack, which may be anywhere (``placed``).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +25,9 @@ RIVALS = 2
 
 # A weak effect is so much of its range away from nothing; along the shaft it is started from so many positions.
 _WEAK, _POSITIONS = 0.02, 7
+
+# A plain effect along the shaft: share of its range, positions, steps of each fit, to every so many lines.
+_PLAIN, _PLACES, _SHORT, _THINNED = 0.7, 10, 8, 3
 
 # Of the grid of anisotropic bearings: angles from the force's direction or from across it [rad], and steps along the
 # anisotropy, fine enough for a resonance that is two per mille wide.
@@ -110,9 +115,28 @@ def scanned(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[Promise]
     """The same for an effect whose misfit has many minima along its number: by grids; empty for others."""
     if hypothesis.ids != ("fast_sweep",):
         return []
-    before = problem.cost(NOMINAL, fit.u[:1], fit.nu)
     found = [Start(hypothesis, made.u, made.nu) for made in dwell_fits(problem, hypothesis, fit)[:RIVALS]]
-    return [Promise(before - problem.cost(hypothesis, start.u, start.nu), start) for start in found]
+    return _kept(problem, found, fit)
+
+
+def placed(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[Promise]:
+    """The same for an effect that may be anywhere along the shaft: by short fits of a plain one; empty for others.
+
+    From next to another minimum a crack slides to the end of its range, and to first order it may seem to act the other
+    way where it is.
+    """
+    if "position" not in (free.name for free in hypothesis.free):
+        return []
+    few, points = problem.thinned(_THINNED), _along_the_shaft(hypothesis.terms[0], _PLACES, _PLAIN)
+    fits = [few.try_fit(hypothesis, np.append(fit.u[:1], u), fit.nu, anneal=(0.0,), steps=_SHORT) for u in points]
+    made = sorted((each for each in fits if each), key=lambda each: each.cost)
+    return _kept(problem, [Start(hypothesis, each.u, each.nu) for each in made[:RIVALS]], fit)
+
+
+def _kept(problem: Problem, found: Sequence[Start], fit: Fit) -> list[Promise]:
+    """Starts with what they take away from the nominal model's misfit."""
+    before = problem.cost(NOMINAL, fit.u[:1], fit.nu)
+    return [Promise(before - problem.cost(start.hypothesis, start.u, start.nu), start) for start in found]
 
 
 def several(hypothesis: Hypothesis) -> bool:
@@ -126,18 +150,20 @@ def _from_nominal(nominal: Fit, hypothesis: Hypothesis, condition: Condition) ->
         return []
     term = hypothesis.terms[0]
     if any(free.name == "position" for free in term.free):
-        return [np.concatenate([nominal.u[:1], point]) for point in _along_the_shaft(term)]
+        return [np.concatenate([nominal.u[:1], point]) for point in _along_the_shaft(term, _POSITIONS, 0.05)]
     point = [_weakly(free, _null(term, free, condition)) for free in term.free]
     return [np.concatenate([nominal.u[:1], point])]
 
 
-def _along_the_shaft(term: Term) -> list[FloatArray]:
-    """Weak starts at several positions."""
-    shares = (np.arange(_POSITIONS) + 0.5) / _POSITIONS
+def _along_the_shaft(term: Term, count: int, strength: float) -> list[FloatArray]:
+    """Starts at several positions; strength as a share of its range."""
+    shares = (np.arange(count) + 0.5) / count
     ends = [free.ends for free in term.free]
     at = [free.name == "position" for free in term.free]
     return [
-        np.array([low + (share if here else 0.05) * (high - low) for (low, high), here in zip(ends, at, strict=True)])
+        np.array(
+            [low + (share if here else strength) * (high - low) for (low, high), here in zip(ends, at, strict=True)]
+        )
         for share in shares
     ]
 

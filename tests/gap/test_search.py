@@ -52,6 +52,7 @@ from rotor.effects import (
     DiskInertia,
     DiskMass,
     FastSweep,
+    OpenCrack,
     PedestalFlexibility,
     PlaneAnisotropy,
     SensorDelay,
@@ -260,6 +261,16 @@ def test_a_dwell_is_found_among_its_many_minima(dwell, within):
     best = search(problem, of(problem.runs, "fast_sweep", "bearing_damping", "shaft_damping")).fits[0]
     assert best.hypothesis.ids == ("fast_sweep",)
     assert_allclose(best.effects[0].dwell, dwell, rtol=within)
+    assert best.chi2 < 1.2 * best.n_data
+
+
+@pytest.mark.parametrize(("reduction", "position"), [(0.27, 0.074), (0.23, 0.103), (0.14, 0.07)])
+def test_a_crack_is_found_wherever_it_is(reduction, position):
+    """Seen by one accelerometer, next to another minimum, from where it slid to an end of its range."""
+    crack = OpenCrack(reduction=reduction, position=position)
+    problem = problem_of(*both_supports(crack, channels=(Channel(2),)))
+    best = search(problem, of(problem.runs, "open_crack")).fits[0]
+    assert_allclose([best.effects[0].position, best.effects[0].reduction], [position, reduction], rtol=0.1)
     assert best.chi2 < 1.2 * best.n_data
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from gap.audit import live_channels, of_complex, shared_variance
-from gap.audit.noise import CREDIBLE
+from gap.audit.noise import CREDIBLE, live_channels, of_complex, shared_variance
 from gap.fit import Fit
 from gap.likelihood import Problem
 from gap.residuals import Observed, residual
@@ -77,19 +76,19 @@ def not_shared(problem: Problem, fit: Fit) -> Problem | None:
     Near a line, what a fast sweep still rings with moves all channels alike, as noise of the force does.
     """
     kept = [
-        o if not o.common or _shared(o, model) > (_HARDLY * o.common) ** 2 else replace(o, common=0.0)
+        o if not o.common or _shared(o, model) > _HARDLY * o.common else replace(o, common=0.0)
         for o, model in zip(problem.observed, problem.predict(fit), strict=True)
     ]
     return None if all(a is b for a, b in zip(kept, problem.observed, strict=True)) else problem.on(kept)
 
 
 def _shared(observed: Observed, model: ComplexArray) -> float:
-    """At most so much variance channels share of what a model leaves, relative and as of the complex response."""
+    """At most so large an error channels share of what a model leaves, relative and as of the complex response."""
     size, live = np.abs(observed.run.H), live_channels(observed.run)
     with np.errstate(all="ignore"):
         left = np.where(observed.valid, observed.less(model) / size, np.nan)
         square, error = shared_variance(left[:, live], (observed.error / size)[:, live])
-    return float(of_complex(np.asarray(1.0), observed.run)) ** 2 * (square + _SURELY * error)
+    return float(of_complex(np.sqrt(np.maximum(square + _SURELY * error, 0.0)), observed.run))
 
 
 def _bends(z: ComplexArray) -> FloatArray:

@@ -136,7 +136,7 @@ def _explained(
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Fit what may explain the runs: nonlinear effects only where levels differ, linear ones unless those suffice.
 
-    It begins anew with gains of each sensor in each run where the best fit shows that these differ, and with less error
+    It begins anew with gains of each sensor in each run where the best fit shows that these differ, and without errors
     that channels share where they do not share what it leaves.
 
     Parameters

@@ -24,7 +24,7 @@ from gap.helpers import each
 from gap.hypotheses import K_B, K_B_RANGE, NOMINAL, Hypothesis
 from gap.likelihood import Problem
 from gap.score import Score
-from gap.starts import RIVALS, Promise, Start, begin, crossing, placed, points, promises, scanned, several
+from gap.starts import RIVALS, THIRD, Promise, Start, begin, crossing, placed, points, promises, scanned, several
 from rotor.structure import FloatArray
 
 T = TypeVar("T")
@@ -46,11 +46,8 @@ _ALL, _NOTHING = 0.9, 2.0
 # At least so many candidates are raced.
 _AT_LEAST = 12
 
-# Rough descents see every so many lines.
-_THIRD = 3
-
-# Their steps from all points, and from so many points of every candidate, the lowest, unless these are behind the best
-# candidate's by this factor.
+# Steps of rough descents from all points, and from so many points of every candidate, the lowest, unless these are
+# behind the best candidate's by this factor.
 _DOWN, _CARRIED, _DROPPED = (2, 6), 3, 10.0
 
 # Steps of descents along the long valleys of laws that are bent.
@@ -103,7 +100,7 @@ def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
     if not problem.with_k_b:
         return problem.fit(NOMINAL, np.array([np.log(1e7)]))
     starts = np.geomspace(*K_B_RANGE, _K_B_STARTS)
-    few = problem.thinned(_THIRD)
+    few = problem.thinned(THIRD)
     rough = [few.rough(NOMINAL, np.array([np.log(start)]), sum(_DOWN)) for start in starts]
     best = min(rough, key=itemgetter(1))[0]
     return problem.fit(NOMINAL, best)
@@ -209,7 +206,7 @@ def with_bent(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis])
     """The search, and its best effect bent, where it can be; far from the data, the best of all that can be."""
     starts = _bent(found.best)
     if found.rough:
-        few, base = problem.thinned(_THIRD), found.nominal.u[:1]
+        few, base = problem.thinned(THIRD), found.nominal.u[:1]
         laws = [hypothesis.bent for hypothesis in hypotheses if hypothesis.bent != hypothesis]
         seat = carried(few, found.nominal)
         ends = each(partial(_all_the_way_down, few, base, seat), laws)
@@ -289,13 +286,13 @@ def _rough_starts(
 
     Where a grid has found an effect that leaves next to nothing, no rough descents are needed.
     """
-    few = problem.thinned(_THIRD)
+    few = problem.thinned(THIRD)
     base = few.rough(NOMINAL, nominal.u[:1], sum(_DOWN))[0] if problem.with_k_b else nominal.u[:1]
     score = Score(problem, nominal)
     by_grid = {h: scanned(problem, h, nominal) for h in hypotheses}
     most = max(_ALL * nominal.cost, nominal.cost - _NOTHING * nominal.n_data)
     found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
-    weak = {h: (by_grid[h] or placed(problem, h, nominal) or promises(score, h))[0] for h in hypotheses}
+    weak = {h: (by_grid[h] or _promised(problem, score, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
     on_grid = {h: [] if found_by_grid else crossing(few, h, nominal, FAR[0].added) for h in hypotheses}
     rough = [_Rough(h, found.get(h, []), weak[h], on_grid[h]) for h in hypotheses]
@@ -310,6 +307,11 @@ def _rough_starts(
     first = {entry.hypothesis.ids: entry for entry in reversed(rough) if entry.found}
     best = sorted(first.values(), key=lambda entry: entry.cost)
     return [s for entry in worth for s in entry.starts(nominal)], tuple(entry.starts(nominal)[0] for entry in best)
+
+
+def _promised(problem: Problem, score: Score, hypothesis: Hypothesis) -> list[Promise]:
+    """What a candidate could take away: along the shaft by short fits, else to first order."""
+    return placed(problem, hypothesis, score.fit) or promises(score, hypothesis)
 
 
 @dataclass(frozen=True)
@@ -373,8 +375,7 @@ def weak_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        tried = scanned(problem, hypothesis, nominal) or placed(problem, hypothesis, nominal)
-        tried = tried or promises(score, hypothesis)
+        tried = scanned(problem, hypothesis, nominal) or _promised(problem, score, hypothesis)
         found.append((tried[0].gain, [promise.start for promise in tried[:RIVALS]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     limit = min(_WORTH_GAIN * found[0][0], found[0][0] - _WORTH_MISFIT) if found else 0.0

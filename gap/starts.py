@@ -26,8 +26,11 @@ RIVALS = 2
 # A weak effect is so much of its range away from nothing; along the shaft it is started from so many positions.
 _WEAK, _POSITIONS = 0.02, 7
 
-# A plain effect along the shaft: share of its range, positions, steps of each fit, to every so many lines.
-_PLAIN, _PLACES, _SHORT, _THINNED = 0.7, 10, 8, 3
+# Every so many lines tell enough to start from.
+THIRD = 3
+
+# A plain effect along the shaft: share of its range, positions, steps of each fit.
+_PLAIN, _PLACES, _SHORT = 0.7, 10, 8
 
 # Of the grid of anisotropic bearings: angles from the force's direction or from across it [rad], and steps along the
 # anisotropy, fine enough for a resonance that is two per mille wide.
@@ -127,7 +130,7 @@ def placed(problem: Problem, hypothesis: Hypothesis, fit: Fit) -> list[Promise]:
     """
     if "position" not in (free.name for free in hypothesis.free):
         return []
-    few, points = problem.thinned(_THINNED), _along_the_shaft(hypothesis.terms[0], _PLACES, _PLAIN)
+    few, points = problem.thinned(THIRD), _along_the_shaft(hypothesis.terms[0], _PLACES, _PLAIN)
     fits = [few.try_fit(hypothesis, np.append(fit.u[:1], u), fit.nu, anneal=(0.0,), steps=_SHORT) for u in points]
     made = sorted((each for each in fits if each), key=lambda each: each.cost)
     return _kept(problem, [Start(hypothesis, each.u, each.nu) for each in made[:RIVALS]], fit)

@@ -130,7 +130,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         relative[live] = found.relative
         common = 0.0
         if resolved:
-            common = shared_error(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
+            common = _shared_error(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
             common *= _not_followed(H_live.shape[1], local)
     return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved, common)
 
@@ -174,12 +174,13 @@ def _not_followed(n_channels: int, local: _LocalFit) -> float:
     return math.sqrt(own / (1 - (numerator + denominator) / window))
 
 
-def shared_error(residuals: np.ndarray, std: FloatArray) -> float:
+def _shared_error(residuals: np.ndarray, std: FloatArray) -> float:
     """Relative error that all channels share; 0 where it is hardly any. Parameters as in ``shared_variance``."""
     square, error = shared_variance(residuals, std)
-    known = std[np.isfinite(std)]
-    worth = square > max(_COMMON_ERRORS * error, _COMMON_SHARE * float(np.median(known)) ** 2 if known.size else 0.0)
-    return math.sqrt(square) if worth else 0.0
+    if not square > _COMMON_ERRORS * error:
+        return 0.0
+    least = _COMMON_SHARE * float(np.median(std[np.isfinite(std)])) ** 2
+    return math.sqrt(square) if square > least else 0.0
 
 
 def shared_variance(residuals: np.ndarray, std: FloatArray) -> tuple[float, float]:

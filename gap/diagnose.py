@@ -32,6 +32,7 @@ from gap.search import (
     bent_little,
     best_first,
     from_afar_too,
+    matched,
     recalibrate,
     search,
     with_bent,
@@ -99,7 +100,7 @@ def diagnose(
     ranked = rank(problem, nominal, standing)
     standing = of_the_likeliest(problem, nominal, ranked, standing)
     verdict = verdict_of(ranked, standing) if enough else "not_enough_data"
-    answer = Answer(whole, problem, nominal, ranked, standing, verdict)
+    answer = Answer(whole, problem, nominal, matched(problem, nominal, scale_of(standing.quality)), ranked, standing, verdict)
     return report(campaign, answer, findings, exclude, confirm, clock)
 
 

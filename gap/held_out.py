@@ -47,7 +47,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
             for o, mask in zip(problem.observed, masks, strict=True)
         ]
     )
-    without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(0.0,))
+    without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
     with_it = _refitted(training, best)
     before = problem.bare(without)  # strained drifts would follow any gap between the lines that they were fitted to
     after = problem.predict(with_it)

@@ -37,6 +37,10 @@ _FAR, _FARTHER = 0.05, 4.0
 # A measured displacement is changed by such a share (of its logarithm) at most, in so many rounds, to suit the force.
 _WIDEST, _ROUNDS = 0.7, 5
 
+# Where only magnitudes were measured: phases against the linear rotor's response; past its resonance a motion that is
+# still below its own is opposite.
+_PHASES = (0.0, np.pi, np.pi / 2)
+
 # Parameters this near to those of the known motion: it is the start, and no other is tried.
 _NEAR = 2e-3
 
@@ -240,7 +244,7 @@ class NonlinearModal:
 
     def _nearer(self, balance: Balance, best: Solved, given_up: BoolArray) -> Solved:
         """Start lines that are far from the data again: from the data, without the law, and from their neighbours."""
-        for start in ("data", "force", "linear", "left", "right"):
+        for start in ("data", "force", "linear", "left", "right", *(_PHASES if self.run.magnitude_only and self.resolution.bends else ())):
             miss = self._miss(best)
             far = np.flatnonzero(_far(best, miss) & ~given_up)
             if not len(far):
@@ -249,6 +253,8 @@ class NonlinearModal:
                 joints = self._measured_motion(balance)[far]
             elif start == "force":
                 joints = self._measured_force(balance, far)
+            elif isinstance(start, float):
+                joints = self._measured_motion(balance, start)[far]
             elif start == "linear":
                 joints = self._force * balance.receptance(self._omega[far])[1]
             else:
@@ -277,9 +283,9 @@ class NonlinearModal:
         d = np.where(np.isfinite(H), np.abs(y) - np.abs(solved.H) if self.run.magnitude_only else y - solved.H, 0.0)
         return np.linalg.norm(d, axis=1) / np.maximum(np.linalg.norm(y, axis=1), 1e-300)
 
-    def _measured_motion(self, balance: Balance) -> ComplexArray:
+    def _measured_motion(self, balance: Balance, phase: float | None = None) -> ComplexArray:
         """(n_freq, K, n_joints) joints that the data tell of; harmonics and mean start at zero."""
-        return self._measured(balance)[0]
+        return self._measured(balance, phase)[0]
 
     def _measured_force(self, balance: Balance, lines: IntArray) -> ComplexArray:
         """The same of some lines, made larger or smaller until the laws give the forces that the data tell of.
@@ -297,15 +303,18 @@ class NonlinearModal:
             width /= 4
         return X * np.exp(best)[:, None]
 
-    def _measured(self, balance: Balance) -> tuple[ComplexArray, ComplexArray]:
-        """(n_freq, K, n_joints) displacements [m] and (n_freq, n_joints) fundamentals of the forces [N]."""
+    def _measured(self, balance: Balance, phase: float | None = None) -> tuple[ComplexArray, ComplexArray]:
+        """(n_freq, K, n_joints) displacements [m] and (n_freq, n_joints) fundamentals of the forces [N].
+
+        Magnitudes tell nothing, unless they are given the phases of the linear rotor's response, turned by ``phase``.
+        """
         states = balance.resolvent(self._omega, balance.loads)[:, 1]  # (n_freq, n_states, n_joints + 1)
         sensors, joints = self._read(balance) @ states, balance.left @ states
         linear = sensors[:, :, -1] * self._force
         y = np.where(np.isfinite(self.run.H), self.run.H, 0.0) / (self._unit * self._scale[:, None])
         y = np.where(np.isfinite(self.run.H), y, linear)
         if self.run.magnitude_only:
-            y = linear
+            y = linear if phase is None else np.abs(y) * np.exp(1j * (np.angle(linear) + phase))
         elif self.run.quantity == "acceleration":  # of an arbitrary scale
             usable = (np.abs(y) > 0) & (np.abs(linear) > 0)
             y = y / np.exp(np.median(np.log(np.abs(y[usable] / linear[usable])))) if usable.any() else y

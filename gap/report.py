@@ -70,7 +70,8 @@ class Answer:
 
     whole: Problem  # of all lines
     problem: Problem  # that the fits belong to
-    nominal: Fit
+    fitted: Fit  # the recalibrated nominal model by the data's own errors
+    nominal: Fit  # the same, as it is said; see ``matched``
     ranked: Ranked
     standing: Standing
     verdict: Verdict
@@ -175,7 +176,7 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
         "k_b": _k_b(problem, nominal, answer.scale) if nominal.n_data else None,
         "gap": _mean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]),
         "gap_dB": _mean([log_distance_db(c.run.H, c.nominal) for c in curves]),
-        "misfit": judge(problem, nominal).misfit,
+        "misfit": judge(problem, answer.fitted).misfit,
         "probability": _known(answer) * answer.ranked.no_gap if answer.verdict != "not_enough_data" else math.nan,
         **{key: getattr(campaign.nominal, key) for key in DAMPING},
     }

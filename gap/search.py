@@ -106,6 +106,28 @@ def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
     return problem.fit(NOMINAL, best)
 
 
+def matched(problem: Problem, nominal: Fit, scale: float = 1.0) -> Fit:
+    """The nominal model that is as near to all lines alike as a relative error of the data lets it be.
+
+    Where a gap is many times the noise, its drifts and tolerances would go any way to follow the few lines with the
+    smallest errors, and k_b with them. The least error is added that what is left is within: none without a gap.
+
+    Parameters
+    ----------
+    nominal : its fit by the data's own errors
+    scale : true over believed standard error
+    """
+    if nominal.chi2 <= _WITHIN * nominal.n_data * scale**2:
+        return nominal
+    u, nu, best = nominal.u, None, nominal
+    for added in _ADDED:
+        fit = problem.fit(NOMINAL, u, nu, anneal=(added,))
+        if added < _ADDED[0] and fit.chi2 > _WITHIN * fit.n_data:
+            break
+        u, nu, best = fit.u, fit.nu, fit
+    return best
+
+
 def strained(problem: Problem, cause: Fit) -> Fit:
     """The nominal model with its nuisances bent as far as they go towards what a cause explains.
 
@@ -121,6 +143,9 @@ def strained(problem: Problem, cause: Fit) -> Fit:
         made = problem.loosened(factor).fit(NOMINAL, made.u, made.nu, anneal=(0.0,))
     return made
 
+
+# Relative errors that are added, and mean square misfit that is within them.
+_ADDED, _WITHIN = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005), 1.1
 
 # Factors of the nuisances' priors.
 _LOOSE = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)

@@ -35,6 +35,7 @@ from gap.search import (
     _of_each,
     all_polished,
     from_afar_too,
+    matched,
     polished,
     recalibrate,
     search,
@@ -57,6 +58,7 @@ from rotor.effects import (
     PlaneAnisotropy,
     SensorDelay,
     SensorGain,
+    ShaftDamping,
     ShaftModulus,
 )
 from rotor.measured import measured_response
@@ -477,6 +479,27 @@ def test_rigid_runs_alone_are_a_problem_of_their_own():
     problem = problem_with()
     assert [run.support for run in problem.only("rigid").runs] == ["rigid"]
     assert problem_of(measure("rigid", frequency_hz=lines("rigid"))).only("rigid") is None
+
+
+@pytest.mark.parametrize("damping", [0.0015, 0.006])
+def test_what_the_nominal_model_cannot_explain_does_not_pull_its_stiffness(damping):
+    """With another damping the peaks stand where they did; fitted by the noise alone they would drift, and k_b too."""
+    problem = problem_with(ShaftDamping(damping_ratio=damping))
+    fitted = recalibrate(problem)
+    said = matched(problem, fitted)
+    assert abs(fitted.k_b / K_B - 1) > 0.01
+    assert abs(said.k_b / K_B - 1) < 0.004
+    assert said.penalty < fitted.penalty / 100
+
+
+def test_a_nominal_model_that_explains_the_runs_is_said_as_it_was_fitted():
+    problem = problem_with()
+    fitted = recalibrate(problem)
+    assert matched(problem, fitted) is fitted
+    doubted = problem.on([replace(o, std=o.std / 3) for o in problem.observed])
+    fitted = recalibrate(doubted)
+    assert matched(doubted, fitted, scale=3.0) is fitted
+    assert matched(doubted, fitted).added > 0
 
 
 def test_a_strained_nominal_model_follows_a_cause_that_its_tolerances_can_mimic():

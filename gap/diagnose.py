@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from gap.adequacy import judge, not_shared
 from gap.audit import amplitude_dependent, audit, usable
 from gap.fit import Fit
+from gap.forward import nonlinear
 from gap.held_out import Confirm
 from gap.helpers import helped_by
 from gap.hypotheses import Hypothesis, candidates
@@ -100,7 +101,9 @@ def diagnose(
     ranked = rank(problem, nominal, standing)
     standing = of_the_likeliest(problem, nominal, ranked, standing)
     verdict = verdict_of(ranked, standing) if enough else "not_enough_data"
-    answer = Answer(whole, problem, nominal, matched(problem, nominal, scale_of(standing.quality)), ranked, standing, verdict)
+    robust = any(nonlinear(fit.effects) for fit in fits)  # and so is the nominal model
+    said = nominal if robust else matched(problem, nominal, scale_of(standing.quality))
+    answer = Answer(whole, problem, nominal, said, ranked, standing, verdict)
     return report(campaign, answer, findings, exclude, confirm, clock)
 
 

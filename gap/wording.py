@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 
 from gap.diagnosis import Cause, Diagnosis, Finding, NextTest, Shrink, Verdict, explainable
 from gap.hypotheses import SURE
-from gap.phrases import effects_at, lowered, part, place, supports
+from gap.phrases import effects_at, listed, lowered, part, place, supports
 from gap.ranking import ANSWERED
 from rotor.rig import Rig, load_rig
 from sim.campaign import SUPPORTS, Campaign
@@ -24,13 +24,16 @@ def named(cause: Cause) -> str:
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence, and in another what the audit wants corrected before it is believed."""
-    wrong = [f"First of all, {f.run}: {lowered(f.words)}" for f in diagnosis.audit if must_be_corrected(f)]
-    return " ".join([_verdict(diagnosis), *wrong])
+    wrong: dict[str, list[str]] = {}
+    for finding in filter(must_be_corrected, diagnosis.audit):
+        wrong.setdefault(lowered(finding.words), []).append(finding.run)
+    said = [f"{listed(runs)}: {words}" for words, runs in wrong.items()]
+    return " ".join([_verdict(diagnosis), *(f"First of all, {first}" for first in said[:1]), *said[1:]])
 
 
 def must_be_corrected(finding: Finding) -> bool:
-    """Whether a run's names or signs do not fit what it shows: then no model that has them right can explain it."""
-    return finding.check in ("labels", "sign") and finding.severity == "error"
+    """Whether names, signs or units do not fit what a run shows: then no model that has them right can explain it."""
+    return finding.check in ("labels", "sign", "units") and finding.severity == "error"
 
 
 def _verdict(diagnosis: Diagnosis) -> str:

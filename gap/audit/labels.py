@@ -1,4 +1,4 @@
-"""Names of a run that do not fit what it shows: exchanged sensors, another exciter, quantity, unit or support.
+"""What a run says of itself and does not show: exchanged sensors, another exciter, quantity, unit, range or support.
 
 The drawing says how large each node's response is beside the others', line by line and whatever the gain. A gap moves
 resonances and changes peaks; an exchanged cable changes the whole curve of two channels, and a wrong exciter all. A
@@ -7,7 +7,7 @@ velocity that passes for an acceleration tilts every curve, and frequencies in a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
@@ -37,6 +37,11 @@ _FREQUENCY_UNITS = {"rad/s": 2 * np.pi, "rev/min": 60.0, "kHz": 1e-3}
 # What responses per newton may be.
 _QUANTITIES: tuple[Quantity, ...] = ("receptance", "mobility", "accelerance")
 
+# A channel reads in another unit or range where it is so many times as large as the others say; gaps reach 2. What
+# the factor may be, within this share of it.
+_OTHER_RANGE, _RANGE_ERROR = 3.0, 0.05
+_RANGES = {9.81: "g and m/s^2", 10.0: "an amplifier's range", 1e2: "an amplifier's range", 1e3: "mm and m"}
+
 # Frequencies along the band at which a run's lines are looked at.
 _SPREAD = 200
 
@@ -57,11 +62,9 @@ def check_labels(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Findi
 
 def _check_run(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
     """Names and units of one run: others, where these leave half of its distance to the drawing or less."""
-    moving = geometry.nodes - geometry.held_nodes(p.run)
-    places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node in moving]
-    places = [i for i in places if not is_only_noise(p.noise, p.live[i])]
+    moving, places = geometry.nodes - geometry.held_nodes(p.run), _told_by(p, geometry)
     nodes, exciter = tuple(p.channels[i].node for i in places), p.run.excitation_node
-    if not nodes or len(p.f) < _LINES:
+    if not nodes:
         return
     curves = _Curves(p, places, geometry)
     distance, named = curves.distance(nodes, exciter), len(nodes) >= _CHANNELS
@@ -73,10 +76,18 @@ def _check_run(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
     others = [(_Curves(q, places, geometry).distance(nodes, exciter), *words) for q, *words in _in_other_units(p)]
     if named:
         others.append(_other_names(curves, nodes, exciter, moving, geometry))
+        others += _other_range(curves, nodes, exciter, geometry)
     left, looks, do = min(others)
     if left <= _SHARE * distance:
         words = f"{looks}: off by {_percent(left)} in the median then, by {_percent(distance)} as they are named"
         yield p.finding("labels", "error", f"{words}; {do}.", distance, _DISTANCE)
+
+
+def _told_by(p: Prepared, geometry: Geometry) -> list[int]:
+    """Live channels along the exciter that move and carry the rotor; none where the lines are too few."""
+    moving = geometry.nodes - geometry.held_nodes(p.run)
+    places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node in moving]
+    return [i for i in places if not is_only_noise(p.noise, p.live[i])] if len(p.f) >= _LINES else []
 
 
 def _in_other_units(p: Prepared) -> Iterator[tuple[Prepared, str, str]]:
@@ -95,8 +106,8 @@ def _other_names(
     curves: _Curves, nodes: tuple[int, ...], exciter: int, moving: frozenset[int], geometry: Geometry
 ) -> tuple[float, str, str]:
     """The exciter, or the names of the sensors, that suit best: what is left, what is said of that, and do."""
-    names = {order: curves.roughly(order, exciter)[0] for order in _orders(nodes, geometry.nodes)}
-    drives = {node: curves.roughly(nodes, node)[0] for node in sorted(moving - {exciter})}
+    names = {order: curves.roughly(order, exciter) for order in _orders(nodes, geometry.nodes)}
+    drives = {node: curves.roughly(nodes, node) for node in sorted(moving - {exciter})}
     order, drive = min(names, key=names.__getitem__), min(drives, key=drives.__getitem__)
     if drives[drive] <= names[order]:
         looks = f"The responses look like those to a force at node {drive}, not {exciter}"
@@ -106,6 +117,21 @@ def _other_names(
     right = "each other's" if len(changed) == 2 else f"those of nodes {listed(b for _, b in changed)}"
     looks = f"The responses of nodes {listed(a for a, _ in changed)} look like {right}"
     return curves.distance(order, exciter), looks, "look for exchanged cables or columns"
+
+
+def _other_range(
+    curves: _Curves, nodes: tuple[int, ...], exciter: int, geometry: Geometry
+) -> Iterator[tuple[float, str, str]]:
+    """Less than half of the channels, were each of a size of its own; at bearings that is k_b's."""
+    left, sizes = curves.with_own_sizes(nodes, exciter)
+    free = [node not in geometry.bearings for node in nodes]
+    odd = np.flatnonzero(free & (np.abs(sizes) > np.log(_OTHER_RANGE)))
+    if 0 < 2 * len(odd) < len(nodes):
+        many = f"node {nodes[odd[0]]} are" if len(odd) == 1 else f"nodes {listed(nodes[i] for i in odd)} are"
+        factors = listed(f"{np.exp(abs(sizes[i])):.3g} times too {'large' if sizes[i] > 0 else 'small'}" for i in odd)
+        units = {_RANGES[f] for i in odd for f in _RANGES if abs(abs(sizes[i]) - np.log(f)) < _RANGE_ERROR}
+        hint = f" ({' or '.join(sorted(units))}?)" if units else ""
+        yield left, f"The responses of {many} {factors} beside the others'{hint}", "correct unit, sensitivity or range"
 
 
 def _percent(distance: float) -> str:
@@ -149,24 +175,53 @@ class _Curves:
 
     def distance(self, nodes: Sequence[int], exciter: int) -> float:
         """Mean over channels of the median |ln ratio|, with one gain for all and the k_b that suits these names."""
-        rough, k_b = self.roughly(nodes, exciter)
-        if len(self._k_b) == 1:
-            return rough
-        ends = self._k_b[max(k_b - 1, 0)], self._k_b[min(k_b + 1, len(self._k_b) - 1)]
-        nearest = minimize_scalar(
-            lambda x: self._at(x, nodes, exciter), bounds=ends, method="bounded", options={"xatol": 1e-3}
-        )
-        return min(rough, float(nearest.fun))
+        return self._nearest(lambda x: self._at(x, nodes, exciter))[0]
 
-    def roughly(self, nodes: Sequence[int], exciter: int) -> tuple[float, int]:
-        """The same at the nearest k_b that is tried, and which that is."""
-        raster = [self._at(x, nodes, exciter) for x in self._k_b]
-        return min(raster), int(np.argmin(raster))
+    def _nearest(self, off: Callable[[float], float]) -> tuple[float, float]:
+        """How little is off, and at which ln k_b."""
+        raster = [off(x) for x in self._k_b]
+        k = int(np.argmin(raster))
+        if len(self._k_b) == 1:
+            return raster[k], float(self._k_b[k])
+        ends = self._k_b[max(k - 1, 0)], self._k_b[min(k + 1, len(self._k_b) - 1)]
+        nearest = minimize_scalar(off, bounds=ends, method="bounded", options={"xatol": 1e-3})
+        return min((raster[k], float(self._k_b[k])), (float(nearest.fun), float(nearest.x)))
+
+    def roughly(self, nodes: Sequence[int], exciter: int) -> float:
+        """``distance`` at the nearest k_b of a raster."""
+        return min(self._at(x, nodes, exciter) for x in self._k_b)
+
+    def with_own_sizes(self, nodes: Sequence[int], exciter: int) -> tuple[float, FloatArray]:
+        """What each channel is off with a gain of its own, at the k_b that suits, and these beside the usual.
+
+        Returns
+        -------
+        mean over channels of the median |ln ratio|, and (n,) logarithms of their gains over the median one
+        """
+        left, ln_k_b = self._nearest(lambda x: float(np.mean(self._off(x, nodes, exciter)[0])))
+        sizes = self._off(ln_k_b, nodes, exciter)[1]
+        return left, sizes - np.median(sizes)
+
+    def _off(self, ln_k_b: float, nodes: Sequence[int], exciter: int) -> tuple[FloatArray, FloatArray]:
+        """(n,) median |ln ratio| of every channel with a gain of its own, and (n,) logarithms of these gains."""
+        ratio = self._ratio(ln_k_b, nodes, exciter)
+        sizes = np.median(ratio, axis=0)
+        return np.median(np.abs(ratio - sizes), axis=0), sizes
+
+    def _ratio(self, ln_k_b: float, nodes: Sequence[int], exciter: int) -> FloatArray:
+        return self._measured - self._drawn(ln_k_b, exciter)[:, np.array(nodes) - 1]
 
     def _at(self, ln_k_b: float, nodes: Sequence[int], exciter: int) -> float:
-        ratio = self._measured - self._drawn(ln_k_b, exciter)[:, np.array(nodes) - 1]
+        ratio = self._ratio(ln_k_b, nodes, exciter)
         ratio -= np.median(np.median(ratio, axis=0))
         return float(np.mean(np.median(np.abs(ratio), axis=0)))
+
+
+def _is_as_drawn(p: Prepared, geometry: Geometry) -> bool:
+    """Whether a run is near the drawing's on its own supports, whatever hum its first resonance may be."""
+    places = _told_by(p, geometry)
+    nodes = [p.channels[i].node for i in places]
+    return bool(nodes) and _Curves(p, places, geometry).distance(nodes, p.run.excitation_node) < _DISTANCE
 
 
 def _check_supports(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Finding]:
@@ -174,7 +229,7 @@ def _check_supports(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Fi
     for plane in ("y", "z"):
         seen = [p for p in runs if p.run.excitation_plane == plane and p.resonances]
         rigid, bearing = ([p for p in seen if p.run.support == support] for support in ("rigid", "bearing"))
-        if not rigid or not bearing:
+        if not rigid or not bearing or all(_is_as_drawn(p, geometry) for p in rigid):
             continue
         stiff, soft = (float(np.median([p.resonances[0].frequency_hz for p in each])) for each in (rigid, bearing))
         drawn = geometry.first_resonance(rigid[0].run)

@@ -322,8 +322,10 @@ def _residuals(fit: _Windows, H: np.ndarray, magnitude: bool) -> np.ndarray:
     """(n_freq, n_channels) residual of every line, freed of its leverage; nan where the leverage is too high."""
     Y = np.abs(H) ** 2 if magnitude else H
     size = np.abs(Y)
-    # A line in an antiresonance, a thousandth of the usual, must not rule its window.
-    weight = 1 / np.maximum(size, 1e-3 * np.median(size, axis=0) + np.finfo(float).tiny)
+    # Neither a line in an antiresonance, a thousandth of the usual, nor one that dropped out must rule its window.
+    usual = np.maximum(size, 1e-3 * np.median(size, axis=0) + np.finfo(float).tiny)
+    usual[1:-1] = np.maximum(usual[1:-1], np.minimum(size[:-2], size[2:]))
+    weight = 1 / usual
     first, d = fit.residuals(Y, weight, prior=1e-6, denominator=None)
     level = np.array([mean_square(np.abs(r) ** 2, magnitude=magnitude) for r in (first * weight).T])
     weight = weight / np.maximum(np.sqrt(level), 1e-9)

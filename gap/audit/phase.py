@@ -167,11 +167,11 @@ def check_sign(p: Prepared, geometry: Geometry, delays: Delays | None) -> Iterat
         words += ": the responses are conjugated, as with e^(-i omega t)"
         yield p.finding("sign", "error", f"{words}; change the sign of the imaginary parts.", rise, _RISES)
         y = y.conj()
-    if delays is not None:
-        y = y * np.exp(1j * 2 * np.pi * p.f[:, None] * delays.common[0])
-    judged = _low_signs(p, geometry, y)
-    drive = _drive_sign(p, y)
-    if not judged and drive is None:
+    judged = _signs(p, geometry, y)
+    if delays is not None:  # which bent peaks may feign: an inverted sensor shows without it too
+        on_time = _signs(p, geometry, y * np.exp(1j * 2 * np.pi * p.f[:, None] * delays.common[0]))
+        judged = {place: max(sign, judged.get(place, 1)) for place, sign in on_time.items()}
+    if not judged:
         yield p.finding(
             "sign",
             "note",
@@ -179,8 +179,6 @@ def check_sign(p: Prepared, geometry: Geometry, delays: Delays | None) -> Iterat
             "check it by hand.",
         )
         return
-    if drive is not None and not judged:
-        judged = {drive[0]: drive[1]}
     inverted = [place for place, sign in judged.items() if sign < 0]
     if not inverted:
         words = f"The polarity of {len(judged)} of {len(p.live)} channels agrees with the force's"
@@ -212,6 +210,11 @@ def _rise(p: Prepared) -> float:
     return float(np.median(rises)) if rises else np.nan
 
 
+def _signs(p: Prepared, geometry: Geometry, y: Any) -> dict[int, int]:
+    """+1 or -1 (inverted) by live channel: from low lines, or else of the drive point; empty where nothing tells."""
+    return _low_signs(p, geometry, y) or _drive_sign(p, y)
+
+
 def _low_signs(p: Prepared, geometry: Geometry, y: Any) -> dict[int, int]:
     """+1 or -1 (inverted) by live channel, from lines below the first resonance; empty where they do not tell."""
     expected = geometry.low_response(p.run)
@@ -238,12 +241,12 @@ def _falls(size: FloatArray) -> bool:
     return bool(np.median(size[:third]) > np.median(size[-third:]))
 
 
-def _drive_sign(p: Prepared, y: np.ndarray) -> tuple[int, int] | None:
-    """Live channel of the drive point and whether the force feeds energy in at its first resonance: Im H <= 0."""
+def _drive_sign(p: Prepared, y: np.ndarray) -> dict[int, int]:
+    """The same of the drive point: whether the force feeds energy in at its first resonance, Im H <= 0."""
     run = p.run
     places = [i for i, c in enumerate(p.channels) if (c.node, c.plane) == (run.excitation_node, run.excitation_plane)]
     if not places or not p.resonances or run.spin_rpm:
-        return None
+        return {}
     value = y[p.resonances[0].line, places[0]]
     sine = value.imag / abs(value) if value else 0.0
-    return (places[0], -int(np.sign(sine))) if abs(sine) > _CLEAR_COSINE else None
+    return {places[0]: -int(np.sign(sine))} if abs(sine) > _CLEAR_COSINE else {}

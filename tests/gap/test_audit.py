@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gap.audit import audit, believed_errors, common_error, estimate_noise, usable
+from gap.audit.geometry import geometry_of
 from gap.audit.noise import mean_square
 from gap.audit.pairs import compare
+from gap.audit.phase import Delays, _drive_sign, check_sign
 from gap.audit.prepared import Prepared, prepare
 from gap.audit.wild import wild_lines, without_wild_lines
 from gap.diagnosis import Finding
@@ -304,6 +306,14 @@ def test_wild_lines_are_found_and_left_out(condition):
     assert_array_equal(np.delete(tamed.H, seen, axis=0), np.delete(odd.H, seen, axis=0))
 
 
+@pytest.mark.parametrize("factor", [0.3, 0.1, 1e-3])
+def test_a_line_that_dropped_out_is_wild(factor):
+    """So small a line has a small error as well, and would rule its neighbours' curve."""
+    run = measure(RIGID, np.r_[np.arange(20.0, 400.5, 2.2)], noise=0.01)
+    run.H[80] *= factor
+    assert np.flatnonzero(wild_lines(run)).tolist() == [80]
+
+
 def test_plain_wild_lines_are_found_in_magnitudes():
     run = measure(BEARING, noise=0.01)
     H = np.abs(run.H).astype(complex)
@@ -523,6 +533,15 @@ def test_an_inverted_sensor_is_found(node, condition, delay):
     assert (found.check, f"node{node}" in found.words) == ("sign", True)
 
 
+def test_a_delay_that_bent_peaks_feign_inverts_no_sensor():
+    run = measure(RIGID, EVEN[68:])
+    prepared = Prepared(run, "run")
+    feigned = Delays(np.arange(5), np.full(5, 5e-3), np.full(5, 1e-5), 0.0)
+    turned = prepared.receptance * np.exp(2j * np.pi * prepared.f[:, None] * 5e-3)
+    assert min(_drive_sign(prepared, turned).values()) < 0
+    assert [f.severity for f in check_sign(prepared, geometry_of(RIG), feigned)] == ["ok"]
+
+
 def test_an_inverted_force_is_found():
     run = measure(BEARING)
     (found,) = troubles(audit(in_campaign(replace(run, H=-run.H))))
@@ -654,6 +673,25 @@ def test_supports_that_were_not_changed_are_found():
     runs = measure(soft), replace(measure(soft, seed=1), support="rigid")
     (found,) = [f for f in noted(audit(in_campaign(*runs)), "labels") if "," in f.run]
     assert "whether the supports were changed" in found.words
+
+
+def test_a_hum_below_the_first_resonance_exchanges_no_supports():
+    runs = measure(RIGID, EVEN), measure(BEARING, EVEN, seed=1)
+    hum = np.exp(-(((EVEN - 50) / 0.7) ** 2))
+    loud = replace(runs[0], H=runs[0].H + 5 * np.median(np.abs(runs[0].H)) * hum[:, None])
+    assert prepare([loud])[0].resonances[0].frequency_hz == pytest.approx(50, abs=1)
+    assert not noted(audit(in_campaign(loud, runs[1])), "labels")
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+@pytest.mark.parametrize(("factor", "size", "unit"), [(1 / 9.81, "small", "g and m/s^2"), (100, "large", "amplifier")])
+def test_a_sensor_in_another_unit_or_range_is_found(condition, factor, size, unit):
+    run = measure(condition, noise=0.01)
+    factors = np.where(np.arange(1, 8) == 5, factor, 1)
+    (found,) = noted(audit(in_campaign(replace(run, H=run.H * factors, std=run.std * factors))), "labels")
+    assert "responses of node 5 are" in found.words
+    assert f"times too {size}" in found.words
+    assert unit in found.words
 
 
 LINEAR = [effect for effect in EFFECTS.values() if effect.family not in ("nonlinear", "spinning")]

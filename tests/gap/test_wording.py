@@ -53,6 +53,13 @@ def test_no_gap_is_said_of_the_lines_that_were_used(check, severity, said):
     assert sentence(SimpleNamespace(verdict="no_gap", audit=(found,))).endswith(said)  # type: ignore[arg-type]
 
 
+def test_what_must_be_corrected_first_is_said_once():
+    inverted = [Finding("sign", "error", "Node 3 is inverted.", run, 1.0, 0.0) for run in ("one", "two")]
+    wrong = Finding("units", "error", "A unit is wrong.", "three", 9.81, 2.5)
+    words = sentence(SimpleNamespace(verdict="no_gap", audit=(*inverted, wrong)))  # type: ignore[arg-type]
+    assert words.endswith("First of all, one and two: node 3 is inverted. three: a unit is wrong.")
+
+
 def test_of_a_gap_like_the_noise_no_share_is_said():
     small = Shrink("stretches", 0.0101, 0.02, 0.01, -1.0, -94.0, (-1.0, 0.5), "model")
     assert sentence(ambiguous(0.0, small)).endswith("at the disks.")  # type: ignore[arg-type]

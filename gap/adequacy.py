@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from gap.audit.noise import CREDIBLE, live_channels, of_complex, shared_variance
 from gap.fit import Fit
 from gap.likelihood import Problem
+from gap.nonlinear import BoolArray
 from gap.residuals import Observed, residual
 from rotor.structure import ComplexArray, FloatArray
 
@@ -22,6 +23,11 @@ _DOUBTFUL = 5.0
 
 # Channels hardly share an error if it is, by so many standard errors, below this part of what the lines seemed to tell.
 _HARDLY, _SURELY = 0.5, 2.0
+
+# A fit plainly misses a line whose misfit is so many times what chance leaves once in so many lines. Missed lines are
+# few up to this share of a run, or this many, and a resonance is near within this share of its frequency.
+_PLAINLY, _CHANCE = 10.0, 1e-9
+_SHARE, _FEW, _NEAR = 0.03, 3, 0.01
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,24 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         correlation=products / max(squares, 1e-30) * n / np.sqrt(max(variance, 1.0)),
         spread=float(np.sqrt(2 / max(reals, 1))),
     )
+
+
+def odd_lines(problem: Problem, fit: Fit) -> list[BoolArray]:
+    """(n_freq,) of every run: lines near no resonance that a fit plainly misses, where they are few; else none.
+
+    No rotor has a gap at single lines far from its resonances. A controller that slipped makes one, and so does hum.
+    """
+    scale2 = max(judge(problem, fit).scale, 1.0) ** 2
+    found = []
+    predicted = zip(problem.observed, problem.predict(fit), problem.modals(fit.k_b, fit.effects), strict=True)
+    for observed, model, modal in predicted:
+        z, f = whitened(observed, model), observed.run.frequency_hz
+        numbers = np.isfinite(z).sum(axis=1) * (1 if observed.run.magnitude_only else 2)
+        missed = np.nansum(np.abs(z) ** 2, axis=1) > _PLAINLY * scale2 * chi2.isf(_CHANCE, np.maximum(numbers, 1))
+        near = np.abs(f[:, None] / modal.frequencies_hz - 1).min(initial=np.inf, axis=1) < _NEAR
+        odd = missed & ~near
+        found.append(odd if odd.sum() <= max(_FEW, _SHARE * len(f)) else np.zeros(len(f), dtype=bool))
+    return found
 
 
 def not_shared(problem: Problem, fit: Fit) -> Problem | None:

@@ -9,8 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gap.adequacy import judge, not_shared
+from gap.adequacy import judge, not_shared, odd_lines
 from gap.audit import amplitude_dependent, audit, usable
+from gap.audit.prepared import prepare
+from gap.audit.wild import left_out, silenced
+from gap.diagnosis import Finding
 from gap.fit import Fit
 from gap.forward import nonlinear
 from gap.held_out import Confirm
@@ -86,7 +89,8 @@ def diagnose(
     if not campaign.runs:
         return Outcome(diagnose_peaks(campaign, exclude, findings), ())
     campaign = usable(campaign)
-    problem, nominal = prepared(campaign)
+    campaign, problem, nominal, odd = _without_odd_lines(campaign, *prepared(campaign))
+    findings += odd
     clock.lap("recalibration")
     library = _library(problem, exclude)
     whole, enough = problem, nominal.n_data >= LEAST_DATA
@@ -105,6 +109,22 @@ def diagnose(
     said = nominal if robust else matched(problem, nominal, scale_of(standing.quality))
     answer = Answer(whole, problem, nominal, said, ranked, standing, verdict)
     return report(campaign, answer, findings, exclude, confirm, clock)
+
+
+def _without_odd_lines(
+    campaign: Campaign, problem: Problem, nominal: Fit
+) -> tuple[Campaign, Problem, Fit, tuple[Finding, ...]]:
+    """Leave out single lines that alone keep the nominal model from explaining the runs, and say which."""
+    odd = odd_lines(problem, nominal)
+    if not np.concatenate(odd).any() or adequate(problem, nominal):
+        return campaign, problem, nominal, ()
+    left = replace(campaign, runs=tuple(map(silenced, campaign.runs, odd)))
+    problem_left, nominal_left = prepared(left)
+    if not adequate(problem_left, nominal_left):
+        return campaign, problem, nominal, ()
+    why = "Only here, far from any resonance, the nominal model misses what was measured, as where a mains hum is read"
+    named = [(p, p.run.frequency_hz[lines]) for p, lines in zip(prepare(campaign.runs), odd, strict=True)]
+    return left, problem_left, nominal_left, tuple(left_out(p, f, why) for p, f in named if len(f))
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ _FAR, _FARTHER = 0.05, 4.0
 _WIDEST, _ROUNDS = 0.7, 5
 
 # Where only magnitudes were measured: phases against the linear rotor's response; past its resonance a motion that is
-# still below its own is opposite.
+# still below its own is opposite. Of rough motions these let wrong candidates pass for right ones.
 _PHASES = (0.0, np.pi, np.pi / 2)
 
 # Parameters this near to those of the known motion: it is the start, and no other is tried.
@@ -244,7 +244,8 @@ class NonlinearModal:
 
     def _nearer(self, balance: Balance, best: Solved, given_up: BoolArray) -> Solved:
         """Start lines that are far from the data again: from the data, without the law, and from their neighbours."""
-        for start in ("data", "force", "linear", "left", "right", *(_PHASES if self.run.magnitude_only and self.resolution.bends else ())):
+        phases = _PHASES if self.run.magnitude_only and self.resolution.bends else ()
+        for start in ("data", "force", "linear", "left", "right", *phases):
             miss = self._miss(best)
             far = np.flatnonzero(_far(best, miss) & ~given_up)
             if not len(far):

@@ -47,7 +47,7 @@ def wild_lines(run: Run) -> NDArray[np.bool_]:
 
 def without_wild_lines(runs: Sequence[Run]) -> list[Run]:
     """Runs without their values; they were swept all the same, as a fast sweep's next lines tell."""
-    return [_silenced(run) for run in runs]
+    return [silenced(run, wild_lines(run)) for run in runs]
 
 
 def tamed(p: Prepared) -> Prepared:
@@ -60,16 +60,20 @@ def check_wild_lines(p: Prepared, left: Prepared) -> Iterator[Finding]:
     """Say which lines of a run are wild: those that are not left."""
     wild = np.setdiff1d(p.run.frequency_hz, left.run.frequency_hz)
     if len(wild):
-        named = ", ".join(f"{f:.5g}" for f in wild[:5]) + (" and others" if len(wild) > 5 else "")
         many = "1 line does not go with its" if len(wild) == 1 else f"{len(wild)} lines do not go with their"
-        words = f"{many} neighbours; left out: {named} Hz. Repeat what was measured there."
-        yield p.finding("missing_lines", "warning", words, float(len(wild)), 0.0)
+        yield left_out(p, wild, f"{many} neighbours")
 
 
-def _silenced(run: Run) -> Run:
-    """A run without the values of its wild lines."""
-    wild = wild_lines(run)
-    return replace(run, H=np.where(wild[:, None], np.nan, run.H)) if wild.any() else run
+def left_out(p: Prepared, frequency_hz: FloatArray, why: str) -> Finding:
+    """Say which lines of a run are left out, and why."""
+    named = ", ".join(f"{f:.5g}" for f in frequency_hz[:5]) + (" and others" if len(frequency_hz) > 5 else "")
+    words = f"{why}; left out: {named} Hz. Repeat what was measured there."
+    return p.finding("missing_lines", "warning", words, float(len(frequency_hz)), 0.0)
+
+
+def silenced(run: Run, lines: NDArray[np.bool_]) -> Run:
+    """A run without the values of some lines, which were swept all the same."""
+    return replace(run, H=np.where(lines[:, None], np.nan, run.H)) if lines.any() else run
 
 
 def _errors(run: Run) -> FloatArray:

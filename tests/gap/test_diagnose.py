@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from gap.adequacy import Adequacy, judge, not_shared
+from gap.adequacy import Adequacy, judge, not_shared, odd_lines
 from gap.audit import common_error, usable
 from gap.audit.prepared import Prepared
 from gap.curves import nrmse
@@ -704,6 +704,43 @@ def test_a_sensor_beside_its_node_is_not_passed_off_as_one_mounted_anew():
     diagnosis = diagnose(campaign_of(*both_supports(effect)), exclude=all_but("sensor_position", *RIVALS)).diagnosis
     assert (diagnosis.verdict, diagnosis.causes[0].effects) == ("cause", ("sensor_position",))
     assert not [f for f in diagnosis.audit if "differ from run to run" in f.words]
+
+
+# -- single lines ---------------------------------------------------------------------------------------
+
+# A hum of three lines, which lie too close to each other to be wild.
+HUM = np.array([49.5, 50.0, 50.5])
+
+
+def humming(*effects, at=HUM):
+    """Both supports, with what is read at three frequencies besides the rotor."""
+    runs = []
+    for seed, support in enumerate(("rigid", "bearing")):
+        run = measure(support, effects, frequency_hz=np.unique(np.r_[lines(support), at]), seed=seed)
+        hum = 0.3 * np.median(np.abs(run.H)) * np.isin(run.frequency_hz, at)
+        runs.append(replace(run, H=run.H + hum[:, None]))
+    return runs
+
+
+def test_lines_that_nothing_but_hum_keeps_from_the_model_are_left_out_and_said():
+    diagnosis = diagnose(campaign_of(*humming()), exclude=all_but(*RIVALS)).diagnosis
+    assert diagnosis.verdict == "no_gap"
+    assert [f.value for f in diagnosis.audit if "49.5, 50, 50.5 Hz" in f.words] == [3, 3]
+    assert "in the lines that were used" in diagnosis.sentence
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.02])
+def test_a_cause_beside_a_hum_is_no_odd_line(mass):
+    campaign = campaign_of(*humming(AttachedMass(mass=mass, node=3)))
+    assert diagnose(campaign, exclude=all_but(*RIVALS)).diagnosis.verdict != "no_gap"
+
+
+def test_a_line_beside_a_resonance_is_never_odd():
+    """There a gap may show on few lines."""
+    peak = problem_of(measure("rigid")).modals(K_B, ())[0].frequencies_hz[0]
+    for at, odd in ((peak * 1.005, 0), (peak * 1.5, 1)):
+        problem = problem_of(*humming(at=np.array([at])))
+        assert odd_lines(problem, recalibrate(problem))[0].sum() == odd
 
 
 # -- errors that channels share -------------------------------------------------------------------------

@@ -92,9 +92,11 @@ _MUCH = 0.5
 
 
 def _acts_like(diagnosis: Diagnosis) -> str:
-    """What one joint stiffness would have to be, where one at a single node explains nearly everything."""
+    """What one joint stiffness would have to be, where one at a single node explains nearly all of what is right."""
     joint = diagnosis.where.joint
-    if joint is None or diagnosis.where.remark or joint.explained < _NEARLY or joint.order.startswith(("none", "too")):
+    if joint is None or any(map(must_be_corrected, diagnosis.audit)):
+        return "."
+    if diagnosis.where.remark or joint.explained < _NEARLY or joint.order.startswith(("none", "too")):
         return "."
     law = joint.order.partition(" (")[0]
     return f"; at node {joint.node} something acts like {law} ({100 * joint.explained:.0f} % of the gap there)."

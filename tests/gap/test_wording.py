@@ -60,6 +60,19 @@ def test_what_must_be_corrected_first_is_said_once():
     assert words.endswith("First of all, one and two: node 3 is inverted. three: a unit is wrong.")
 
 
+@pytest.mark.parametrize(
+    ("severity", "said"), [("ok", "acts like a mass (95 % of the gap there)."), ("error", "not right.")]
+)
+def test_no_joint_is_named_where_names_are_wrong(severity, said):
+    joint = SimpleNamespace(node=3, explained=0.95, order="a mass (real, falling)")
+    found = Finding("labels", severity, "Names are not right.", "run", 1.0, 0.0)
+    where = SimpleNamespace(joint=joint, remark="")
+    diagnosis = SimpleNamespace(verdict="unknown", where=where, audit=(found,))
+    words = sentence(diagnosis)  # type: ignore[arg-type]
+    assert words.endswith(said)
+    assert ("acts like" in words) == (severity == "ok")
+
+
 def test_of_a_gap_like_the_noise_no_share_is_said():
     small = Shrink("stretches", 0.0101, 0.02, 0.01, -1.0, -94.0, (-1.0, 0.5), "model")
     assert sentence(ambiguous(0.0, small)).endswith("at the disks.")  # type: ignore[arg-type]

@@ -44,7 +44,8 @@ def test_right_names_on_a_fixed_part(tmp_path):
         assert o.top_right, f"{o.label.name}: {o.verdict} {sorted(o.top)}"
         assert o.located or not o.label.ids
         assert o.shrink is not None
-        assert o.shrink.explainable > 0.8 or not o.label.ids
+        gap = o.shrink.before > 1.5 * o.shrink.floor  # an asymmetry is none on the transfer, with k_b recalibrated
+        assert o.shrink.explainable > 0.8 or not gap
 
 
 # -- the command, without a diagnosis --------------------------------------------------------------------

@@ -115,13 +115,14 @@ def _without_odd_lines(
     campaign: Campaign, problem: Problem, nominal: Fit
 ) -> tuple[Campaign, Problem, Fit, tuple[Finding, ...]]:
     """Leave out single lines that alone keep the nominal model from explaining the runs, and say which."""
-    odd = odd_lines(problem, nominal)
-    if not np.concatenate(odd).any() or adequate(problem, nominal):
-        return campaign, problem, nominal, ()
+    unchanged = campaign, problem, nominal, ()
+    odd = [] if adequate(problem, nominal) else odd_lines(problem, nominal)
+    if not any(lines.any() for lines in odd):
+        return unchanged
     left = replace(campaign, runs=tuple(map(silenced, campaign.runs, odd)))
     problem_left, nominal_left = prepared(left)
     if not adequate(problem_left, nominal_left):
-        return campaign, problem, nominal, ()
+        return unchanged
     why = "Only here, far from any resonance, the nominal model misses what was measured, as where a mains hum is read"
     named = [(p, p.run.frequency_hz[lines]) for p, lines in zip(prepare(campaign.runs), odd, strict=True)]
     return left, problem_left, nominal_left, tuple(left_out(p, f, why) for p, f in named if len(f))

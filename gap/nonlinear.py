@@ -39,7 +39,7 @@ _WIDEST, _ROUNDS = 0.7, 5
 
 # Where only magnitudes were measured: phases against the linear rotor's response; past its resonance a motion that is
 # still below its own is opposite. Of rough motions these let wrong candidates pass for right ones.
-_PHASES = (0.0, np.pi, np.pi / 2)
+_PHASES = {"in phase": 0.0, "opposite": np.pi, "a quarter later": np.pi / 2}
 
 # Parameters this near to those of the known motion: it is the start, and no other is tried.
 _NEAR = 2e-3
@@ -254,8 +254,8 @@ class NonlinearModal:
                 joints = self._measured_motion(balance)[far]
             elif start == "force":
                 joints = self._measured_force(balance, far)
-            elif isinstance(start, float):
-                joints = self._measured_motion(balance, start)[far]
+            elif start in _PHASES:
+                joints = self._measured_motion(balance, _PHASES[start])[far]
             elif start == "linear":
                 joints = self._force * balance.receptance(self._omega[far])[1]
             else:

@@ -119,12 +119,12 @@ def matched(problem: Problem, nominal: Fit, scale: float = 1.0) -> Fit:
     """
     if nominal.chi2 <= _WITHIN * nominal.n_data * scale**2:
         return nominal
-    u, nu, best = nominal.u, None, nominal
-    for added in _ADDED:
-        fit = problem.fit(NOMINAL, u, nu, anneal=(added,))
-        if added < _ADDED[0] and fit.chi2 > _WITHIN * fit.n_data:
+    best = problem.fit(NOMINAL, nominal.u, anneal=_ADDED[:1])
+    for added in _ADDED[1:]:
+        fit = problem.fit(NOMINAL, best.u, best.nu, anneal=(added,))
+        if fit.chi2 > _WITHIN * fit.n_data:
             break
-        u, nu, best = fit.u, fit.nu, fit
+        best = fit
     return best
 
 

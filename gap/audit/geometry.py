@@ -44,6 +44,10 @@ class Geometry:
         """Numbers of all nodes; none where the rig is not known."""
         return frozenset(range(1, (self.n_nodes or 0) + 1))
 
+    def moving_nodes(self, run: Run) -> frozenset[int]:
+        """Nodes that can move in a run."""
+        return self.nodes - self.held_nodes(run)
+
     def knows(self, run: Run) -> bool:
         """Whether rig and exciter are known."""
         return self.structure is not None and 1 <= run.excitation_node <= self.structure.n_nodes

@@ -62,7 +62,7 @@ def check_labels(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Findi
 
 def _check_run(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
     """Names and units of one run: others, where these leave half of its distance to the drawing or less."""
-    moving, places = geometry.nodes - geometry.held_nodes(p.run), _told_by(p, geometry)
+    moving, places = geometry.moving_nodes(p.run), _told_by(p, geometry)
     nodes, exciter = tuple(p.channels[i].node for i in places), p.run.excitation_node
     if not nodes:
         return
@@ -85,7 +85,7 @@ def _check_run(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
 
 def _told_by(p: Prepared, geometry: Geometry) -> list[int]:
     """Live channels along the exciter that move and carry the rotor; none where the lines are too few."""
-    moving = geometry.nodes - geometry.held_nodes(p.run)
+    moving = geometry.moving_nodes(p.run)
     places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node in moving]
     return [i for i in places if not is_only_noise(p.noise, p.live[i])] if len(p.f) >= _LINES else []
 
@@ -229,7 +229,7 @@ def _check_supports(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Fi
     for plane in ("y", "z"):
         seen = [p for p in runs if p.run.excitation_plane == plane and p.resonances]
         rigid, bearing = ([p for p in seen if p.run.support == support] for support in ("rigid", "bearing"))
-        if not rigid or not bearing or all(_is_as_drawn(p, geometry) for p in rigid):
+        if not rigid or not bearing:
             continue
         stiff, soft = (float(np.median([p.resonances[0].frequency_hz for p in each])) for each in (rigid, bearing))
         drawn = geometry.first_resonance(rigid[0].run)
@@ -239,6 +239,8 @@ def _check_supports(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Fi
         elif abs(soft / stiff - 1) < _SAME and stiff < (1 - _FAR_BELOW) * drawn:
             do = "look whether the supports were changed"
         else:
+            continue
+        if all(_is_as_drawn(p, geometry) for p in rigid):
             continue
         words = f"The first resonance lies at {stiff:.4g} Hz on rigid supports and at {soft:.4g} Hz on bearings"
         words += f", and the drawing says {drawn:.4g} Hz for rigid ones; {do}."

@@ -298,7 +298,7 @@ def _stands_still(run: Run, channel: Channel, geometry: Geometry) -> str:
     """Why a channel may read nothing; empty where the shaft moves."""
     if channel.plane != run.excitation_plane:
         return "a round rotor is across the force"
-    return "" if channel.node in geometry.nodes - geometry.held_nodes(run) else "it must be where the shaft is held"
+    return "" if channel.node in geometry.moving_nodes(run) else "it must be where the shaft is held"
 
 
 def _is_alive(H: ComplexArray, may_be_zero: bool) -> bool:

@@ -732,7 +732,9 @@ def test_lines_that_nothing_but_hum_keeps_from_the_model_are_left_out_and_said()
 @pytest.mark.parametrize("mass", [0.1, 0.02])
 def test_a_cause_beside_a_hum_is_no_odd_line(mass):
     campaign = campaign_of(*humming(AttachedMass(mass=mass, node=3)))
-    assert diagnose(campaign, exclude=all_but(*RIVALS)).diagnosis.verdict != "no_gap"
+    diagnosis = diagnose(campaign, exclude=all_but(*RIVALS)).diagnosis
+    assert diagnosis.verdict != "no_gap"
+    assert not [f for f in diagnosis.audit if "far from any resonance" in f.words]
 
 
 def test_a_line_beside_a_resonance_is_never_odd():

@@ -428,6 +428,20 @@ def test_lines_that_no_start_brings_to_the_data_are_given_up(hardening, monkeypa
     assert given_up[-1] == []
 
 
+def test_lines_on_the_upper_branch_are_found_by_their_magnitudes(monkeypatch):
+    run = swept(CUBIC, 2.0, resolution=FINAL)
+    run = replace(run, H=np.abs(run.H), magnitude_only=True)
+
+    def lost():
+        modal = Forward(STRUCTURE, BELIEF).made(resolution=FINAL).modal(run, K_B, (CUBIC,))
+        assert isinstance(modal, NonlinearModal)
+        return np.count_nonzero(modal._miss(modal.solved()) > 0.1)
+
+    assert lost() == 0
+    monkeypatch.setattr("gap.nonlinear._PHASES", {})
+    assert lost() == 4
+
+
 def test_hysteresis_needs_no_more_samples_than_it_has(monkeypatch):
     friction, H = BearingFriction(force=1.0, stiffness=5e5), {}
     for samples in (forward_module._HYSTERESIS_SAMPLES, 1024):

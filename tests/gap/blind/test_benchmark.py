@@ -44,8 +44,10 @@ def test_right_names_on_a_fixed_part(tmp_path):
         assert o.top_right, f"{o.label.name}: {o.verdict} {sorted(o.top)}"
         assert o.located or not o.label.ids
         assert o.shrink is not None
-        gap = o.shrink.before > 1.5 * o.shrink.floor  # an asymmetry is none on the transfer, with k_b recalibrated
-        assert o.shrink.explainable > 0.8 or not (gap and o.label.ids)
+        if o.label.ids and o.shrink.before > o.shrink.floor:
+            assert o.shrink.explainable > 0.8
+        elif o.label.ids:  # with k_b recalibrated an asymmetry may leave no more on the transfer than a repeat run does
+            assert o.shrink.after < o.shrink.floor
 
 
 # -- the command, without a diagnosis --------------------------------------------------------------------

@@ -35,6 +35,7 @@ module                what it holds                                             
 ``held_out``          how far the gap shrinks on lines that were left out           ``measure_shrink``
 ``transfer``          how far it will shrink where another node is driven           ``transfer_interval``
 ``next_test``         the run that would tell the causes apart                      ``best_next_test``
+``missing_test``      what to measure next, by what the campaign lacks              ``missing_test``
 ``peaks``             campaigns of which only resonances survive                    ``diagnose_peaks``
 ``resonances``        a candidate's resonances over k_b                             ``Resonances``
 ``predict``           what a diagnosis says of runs that it never saw               ``predict``

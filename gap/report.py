@@ -34,6 +34,7 @@ from gap.fit import Fit
 from gap.held_out import Confirm, measure_shrink
 from gap.hypotheses import SURE
 from gap.likelihood import Problem
+from gap.missing_test import missing_test
 from gap.modal import TOLERANCES
 from gap.next_test import best_next_test
 from gap.ranking import ANSWERED, AT_MOST, Ranked, best_of, by_name, likely, name_of, together
@@ -200,7 +201,7 @@ def _next_test(
         return NextTest(f"None before what the audit finds wrong under {' and '.join(wrong)} is corrected.")
     rivals = _rivals(answer.ranked, causes, verdict, equivalent)
     told = best_next_test(answer.problem, rivals) if len(rivals) > 1 else None
-    return told or wording.next_test(verdict, campaign, causes, equivalent)
+    return told or missing_test(verdict, campaign, causes, equivalent)
 
 
 def _rivals(ranked: Ranked, causes: Sequence[Cause], verdict: Verdict, equivalent: Sequence[Cause]) -> list[Fit]:

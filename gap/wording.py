@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
 
-from gap.diagnosis import Cause, Diagnosis, Finding, NextTest, Shrink, Verdict, explainable
+from gap.diagnosis import Cause, Diagnosis, Finding, Shrink, explainable
 from gap.hypotheses import SURE
-from gap.phrases import effects_at, listed, lowered, part, place, supports
+from gap.phrases import effects_at, listed, lowered, part, place
 from gap.ranking import ANSWERED
-from rotor.rig import Rig, load_rig
-from sim.campaign import SUPPORTS, Campaign
 
 
 def named(cause: Cause) -> str:
@@ -104,85 +101,3 @@ def _acts_like(diagnosis: Diagnosis) -> str:
 
 # Share of the gap from which one joint stiffness is worth a word.
 _NEARLY = 0.9
-
-
-def next_test(
-    verdict: Verdict, campaign: Campaign, causes: Sequence[Cause] = (), equivalent: Sequence[Cause] = ()
-) -> NextTest | None:
-    """The measurement that would tell more, by what the campaign lacks.
-
-    Where several causes remain, ``gap.next_test`` computes which run separates them.
-    """
-    if verdict == "no_gap":
-        return None
-    if verdict == "cause" and causes and (words := _AGAIN.get(causes[0].effects)):
-        return NextTest(words)
-    runs = [run for run in campaign.runs if run.support == "bearing"] or list(campaign.runs)
-    run = max(runs, key=lambda r: r.force_amplitude_N or 0.0)
-    settings = {"support": run.support, "excitation_node": run.excitation_node}
-    settings |= {"excitation_plane": run.excitation_plane} if run.excitation_plane != "y" else {}
-    settings |= {"force_amplitude_N": run.force_amplitude_N} if run.force_amplitude_N else {}
-    if verdict == "not_enough_data":
-        words = f"Measure the rotor on {supports(run.support)} again, at fifty lines or more from below its first "
-        words += "resonance to above its second, and mend what the audit finds dead"
-        return NextTest(f"{words}: of so few values nothing follows.", settings)
-    there = {run.support for run in campaign.runs}
-    for support in SUPPORTS:
-        if support not in there:
-            words = f"Measure the rotor on {supports(support)} too: what acts in the bearings shows on them alone."
-            return NextTest(words, settings | {"support": support})
-    structure = load_rig(campaign.rig)
-    sensors = {channel.node for run in campaign.runs for channel in run.channels}
-    if more := _spread(structure, sensors, max(_SENSORS - len(sensors), 0)):
-        nodes = " and ".join(map(str, sorted(more)))
-        words = f"Measure at {'nodes' if len(more) > 1 else 'node'} {nodes} too"
-        return NextTest(f"{words}: with few accelerometers several places explain the same gap.", settings)
-    levels = {run.force_amplitude_N for run in runs}
-    force = run.force_amplitude_N or 1.0
-    if len(levels) < 2 and verdict == "unknown":
-        words = f"Repeat the run on {supports(run.support)} at a third and at three times the force, once from the "
-        words += "highest line down: a nonlinear cause changes with level, a drift of rig or sensors with time."
-        return NextTest(words, settings | {"force_amplitude_N": 3 * force})
-    if verdict == "unknown" and not any(r.sweep == "down" for r in runs):
-        words = f"Repeat the run on {supports(run.support)} at {force:.3g} N from the highest "
-        words += "line down: where a law has several motions, or the rig drifts, it comes out otherwise."
-        return NextTest(words, settings | {"sweep": "down"})
-    elsewhere = _spread(structure, {r.excitation_node for r in runs}, 1)
-    if not elsewhere:
-        words = f"Repeat the run on {supports(run.support)} with a known mass at a node that moves: "
-        return NextTest(words + "what it changes is known, and what the rig makes of it is not.", settings)
-    (node,) = elsewhere
-    words = f"Drive the rotor on {supports(run.support)} at node {node} instead of {run.excitation_node}"
-    words += ", accelerometers as they are"
-    if verdict == "cause" and causes:
-        words += f": a model with {named(causes[0])} should predict that run."
-    elif equivalent:
-        words += f": {', '.join(map(named, equivalent))} may part there."
-    else:
-        words += ": what lies elsewhere shows there in another way."
-    return NextTest(words, settings | {"excitation_node": node})
-
-
-# What to do again where the way of measuring is the cause.
-_AGAIN: dict[tuple[str, ...], str] = {
-    ("coarse_grid",): "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks "
-    "show.",
-    ("fast_sweep",): "Repeat the runs and stay longer at each line near the resonances, until the response has "
-    "settled: then peaks are as high as they are, and where they are.",
-}
-
-# Accelerometers that tell most places apart.
-_SENSORS = 3
-
-
-def _spread(rig: Rig, taken: Collection[int], count: int) -> list[int]:
-    """Nodes far from those that are taken and from the supports, one after the other."""
-    held = {support.node for support in rig.support}
-    chosen: list[int] = []
-    for _ in range(count):
-        free = [n for n in range(1, len(rig.nodes_m) + 1) if n not in {*taken, *chosen, *held}]
-        if not free:
-            break
-        full = [rig.nodes_m[n - 1] for n in {*taken, *chosen, *held}]
-        chosen.append(max(free, key=lambda n: min(abs(rig.nodes_m[n - 1] - x) for x in full)))
-    return chosen

@@ -22,7 +22,7 @@ FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared
 
 
 class CompileError(RuntimeError):
-    """There is no compiler, or it failed."""
+    """There is no compiler, it failed, or there is nothing for it to compile."""
 
 
 @dataclass(frozen=True)

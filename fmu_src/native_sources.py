@@ -15,6 +15,7 @@ from types import ModuleType
 
 import numpy as np
 
+from fmu_src.compiling import CompileError
 from fmu_src.model_description import Model, variability
 from fmu_src.rotor_variables import effects_in_fmu
 from fmu_src.variables import Variable
@@ -217,6 +218,8 @@ def _design_lines(model: Model) -> str:
     lines = [_assignment(model, name, name, "    ") for name in CONDITION_WORDS]
     for effect in effects_in_fmu():
         lines.append(f"    if (values[{model.reference(effect.full_name(SWITCH))}] != 0) {{\n")
+        if effect.id not in EFFECT_WORDS:
+            raise CompileError(f"the effect {effect.id} has no words in C: give them in EFFECT_WORDS, {__name__}")
         words = EFFECT_WORDS[effect.id].items()
         lines += [_assignment(model, effect.full_name(name), word, "        ") for name, word in words]
         lines.append("    }\n")

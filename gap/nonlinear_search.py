@@ -348,7 +348,7 @@ def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequen
     for other in hypotheses:
         if other.ids == leader.hypothesis.ids and other != leader.hypothesis:
             ratio = np.log(size[node_of(other) - 1])
-            moved = [{"gap": ratio, "stiffness": -2 * ratio}[free.name] for free in other.free]
+            moved = [{"gap": ratio, "stiffness": -2 * ratio}.get(free.name, 0.0) for free in other.free]
             starts.append(Start(other, other.clipped(leader.u + np.array([0.0, *moved])), leader.nu))
     return starts
 

@@ -18,6 +18,7 @@ from onnx import TensorProto, helper, numpy_helper
 from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
 from fmu_src import compiling
 from fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
+from fmu_src.native_sources import EFFECT_WORDS
 from fmu_src.network_code import WIDEST, UnknownOperationError, network_code
 from rigtwin import fmus
 from rigtwin.fmus import manifest
@@ -156,6 +157,14 @@ def test_where_the_compiler_fails_the_virtual_rig_says_so_and_goes_on(tmp_path, 
     fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
     assert fmu.is_file()
     assert "the C compiler failed; the virtual rig goes on" in capsys.readouterr().err
+
+
+def test_an_effect_without_words_in_c_leaves_the_virtual_rig_pythonfmus_fmu(tmp_path, monkeypatch, capsys):
+    monkeypatch.delitem(EFFECT_WORDS, "hub_stiffening")
+    fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
+    with zipfile.ZipFile(fmu) as archive:
+        assert "sources/nonlinear.c" not in archive.namelist()
+    assert "the effect hub_stiffening has no words in C: give them in EFFECT_WORDS" in capsys.readouterr().err
 
 
 def tanh_network(file: Path, neurons: int) -> Path:

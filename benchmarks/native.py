@@ -236,11 +236,11 @@ Written by `python -m benchmarks.native` ({machine()}). Timings depend on the ma
 
 ## The same motion
 
-`RotorRig.fmu` in C against pythonfmu's, every effect of the library switched on in turn, {N_STEPS * STEP:g} s in steps
+`RotorRig.fmu` in C against pythonfmu's, each of the FMU's effects switched on in turn, {N_STEPS * STEP:g} s in steps
 of {STEP:g} s under `{drive}`, with `{special}` where
 they belong, spinning effects at 100 rad/s.
 Largest difference over all outputs, of each output's peak; how well the motion repeats after a period; and how many
-times faster the C one runs, fmpy's loop included.
+times faster the C one runs, the virtual rig's loop included.
 
 | effect | family | difference | repeats to | times faster |
 |:--|:--|--:|--:|--:|
@@ -266,7 +266,8 @@ Not periodic, where two exact solvers part in their last digits: {chance}.
 {bar("a call of the estimator's network by C", 1e6 * calls["network"], at_most=1.0, unit="µs")}
 {bar("estimator against onnxruntime, of k_b", calls["difference"], at_most=1e-6)}
 {bar(f"growth of the process over {CYCLES} instances made and freed", growth, at_most=0.1, unit="MB")}
-Changing k_b while it runs takes {1e3 * change:.2f} ms: the core builds its matrices, modes and propagators anew.
+Changing k_b while it runs takes {1e3 * change:.2f} ms: the core builds its matrices and modes anew; propagators
+follow with the next step.
 """
 
 

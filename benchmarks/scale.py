@@ -126,7 +126,8 @@ Written by `python -m benchmarks.scale` ({machine()}). Through the compiled FMU;
 ## A nonlinear rig
 
 Clearance in both bearings, {levels} N, on rigid supports and on bearings, {LINES} lines each, {WORKERS} processes.
-Lines on bearings are settled one from another, as a sweep upwards finds them, each read from five periods at 150 kHz.
+Lines on bearings are settled one from another, as a sweep upwards finds them, each read from four periods at 150
+kHz, after one of run-in.
 
 {rigs}
 {bar(f"clearance with {nonlinear[0][0]:g} N of preload", nonlinear[0][1], at_most=15.0, unit="s")}

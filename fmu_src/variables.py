@@ -1,7 +1,7 @@
 """What a variable of an FMU is: name, unit, range, start value. Everything else is derived.
 
-The model description, the checks of incoming values, the HTML documentation and the tables in
-``docs/`` all read the tables in ``rotor_variables`` and ``estimator_variables``.
+The model description, the checks of incoming values and the HTML documentation all read the tables in
+``rotor_variables`` and ``estimator_variables``; a test holds those of docs/contracts.md to them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Local force laws, each written once, as an expression.
 
 ``python build_laws.py`` prints every law's force and derivatives for floats and for arrays into
-``printed_laws.py`` (and can print them in C); nothing is written twice by hand. A law gives what
+``printed_laws.py``, and in C into ``fmu_src/native/laws.[hc]``; nothing is written twice by hand. A law gives what
 its joint pulls back with *beyond the linear stiffness that is in the model already*, as a function
 of the joint's displacement x [m]. What it pulls with at rest is no part of that: whoever uses a law
 takes it away.

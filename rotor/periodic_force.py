@@ -6,7 +6,7 @@ its slope, so the derivative of the harmonics is exact for the sampled force.
 
 A sharp corner that moves from one sample to the next makes the sampled slope jump, and near a lightly
 damped resonance such a jump is a fold that reality does not have. So at every sample corners are
-rounded over what the joint travels between its neighbours: the rounding shrinks with the number of
+rounded over a third of what the joint travels from one sample to the next: the rounding shrinks with the number of
 samples, and where the joint turns round, as a shaft at a stator does, there is next to none. Through
 its rounding a force depends on the rate x' = dx/d(omega t), too.
 """

@@ -20,7 +20,7 @@ A second implementation on purpose: it imports nothing of the diagnosis, its rot
 | `sizes`        | size of an effect over its detection limit                                   | `size_ratio`        |
 | `draw`         | what each set draws, and the label                                           | `draw_campaign`     |
 | `folder`       | campaign folders and truth on disk                                           | `write_campaign`    |
-| `generate`     | the command: worker processes, resuming, sealing                             | `main`              |
+| `generate`     | campaigns made by worker processes, resuming, sealing                        | `make_all`          |
 | `statistics`   | Wilson intervals, AUROC, Brier score, calibration error                      | `Rate`              |
 | `score`        | diagnoses against labels; figures of groups                                  | `read_outcomes`     |
 | `bars`         | what has to be reached, and whether it is                                    | `bars`              |

@@ -69,6 +69,7 @@ class Resolution:
     samples: int = 128
     iterations: int = 15  # of Newton's method; where they are too few the last force counts
     bends: bool = False  # whether derivatives by the tolerances follow the modes' shapes, or their frequencies alone
+    turned: bool = False  # whether magnitudes are given the linear rotor's phases, turned, where a line has no start
 
 
 # Rounding of the corners of laws with a gap, relative to the gap: more of it is a stiffness that is felt at rest.
@@ -77,7 +78,7 @@ CORNER = 1e-4
 ROUGH = Resolution(1, 64, 5)
 MIDDLE = Resolution(3, 128, 8)
 FINE = Resolution(3, 128, 15)
-FINAL = Resolution(15, 1024, 25, bends=True)
+FINAL = Resolution(15, 1024, 25, bends=True, turned=True)
 
 
 @dataclass
@@ -210,6 +211,20 @@ class NonlinearModal:
     def _with_tolerance(self, tolerance: FloatArray) -> tuple[Balance, IntArray]:
         return self.balance_of(tolerance) if tolerance.any() else (self.balance, self.mode)
 
+    # -- without solving -------------------------------------------------------------------------
+
+    def told(self, drift: FloatArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """What the run says of the joints, whatever their law.
+
+        Returns
+        -------
+        (n_freq, K, n_joints) displacements [m]; (n_freq, n_channels, n_joints) what a newton of a joint's force takes
+        from the response; (n_freq, n_channels) the response without any
+        """
+        balance = _drifted(*self._with_tolerance(tolerance), drift)
+        sensors = self._unit * self._scale[:, None, None] * self._by_force(balance)[0]
+        return self._measured_motion(balance), sensors[:, :, :-1], self._force * sensors[:, :, -1]
+
     # -- the branch that the data are on ---------------------------------------------------------
 
     def begin_with(self, joints: ComplexArray) -> None:
@@ -244,7 +259,7 @@ class NonlinearModal:
 
     def _nearer(self, balance: Balance, best: Solved, given_up: BoolArray) -> Solved:
         """Start lines that are far from the data again: from the data, without the law, and from their neighbours."""
-        phases = _PHASES if self.run.magnitude_only and self.resolution.bends else ()
+        phases = _PHASES if self.run.magnitude_only and self.resolution.turned else ()
         for start in ("data", "force", "linear", "left", "right", *phases):
             miss = self._miss(best)
             far = np.flatnonzero(_far(best, miss) & ~given_up)
@@ -309,20 +324,25 @@ class NonlinearModal:
 
         Magnitudes tell nothing, unless they are given the phases of the linear rotor's response, turned by ``phase``.
         """
-        states = balance.resolvent(self._omega, balance.loads)[:, 1]  # (n_freq, n_states, n_joints + 1)
-        sensors, joints = self._read(balance) @ states, balance.left @ states
+        sensors, joints = self._by_force(balance)
         linear = sensors[:, :, -1] * self._force
-        y = np.where(np.isfinite(self.run.H), self.run.H, 0.0) / (self._unit * self._scale[:, None])
-        y = np.where(np.isfinite(self.run.H), y, linear)
+        there = np.isfinite(self.run.H)
+        y = np.where(there, np.nan_to_num(self.run.H) / (self._unit * self._scale[:, None]), linear)
         if self.run.magnitude_only:
             y = linear if phase is None else np.abs(y) * np.exp(1j * (np.angle(linear) + phase))
         elif self.run.quantity == "acceleration":  # of an arbitrary scale
             usable = (np.abs(y) > 0) & (np.abs(linear) > 0)
             y = y / np.exp(np.median(np.log(np.abs(y[usable] / linear[usable])))) if usable.any() else y
-        N = (np.linalg.pinv(sensors[:, :, :-1], rcond=1e-3) @ (linear - y)[..., None])[..., 0]
+        felt = np.where(there[..., None], sensors[:, :, :-1], 0.0)
+        N = (np.linalg.pinv(felt, rcond=1e-3) @ (linear - y)[..., None])[..., 0]
         start = np.zeros((len(linear), balance.harmonics + 1, balance.n_joints), dtype=complex)
         start[:, 1] = joints[:, :, -1] * self._force - (joints[:, :, :-1] @ N[..., None])[..., 0]
         return start, N
+
+    def _by_force(self, balance: Balance) -> tuple[ComplexArray, ComplexArray]:
+        """(n_freq, n_channels or n_joints, n_joints + 1) sensors, joints per newton at joints and exciter."""
+        states = balance.resolvent(self._omega, balance.loads)[:, 1]  # (n_freq, n_states, n_joints + 1)
+        return self._read(balance) @ states, balance.left @ states
 
     # -- a sweep ---------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from gap.fit import Fit
 from gap.helpers import each
 from gap.hypotheses import NOMINAL, Hypothesis
 from gap.law_grid import Rest, axis, by_distance, by_score, distance, node_of, points_of, seen_motion
+from gap.law_reading import READ, read
 from gap.likelihood import MODEL_ERROR, Problem
 from gap.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
 from gap.robust import (
@@ -43,7 +44,7 @@ _VAGUE = {"bearing_clearance": "gap"}
 _TRIED = 14
 
 # How finely all laws are fitted first, and a bilinear support is followed.
-_SEVERAL = Resolution(9, 256, 15)
+_SEVERAL = Resolution(9, 256, 15, bends=True)
 
 # Of a bilinear support, logarithms of the ratio that are started from, its mean stiffness over that of a linear rotor,
 # and how long it is followed; fits that end within ``_WITHIN`` of the best are all carried on, but for
@@ -191,10 +192,17 @@ def _far(
     rough = descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
     some = thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     left = settle(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost])
-    left = best_of_each([*left, *settle(some, _told(some, left))])
+    left = best_of_each([*left, *settle(some, [*_told(some, left), *_read(problem, hypotheses, rest, nu)])])
     if not left or left[0].cost > _GAINED * robust_misfit(some, linear)[0]:
         return False, left
     return True, best_of_each([*left, *settle(some, _elsewhere(some, hypotheses, left))])[:_LEFT]
+
+
+def _read(problem: Problem, hypotheses: Sequence[Hypothesis], rest: Rest, nu: FloatArray) -> list[Start]:
+    """The places of laws that the forces in the runs tell of best; a coarse grid of responses misses soft contacts."""
+    lines = thinned(problem.made(resolution=ROUGH), _FIT_LINES, rest.calm.k_b, MODEL_ERROR)
+    found = each(partial(read, lines, rest, nu), [h for h in hypotheses if h.ids[0] in READ])
+    return sorted((start for start in found if start), key=cost_of)[:_PLACES]
 
 
 def _parted(fits: Sequence[Fit], clear: float) -> tuple[list[Fit], list[Fit]]:

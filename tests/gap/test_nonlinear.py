@@ -21,6 +21,7 @@ from gap.nonlinear_search import (
     _FIRST,
     _GRID_LINES,
     _ROUGH_ERROR,
+    _SEVERAL,
     ADEQUATE_NONLINEAR,
     NEAR,
     _at_believed_levels,
@@ -369,6 +370,24 @@ def test_thinned_runs_bend_with_the_tolerances(hardening):
     (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, thinned(problem, 2, K_B, 0.0)))
     tolerance = np.full(len(TOLERANCES), 1e-3)
     assert np.allclose(whole.response(None, tolerance)[::2], few.response(None, tolerance))
+
+
+def test_first_fits_follow_the_tolerances():
+    """A workshop's tolerances bend the modes by more than a law that acts on few lines does."""
+    rub, tolerance = Rub(stiffness=1e5, gap=2.2e-5, node=3), 1e-3 * np.array([1.0, -1.0, 1.0, -1.0])
+    empty = [blank("rigid", lines("rigid"), force_amplitude_N=0.3)]
+    empty += [blank("bearing", lines("bearing"), force_amplitude_N=level, sweep="up") for level in (0.3, 1.0)]
+    forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=FINE)
+    forward.allow_for_tolerances(load_rig(RIG), empty, K_B)
+    made = [forward.modal(run, K_B, (rub,)).response(None, tolerance) for run in empty]
+    runs = [with_noise(run, H, seed, 0.003) for seed, (run, H) in enumerate(zip(empty, made, strict=True))]
+    problem = problem_of(runs)
+    problem.allow_for_tolerances(load_rig(RIG), K_B)
+    place = next(h for h in candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True) if str(h) == "rub node 3")
+    several = thinned(problem.made(resolution=_SEVERAL), 1, K_B, MODEL_ERROR)
+    fit = robust_fit(several, place, np.log([K_B, rub.stiffness, rub.gap]), rounds=1, steps=3)
+    assert fit
+    assert fit.chi2 < 1.1 * fit.n_data
 
 
 def test_a_weak_law_is_named():

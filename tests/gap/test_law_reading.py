@@ -1,0 +1,67 @@
+"""A law's numbers, read from what its joints do, line by line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.hypotheses import NOMINAL, candidates
+from gap.law_grid import Rest, by_distance, seen_motion
+from gap.law_reading import read
+from gap.nonlinear import ROUGH
+from gap.robust import robust_misfit, thinned, unfitted
+from rotor.effects import Rub
+from tests.gap.conftest import K_B, STRUCTURE, all_but
+from tests.gap.test_nonlinear import problem_of, swept
+
+SOFT = Rub(stiffness=1.4e5, gap=2.2e-5, node=3)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return swept(SOFT, 2.0)
+
+
+def rest_of(problem) -> Rest:
+    calm = unfitted(problem, NOMINAL, np.log([K_B]), np.zeros(problem.nuisances.n))
+    return Rest(calm, K_B, seen_motion(problem, K_B), (1, 7))
+
+
+def places(run):
+    found = candidates((run,), STRUCTURE, all_but("rub"), nonlinear=True)
+    return {dict(each.terms[0].fixed)["node"]: each for each in found}
+
+
+def test_a_soft_contact_is_read_where_a_grid_of_responses_passes_it(run):
+    problem = problem_of([run]).made(resolution=ROUGH)
+    rest, nu = rest_of(problem), np.zeros(problem.nuisances.n)
+    assert rest.motion[2] > 4 * SOFT.gap  # it gives way
+    start = read(problem, rest, nu, places(run)[3])
+    assert start
+    assert np.exp(start.u[1:]) == pytest.approx([SOFT.stiffness, SOFT.gap], rel=0.1)
+    few = thinned(problem, 2, K_B, 0.05)
+    grid = min(point.cost for point in by_distance(few, places(run)[3], rest, nu))
+    assert robust_misfit(few, unfitted(few, start.hypothesis, start.u, nu))[0] < 0.5 * grid
+
+
+def test_the_place_whose_forces_a_law_has_leaves_least(run):
+    problem = problem_of([run]).made(resolution=ROUGH)
+    rest, nu = rest_of(problem), np.zeros(problem.nuisances.n)
+    starts = {node: read(problem, rest, nu, place) for node, place in places(run).items()}
+    assert min(starts, key=lambda node: starts[node].cost) == 3
+
+
+def test_magnitudes_tell_no_force(run):
+    problem = problem_of([replace(run, H=np.abs(run.H), magnitude_only=True)]).made(resolution=ROUGH)
+    assert read(problem, rest_of(problem), np.zeros(problem.nuisances.n), places(run)[3]) is None
+
+
+def test_values_that_are_missing_are_passed_over(run):
+    H, std = run.H.copy(), run.std.copy()
+    H[::3, 1:] = np.nan
+    problem = problem_of([replace(run, H=H, std=std)]).made(resolution=ROUGH)
+    start = read(problem, rest_of(problem), np.zeros(problem.nuisances.n), places(run)[3])
+    assert start
+    assert np.exp(start.u[1:]) == pytest.approx([SOFT.stiffness, SOFT.gap], rel=0.1)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from gap.audit import believed_errors, common_error
+from gap.audit import believed_errors, common_error, scatter_over
 from gap.fit import Fit
 from gap.forward import Forward
 from gap.likelihood import Problem
-from gap.residuals import observe
+from gap.residuals import Observed, observe
 from gap.search import recalibrate
 from rotor.assembly import assemble
 from rotor.rig import load_rig
 from rotor.structure import Structure
-from sim.campaign import Campaign
+from sim.campaign import Campaign, Run
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
 # A crack or a hub inside an element needs more of them.
@@ -39,9 +39,14 @@ def forward_of(campaign: Campaign) -> Forward:
     return Forward(structure, campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
 
 
+def _observed(run: Run) -> Observed:
+    std = believed_errors(run)
+    return observe(run, std, common_error(run), scatter_over(run, std))
+
+
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     """A campaign's runs with their errors and model, and the recalibrated nominal model."""
-    observed = [observe(run, believed_errors(run), common_error(run)) for run in campaign.runs]
+    observed = [_observed(run) for run in campaign.runs]
     problem = Problem(forward_of(campaign), observed)
     problem, first = problem.in_si(recalibrate(problem))
     problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)

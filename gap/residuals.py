@@ -31,6 +31,7 @@ class Observed:
     run: Run
     std: FloatArray  # (n_freq, n_channels), what all channels share among them
     common: float = 0.0  # relative standard error that all channels share at a line, as noise of the force is
+    scatter: float = np.nan  # of the lines about a smooth curve, over these errors; nan: not known
 
     @property
     def valid(self) -> BoolArray:
@@ -59,11 +60,11 @@ class Observed:
         return int((self.valid & moving).sum()) * (1 if self.run.magnitude_only else 2)
 
 
-def observe(run: Run, std: FloatArray, common: float = 0.0) -> Observed:
+def observe(run: Run, std: FloatArray, common: float = 0.0, scatter: float = np.nan) -> Observed:
     """A run whose errors are at least what can be believed."""
     size = np.abs(run.H[np.isfinite(run.H)])
     least = _LEAST_STD * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
-    return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least), common)
+    return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least), common, scatter)
 
 
 def residual(observed: Observed, H: ComplexArray, added: float) -> Values:

@@ -28,7 +28,7 @@ REMOUNTED_SHARE = 0.8  # of what a fit leaves, that gains of each sensor in each
 FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
 FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
 BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
-MOST_SCALE = 1.5  # scatter about a nonlinear effect's fit over the believed errors that is still noise, not misfit
+MOST_SCALE = 1.5  # the same about a nonlinear effect's fit that is still noise, where the lines themselves tell none
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def adequate(problem: Problem, fit: Fit) -> bool:
 def excess_of(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     """How far a fit is from leaving nothing but noise: 1 at the threshold of adequacy."""
     if nonlinear(fit.effects):
-        return fit.chi2 / fit.n_data / min(scale_of(quality), MOST_SCALE) ** 2 / ADEQUATE_NONLINEAR
+        return fit.chi2 / fit.n_data / min(scale_of(quality), _most_scale(problem)) ** 2 / ADEQUATE_NONLINEAR
     return max(
         (quality.misfit - 1) / max(ADEQUATE_MISFIT - 1, ADEQUATE_SPREAD * quality.spread),
         quality.correlation / ADEQUATE_CORRELATION,
@@ -81,6 +81,12 @@ def scale_of(quality: Adequacy) -> float:
     """True over believed error, where the data's own scatter contradicts the given errors."""
     low, high = BELIEVED_SCALE
     return 1.0 if low <= quality.scale <= high else quality.scale
+
+
+def _most_scale(problem: Problem) -> float:
+    """How many times the believed errors may be noise: a law that misses lines scatters as well."""
+    told = [o.scatter for o in problem.observed if np.isfinite(o.scatter)]
+    return min(max(float(np.median(told)), 1.0), MOST_SCALE) if told else MOST_SCALE
 
 
 def gains_differ(problem: Problem, fit: Fit) -> bool:

@@ -26,7 +26,7 @@ import numpy as np
 from gap.audit.coverage import check_coverage, check_units
 from gap.audit.geometry import Geometry, geometry_of
 from gap.audit.labels import check_labels
-from gap.audit.noise import NoiseEstimate, believed_errors, common_error, estimate_noise
+from gap.audit.noise import NoiseEstimate, believed_errors, common_error, estimate_noise, scatter_over
 from gap.audit.one_run import (
     check_channels,
     check_missing_lines,
@@ -52,6 +52,7 @@ __all__ = [
     "believed_errors",
     "common_error",
     "estimate_noise",
+    "scatter_over",
     "usable",
 ]
 

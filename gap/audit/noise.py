@@ -275,6 +275,14 @@ def believed_errors(run: Run) -> FloatArray:
     return np.where(np.isfinite(own) & (throughout | given.too_small), own, given.std)
 
 
+def scatter_over(run: Run, std: FloatArray) -> float:
+    """Median scatter of the lines over their standard errors (n_freq, n_channels); nan where it is not known."""
+    noise = estimate_noise(run)
+    own = of_complex(noise.std, run)
+    there = np.isfinite(own) & np.isfinite(std) & (std > 0) & (np.abs(run.H) > 0)
+    return float(np.median(own[there] / std[there])) if noise.resolved and there.any() else math.nan
+
+
 def common_error(run: Run) -> float:
     """Relative standard error that all channels of a run share at a line, as of the complex response [-]."""
     return float(of_complex(np.asarray(estimate_noise(run).common), run))

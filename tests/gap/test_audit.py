@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gap.audit import audit, believed_errors, common_error, estimate_noise, usable
+from gap.audit import audit, believed_errors, common_error, estimate_noise, scatter_over, usable
 from gap.audit.geometry import geometry_of
 from gap.audit.noise import mean_square
 from gap.audit.pairs import compare
@@ -216,6 +216,12 @@ def test_errors_that_are_wrong_from_line_to_line_give_way_to_the_scatter(given_f
     assert troubles(findings) == [found] * (severity == "warning")
     assert said in found.words
     assert_array_equal(believed_errors(odd), estimate_noise(run).std)
+
+
+@pytest.mark.parametrize(("step_hz", "told"), [(0.25, 1 / 0.7), (20.0, np.nan)])
+def test_how_much_lines_scatter_over_their_errors_is_told_where_they_show_it(step_hz, told):
+    run = measure(BEARING, np.arange(20.0, 401.0, step_hz), noise=0.01)
+    assert scatter_over(run, 0.7 * np.asarray(run.std)) == pytest.approx(told, rel=0.1, nan_ok=True)
 
 
 @pytest.mark.parametrize("step_hz", [15.0, 20.0, 30.0])

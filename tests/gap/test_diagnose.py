@@ -295,6 +295,11 @@ def test_a_gap_on_rigid_supports_is_no_law_of_the_bearings():
         assert {law.ids[0] for law in _not_ruled_out(problem_of(*runs), laws)} == set(left)
 
 
+def test_runs_are_prepared_with_the_scatter_of_their_lines():
+    problem, _ = prepared(campaign_of(*both_supports()))
+    assert [observed.scatter for observed in problem.observed] == pytest.approx([1.0, 1.0], rel=0.2)
+
+
 @pytest.mark.parametrize(("scatter", "noise"), [((np.nan, np.nan), True), ((1.4, 1.5, np.nan), True), ((1.0,), False)])
 def test_a_misfit_that_scatters_is_still_a_misfit(scatter, noise):
     """What a nonlinear fit leaves at sharp resonances is no noise that its errors would have to be scaled by.

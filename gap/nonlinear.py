@@ -54,8 +54,9 @@ _TELLS = 1e-3
 # Step of a tolerance for a derivative.
 _STEP = 1e-7
 
-# Sweeps without data: from one line to the next the motion changes by less than this, or it has jumped.
-_JUMP, _HALVINGS = 0.3, 6
+# Sweeps without data: in a step the motion changes by less than this, or it has jumped; the shortest step is this share
+# of the way from one line to the next.
+_JUMP, _SHORTEST = 0.3, 4.0**-6
 
 # Frequencies above a line from which a branch is come down on where the one below has ended.
 _ABOVE = (0.01, 0.03, 0.06, 0.12, 0.25)
@@ -367,15 +368,16 @@ class NonlinearModal:
 
     def _follow(self, balance: Balance, hz_before: float, before: ComplexArray, hz: float) -> ComplexArray | None:
         """The motion (K, n_joints) that continues a known one; None where the branch ends on the way."""
-        here, X, step, halvings = hz_before, before, hz - hz_before, 0
+        here, X, step = hz_before, before, hz - hz_before
+        shortest = _SHORTEST * abs(step)
         while here != hz:
             there = hz if abs(step) >= abs(hz - here) else here + step
             motions = balance.solve(there, self._force, X[None])
             new = motions.joints[0]
             if motions.converged[0] and np.linalg.norm(new - X) < _JUMP * np.linalg.norm(new):
                 here, X, step = there, new, 2 * step
-            elif halvings < _HALVINGS:
-                step, halvings = step / 4, halvings + 1
+            elif abs(step) > shortest:
+                step /= 4
             else:
                 return None
         return X

@@ -569,6 +569,20 @@ def document(effect: str, **parameters):
     return {"schema": SCHEMA, "verdict": "cause", "nominal": {"k_b": {"value": K_B}}, "causes": [cause]}
 
 
+def test_a_sweep_stays_on_its_branch_however_far_apart_its_lines_are():
+    """From below a contact to far above it the way has to be made in short steps more than once."""
+    rub = Rub(stiffness=3e6, gap=4.8e-5, node=6)
+    forward = Forward(STRUCTURE, replace(BELIEF, shaft_damping_ratio=1e-3)).made(with_data=False, resolution=FINAL)
+    sparse, dense = np.array([99.0, 100.9, 102.8]), np.linspace(99.0, 102.8, 77)
+    found = []
+    for hz in (sparse, dense):
+        run = blank("rigid", hz, force_amplitude_N=0.59, excitation_node=4, sweep="up")
+        modal = forward.modal(run, K_B, (rub,))
+        assert isinstance(modal, NonlinearModal)
+        found.append(modal.response()[:, 3])
+    np.testing.assert_allclose(found[0], found[1][[0, 38, 76]], rtol=1e-6)
+
+
 def test_a_prediction_follows_the_sweep():
     run = blank("bearing", lines("bearing"), force_amplitude_N=1.5, sweep="up", name="up", channels=CHANNELS)
     made = [

@@ -25,6 +25,7 @@ module                what it holds                                             
 ``nonlinear``         the model of a run under a force law, by harmonic balance     ``NonlinearModal``
 ``robust``            fits that lines on another branch do not decide               ``robust_fit``
 ``law_grid``          points over a law's numbers to begin from                     ``points_of``
+``law_reading``       a law's numbers, read without solving for a motion            ``read``
 ``nonlinear_search``  nonlinear effects                                             ``search_nonlinear``
 ``helpers``           fits that are shared with other processes                     ``helped_by``
 ``adequacy``          is a fit as good as the noise allows?                         ``judge``

@@ -8,7 +8,9 @@ one over responses would have to be as fine as the resonances are sharp.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from operator import itemgetter
 
 import numpy as np
@@ -17,7 +19,9 @@ from gap.descent import minimise, softened
 from gap.hypotheses import K_B, Hypothesis
 from gap.law_grid import Rest, axis, node_of
 from gap.likelihood import Problem
+from gap.modal import Modal
 from gap.nonlinear import NonlinearModal
+from gap.residuals import Observed
 from gap.starts import Start
 from rotor.structure import ComplexArray, FloatArray
 
@@ -33,6 +37,16 @@ _CARRIED, _STEPS = 2, 6
 _ASIDE = 0.05
 
 
+@dataclass(frozen=True)
+class _Told:
+    """What a run tells of a law's joints."""
+
+    joints: ComplexArray  # (n_freq, K, n_joints) displacements [m]
+    toward: ComplexArray  # (n_freq, n_channels, n_joints) what a newton of a joint's force takes from the response
+    missed: ComplexArray  # (n_freq, n_channels) the response without any force, less what was measured
+    weight: FloatArray  # (n_freq, n_channels) one over the error of that; 0 where nothing was
+
+
 def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -> Start | None:
     """Numbers of a rub that suit the forces best that the runs tell of; None where no run tells any.
 
@@ -40,12 +54,17 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
     ----------
     nu : (n_nuisances,) the linear rotor's
     """
-    reading = _Reading(problem, nu)
     points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in _points(hypothesis, rest)]
-    if not reading.begin(hypothesis, points[0]):
+    told = {}
+    for r, modal in enumerate(_modals(problem, hypothesis, points[0])):
+        if isinstance(modal, NonlinearModal) and not modal.run.magnitude_only:
+            drift, tolerance, _ = problem.nuisances.of_run(nu, r, modal)
+            told[r] = _tell(problem.observed[r], *modal.told(drift, tolerance))
+    if not told:
         return None
-    best = sorted(points, key=reading.loss)[:_CARRIED]
-    ended = [minimise(reading.residual, u, hypothesis.ends, False, _STEPS) for u in best]
+    residual = partial(_residual, problem, hypothesis, told)
+    best = sorted(points, key=lambda u: _loss(residual(u)))[:_CARRIED]
+    ended = [minimise(residual, u, hypothesis.ends, False, _STEPS) for u in best]
     u, cost = min(ended, key=itemgetter(1))
     return Start(hypothesis, u, nu, cost)
 
@@ -56,45 +75,32 @@ def _points(hypothesis: Hypothesis, rest: Rest) -> itertools.product[tuple[float
     return itertools.product(axis(stiffness, _STIFFNESSES), np.unique(np.log(np.clip(gaps, gap.low, gap.high))))
 
 
-class _Reading:
-    """What the runs tell of a law's joints, and how far a law is from it."""
+def _tell(observed: Observed, joints: ComplexArray, toward: ComplexArray, without: ComplexArray) -> _Told:
+    H = np.where(observed.valid, observed.run.H, without)
+    size = np.maximum(np.linalg.norm(H, axis=1), np.linalg.norm(without, axis=1))[:, None]
+    weight = np.where(observed.valid, 1 / np.hypot(observed.std, _ASIDE * size), 0.0)
+    return _Told(joints, toward, without - H, weight)
 
-    def __init__(self, problem: Problem, nu: FloatArray):
-        self._problem, self._nu = problem, nu
-        self._told: dict[int, tuple[ComplexArray, ComplexArray, ComplexArray, FloatArray]] = {}
 
-    def begin(self, hypothesis: Hypothesis, u: FloatArray) -> bool:
-        """Read the runs, for a law at its place; False where none has a phase and feels the law."""
-        self._hypothesis = hypothesis
-        for r, modal in enumerate(self._modals(u)):
-            if isinstance(modal, NonlinearModal) and not modal.run.magnitude_only:
-                drift, tolerance, _ = self._problem.nuisances.of_run(self._nu, r, modal)
-                joints, toward, without = modal.told(drift, tolerance)
-                observed = self._problem.observed[r]
-                H = np.where(observed.valid, observed.run.H, without)
-                size = np.maximum(np.linalg.norm(H, axis=1), np.linalg.norm(without, axis=1))[:, None]
-                weight = np.where(observed.valid, 1 / np.hypot(observed.std, _ASIDE * size), 0.0)
-                self._told[r] = joints, toward, without - H, weight
-        return bool(self._told)
+def _residual(problem: Problem, hypothesis: Hypothesis, told: Mapping[int, _Told], u: FloatArray) -> FloatArray | None:
+    """What a law leaves of the lines, large errors softened; None without a model."""
+    try:
+        modals = _modals(problem, hypothesis, u)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    left = []
+    for r, run in told.items():
+        modal = modals[r]
+        assert isinstance(modal, NonlinearModal)
+        force = modal.balance.forces.harmonics(run.joints)[:, 1]
+        z = (run.weight * (run.missed - (run.toward @ force[..., None])[..., 0])).ravel()
+        left += [z.real, z.imag]
+    return softened(np.concatenate(left))
 
-    def loss(self, u: FloatArray) -> float:
-        z = self.residual(u)
-        return np.inf if z is None else float(z @ z)
 
-    def residual(self, u: FloatArray) -> FloatArray | None:
-        """What the law leaves of the lines, large errors softened; None without a model."""
-        try:
-            modals = self._modals(u)
-        except (ValueError, np.linalg.LinAlgError):
-            return None
-        left = []
-        for r, (joints, toward, missed, weight) in self._told.items():
-            modal = modals[r]
-            assert isinstance(modal, NonlinearModal)
-            force = modal.balance.forces.harmonics(joints)[:, 1]
-            z = (weight * (missed - (toward @ force[..., None])[..., 0])).ravel()
-            left += [z.real, z.imag]
-        return softened(np.concatenate(left))
+def _loss(residual: FloatArray | None) -> float:
+    return np.inf if residual is None else float(residual @ residual)
 
-    def _modals(self, u: FloatArray) -> Sequence[object]:
-        return self._problem.modals(K_B.value(u[0]), self._hypothesis.effects(u[1:]))
+
+def _modals(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> list[Modal | NonlinearModal]:
+    return problem.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))

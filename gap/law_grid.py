@@ -7,7 +7,7 @@ stiffness starts from.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -109,14 +109,19 @@ def points_of(hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
 def _axes(hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
     """Points along each number's coordinate."""
     if hypothesis.ids == ("rub",):
-        stiffness, gap = hypothesis.free
-        gaps = np.array(_SHARES) * rest.motion[node_of(hypothesis) - 1]
-        return [axis(stiffness, _STIFFNESSES), np.unique(np.log(np.clip(gaps, gap.low, gap.high)))]
+        return rub_axes(hypothesis, rest, _STIFFNESSES, _SHARES)
     if hypothesis.ids == ("bearing_clearance",):
         gap, preload = hypothesis.free
         preloads = np.clip(np.array(_LOADED) * rest.force, preload.low, preload.high)
         return [axis(gap, _GAPS), np.unique(preloads)]
     return [axis(free, n) for free, n in zip(hypothesis.free, _POINTS[hypothesis.ids[0]], strict=True)]
+
+
+def rub_axes(hypothesis: Hypothesis, rest: Rest, stiffnesses: int, shares: Sequence[float]) -> list[FloatArray]:
+    """So many points along a rub's stiffness; and gaps, as shares of its node's largest motion."""
+    stiffness, gap = hypothesis.free
+    gaps = np.array(shares) * rest.motion[node_of(hypothesis) - 1]
+    return [axis(stiffness, stiffnesses), np.unique(np.log(np.clip(gaps, gap.low, gap.high)))]
 
 
 def axis(free: Free, n: int) -> FloatArray:

@@ -17,7 +17,7 @@ import numpy as np
 
 from gap.descent import minimise, softened
 from gap.hypotheses import K_B, Hypothesis
-from gap.law_grid import Rest, axis, node_of
+from gap.law_grid import Rest, rub_axes
 from gap.likelihood import Problem
 from gap.modal import Modal
 from gap.nonlinear import NonlinearModal
@@ -54,7 +54,8 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
     ----------
     nu : (n_nuisances,) the linear rotor's
     """
-    points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in _points(hypothesis, rest)]
+    grid = itertools.product(*rub_axes(hypothesis, rest, _STIFFNESSES, _SHARES))
+    points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in grid]
     told = {}
     for r, modal in enumerate(_modals(problem, hypothesis, points[0])):
         if isinstance(modal, NonlinearModal) and not modal.run.magnitude_only:
@@ -69,12 +70,6 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
     return Start(hypothesis, u, nu, cost)
 
 
-def _points(hypothesis: Hypothesis, rest: Rest) -> itertools.product[tuple[float, float]]:
-    stiffness, gap = hypothesis.free
-    gaps = np.array(_SHARES) * rest.motion[node_of(hypothesis) - 1]
-    return itertools.product(axis(stiffness, _STIFFNESSES), np.unique(np.log(np.clip(gaps, gap.low, gap.high))))
-
-
 def _tell(observed: Observed, joints: ComplexArray, toward: ComplexArray, without: ComplexArray) -> _Told:
     H = np.where(observed.valid, observed.run.H, without)
     size = np.maximum(np.linalg.norm(H, axis=1), np.linalg.norm(without, axis=1))[:, None]
@@ -84,11 +79,9 @@ def _tell(observed: Observed, joints: ComplexArray, toward: ComplexArray, withou
 
 def _residual(problem: Problem, hypothesis: Hypothesis, told: Mapping[int, _Told], u: FloatArray) -> FloatArray | None:
     """What a law leaves of the lines, large errors softened; None without a model."""
-    try:
-        modals = _modals(problem, hypothesis, u)
-    except (ValueError, np.linalg.LinAlgError):
+    modals, left = _modals(problem, hypothesis, u), []
+    if not modals:
         return None
-    left = []
     for r, run in told.items():
         modal = modals[r]
         assert isinstance(modal, NonlinearModal)
@@ -103,4 +96,8 @@ def _loss(residual: FloatArray | None) -> float:
 
 
 def _modals(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> list[Modal | NonlinearModal]:
-    return problem.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))
+    """Models of the runs; none where one of them has none."""
+    try:
+        return problem.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))
+    except (ValueError, np.linalg.LinAlgError):
+        return []

@@ -65,3 +65,13 @@ def test_values_that_are_missing_are_passed_over(run):
     start = read(problem, rest_of(problem), np.zeros(problem.nuisances.n), places(run)[3])
     assert start
     assert np.exp(start.u[1:]) == pytest.approx([SOFT.stiffness, SOFT.gap], rel=0.1)
+
+
+def test_a_law_without_a_model_is_not_read(run, monkeypatch):
+    def nothing(*_):
+        raise ValueError("a rotor without a full set of eigenvectors has no modal form")
+
+    problem = problem_of([run]).made(resolution=ROUGH)
+    rest = rest_of(problem)
+    monkeypatch.setattr(problem, "modals", nothing)
+    assert read(problem, rest, np.zeros(problem.nuisances.n), places(run)[3]) is None

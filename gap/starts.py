@@ -8,9 +8,11 @@ Most effects need nothing here. Those whose misfit has narrow or many minima do:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
+from scipy.signal import argrelmin
 
 from gap.dwell import dwell_fits
 from gap.fit import Fit
@@ -32,9 +34,9 @@ THIRD = 3
 # A plain effect along the shaft: share of its range, positions, steps of each fit.
 _PLAIN, _PLACES, _SHORT = 0.7, 10, 8
 
-# Of the grid of anisotropic bearings: angles from the force's direction or from across it [rad], and steps along the
-# anisotropy, fine enough for a resonance that is two per mille wide.
-_TURNS, _ANISOTROPIES = np.array([0.08, 0.2, 0.4, 0.65]), 60
+# Of the grid of anisotropic bearings: angles from the force's direction or from across it [rad], steps along the
+# anisotropy, fine enough for a resonance that is two per mille wide, and how many of its valleys are descended into.
+_TURNS, _ANISOTROPIES, _VALLEYS = np.array([0.08, 0.2, 0.4, 0.65]), 60, 12
 
 
 @dataclass(frozen=True)
@@ -80,24 +82,28 @@ def points(u: FloatArray, hypothesis: Hypothesis) -> list[FloatArray]:
 def crossing(problem: Problem, hypothesis: Hypothesis, nominal: Fit, added: float) -> list[Start]:
     """Where anisotropic bearings put a narrow resonance of the other plane: no descent meets it from a width away.
 
-    The stiffness along the force is the nominal model's, the one across it anything. Empty for other effects, with
-    accelerometers across the force (angles of both signs), which show that plane openly, and where nothing on the grid
-    beats the nominal model, with such a relative error added.
+    The stiffness along the force is the nominal model's, the one across it anything. The nominal model strains its k_b
+    and its nuisances for a resonance that it does not have: the nuisances begin at nothing, and the best valleys of the
+    grid are descended into with all numbers free. None for other effects, with accelerometers across the force (angles
+    of both signs), which show that plane openly, and where no point of the grid beats the nominal model, with such a
+    relative error added.
     """
     free = {number.name: number for number in hypothesis.free}
     if hypothesis.ids != ("plane_anisotropy",) or free["angle"].low < 0:
         return []
-    like = begin(hypothesis, nominal.u, nominal)
-    angles = np.concatenate([_TURNS, np.pi / 2 - _TURNS])
-    grid = [
-        np.array([nominal.u[0] - np.log1p(anisotropy / 2 * np.cos(2 * angle)), anisotropy, angle])
-        for anisotropy in np.linspace(0.01, free["anisotropy"].high, _ANISOTROPIES)
-        for angle in angles
-    ]
-    costs = [problem.cost(hypothesis, u, like.nu, added) for u in grid]
-    best = int(np.argmin(costs))
-    nothing = problem.cost(NOMINAL, nominal.u[:1], like.nu, added)
-    return [replace(like, u=grid[best])] if costs[best] < nothing else []
+    unstrained = np.zeros_like(nominal.nu)
+    limit = problem.cost(NOMINAL, nominal.u[:1], unstrained, added)
+    valleys: list[tuple[float, FloatArray]] = []
+    for angle in (*_TURNS, *(np.pi / 2 - _TURNS)):
+        line = [
+            np.array([nominal.u[0] - np.log1p(anisotropy / 2 * np.cos(2 * angle)), anisotropy, angle])
+            for anisotropy in np.linspace(0.01, free["anisotropy"].high, _ANISOTROPIES)
+        ]
+        costs = np.array([problem.cost(hypothesis, u, unstrained, added) for u in line])
+        valleys += [(costs[k], line[k]) for k in argrelmin(costs, mode="clip")[0] if costs[k] < limit]
+    valleys.sort(key=itemgetter(0))
+    fits = [problem.try_fit(hypothesis, u, unstrained, anneal=(added,), steps=_SHORT) for _, u in valleys[:_VALLEYS]]
+    return [Start(hypothesis, fit.u, fit.nu) for fit in sorted(filter(None, fits), key=lambda fit: fit.cost)[:RIVALS]]
 
 
 def promises(score: Score, hypothesis: Hypothesis, pair: Hypothesis | None = None) -> list[Promise]:

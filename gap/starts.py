@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
-from scipy.signal import argrelmin
+from scipy.signal import find_peaks
 
 from gap.dwell import dwell_fits
 from gap.fit import Fit
@@ -99,8 +99,8 @@ def crossing(problem: Problem, hypothesis: Hypothesis, nominal: Fit, added: floa
             np.array([nominal.u[0] - np.log1p(anisotropy / 2 * np.cos(2 * angle)), anisotropy, angle])
             for anisotropy in np.linspace(0.01, free["anisotropy"].high, _ANISOTROPIES)
         ]
-        costs = np.array([problem.cost(hypothesis, u, unstrained, added) for u in line])
-        valleys += [(costs[k], line[k]) for k in argrelmin(costs, mode="clip")[0] if costs[k] < limit]
+        costs = np.array([np.inf, *(problem.cost(hypothesis, u, unstrained, added) for u in line), np.inf])
+        valleys += [(float(costs[k]), line[k - 1]) for k in find_peaks(-costs)[0] if costs[k] < limit]
     valleys.sort(key=itemgetter(0))
     fits = [problem.try_fit(hypothesis, u, unstrained, anneal=(added,), steps=_SHORT) for _, u in valleys[:_VALLEYS]]
     return [Start(hypothesis, fit.u, fit.nu) for fit in sorted(filter(None, fits), key=lambda fit: fit.cost)[:RIVALS]]

@@ -203,6 +203,8 @@ def test_an_effect_on_the_wrong_side_gains_nothing():
         (PlaneAnisotropy(anisotropy=0.3, angle=0.1), ("bearing_asymmetry", "pedestal_flexibility")),
         # One that draws the nominal model's k_b and nuisances away.
         (PlaneAnisotropy(anisotropy=0.15, angle=0.1), ("bearing_asymmetry", "pedestal_flexibility")),
+        # One at the end of its range.
+        (PlaneAnisotropy(anisotropy=0.498, angle=0.1), ("bearing_asymmetry", "pedestal_flexibility")),
     ],
 )
 def test_the_right_one_wins_the_race(effect, rivals):

@@ -21,7 +21,9 @@ from gap.blind.folder import HELD_OUT, MEASURED, TRUTH
 from gap.blind.generate import Order, make
 from gap.blind.score import gap
 from gap.diagnose import diagnose
+from gap.diagnosis import Location
 from gap.modal import TOLERANCES
+from gap.phrases import effects_at, place
 from gap.predict import predict
 from rigtwin.diagnose import shared_among
 from rotor.structure import ComplexArray
@@ -52,7 +54,7 @@ def main() -> None:
             label = make(order, Path(folder))
             measured = load_campaign(Path(folder) / order.name / MEASURED)
             found = json.loads(diagnose(measured, helpers=helpers).diagnosis.to_json())
-            diagnosed = f"diagnosed, {place_words(found['causes'][0]['location'])}"
+            diagnosed = f"diagnosed, {place(Location(**found['causes'][0]['location']))}"
             for numbers, document in ((diagnosed, found), ("sealed", sealed(found, label))):
                 for p in predictions(document, Path(folder) / order.name):
                     rows.append((f"{label_words(label)}, {p.run.split('_')[1]}", numbers, *_cells(p)))
@@ -106,12 +108,8 @@ def _but(H: ComplexArray, line: int) -> ComplexArray:
 def label_words(label: Mapping[str, Any]) -> str:
     """What a campaign hides, in a few words."""
     (effect,) = label["effects"]
-    return f"{effect['id']}, {place_words(effect['location'])}, {effect['size_ratio']:.0f} × its limit"
-
-
-def place_words(location: Mapping[str, Any]) -> str:
-    """A node, or what else it is."""
-    return str(location["kind"]) if location.get("node") is None else f"node {location['node']}"
+    there = effects_at([effect["id"]], [Location(**effect["location"])])
+    return f"{there}, {effect['size_ratio']:.0f} × its limit"
 
 
 def _cells(p: Prediction) -> tuple[str, ...]:

@@ -57,13 +57,13 @@ from rotor.structure import FloatArray, IntArray
 FORCE_ERROR = 3e-5
 
 # Share of the difference between a pull's rates that counts as error, however well the cubic fits the middle.
-_BEND = 1e-3
+_BEND = 2.5e-4
 
 # Change of a joint's velocity by an error of its pull, relative to the velocity's scale, that nothing notices.
 _UNNOTICED = 1e-7
 
 # Change of a joint's velocity in a substep, relative to its scale: 31 substeps a period of a sine.
-_VELOCITY_CHANGE = 0.2
+_VELOCITY_CHANGE = 0.4
 
 # |P dg/dd|: the substep is at most 1.2 over the frequency of the joint's stiffness on the joint's mass.
 _STIFFNESS = 0.2
@@ -72,7 +72,7 @@ _STIFFNESS = 0.2
 # much: all measures, the root of the cubic's error among them, grow with the square of the substep.
 _EASY = 0.2
 
-_PER_PERIOD = 32  # substeps a period of a tone, at least
+_PER_PERIOD = 16  # substeps a period of a tone, at least
 _PERIODS_KEPT = 10  # of the slowest mode, after which scales have faded by e
 _SUBSTEPS_BETWEEN = 256  # after so many substeps the scales fade
 

@@ -23,21 +23,33 @@ _ROUND_OFF = 1e-7
 
 # Windows from which a transient is estimated, and those that show that waiting on is of no use.
 _WINDOWS = 5
-_STATIONARY_WINDOWS = 20
+_STATIONARY_WINDOWS = 12
 
 # A channel's changes are judged beside its own size, or beside this share of the largest channel. What
 # is stepped in time has errors that are relative to the whole motion.
 _SHARE, _SHARE_TIME_STEPPED = 1e-3, 0.1
 
-# A motion whose fundamental spreads by more from period to period does not repeat.
-PERIODIC = 1e-3
+# A motion whose fundamental spreads by more from period to period does not repeat; one by less need not be watched on.
+PERIODIC, _ALIKE = 1e-3, 1e-4
+
+# Samples a period that are enough where harmonics change by so little when every other one is left out.
+_FEW_SAMPLES, _UNFOLDED = 128, 1e-6
+
+# Seconds, a period at most, in which what is stepped in time finds into the rhythm of the samples.
+_RUN_IN = 5e-3
 
 # Forces that are tried for an exciter at constant current.
 _FORCE_STEPS = 20
 
+# Where the frequency stands on its glide from one line to the next, 0 to 1: the integral of 1 - cos.
+_GLIDE = [share - math.sin(2 * math.pi * share) / (2 * math.pi) for share in (np.arange(64) + 0.5) / 64]
 
 # Samples a period while waiting: what folds back is the same in every window that begins at the same phase.
 _WAITING_SAMPLES = 64
+
+
+# The rotor's state, the exciter's force [N] and its frequency [Hz].
+ReaderState = tuple[SavedState, float, float | None]
 
 
 class NotSettledError(RuntimeError):
@@ -113,11 +125,12 @@ class LineReader:
         self._spin_hz = abs(rig.spin_rpm) / 60 if unbalanced and not rig.nonlinear else 0.0
         self._share = _SHARE_TIME_STEPPED if rig.nonlinear else _SHARE
         self._amplitude = plan.force_amplitude
+        self._at: float | None = None
         self._run_out: ComplexArray | None = None
 
     def start(self) -> None:
         """Put the rotor to rest; one that is out of balance runs until its own motion is known."""
-        self._amplitude = self._plan.force_amplitude
+        self._amplitude, self._at = self._plan.force_amplitude, None
         first = 0.0 if self._spin_hz else self._amplitude
         self._session.start({**self._rig.start_values(self._effects), "force_amplitude": first})
         self._run_out = None
@@ -142,13 +155,13 @@ class LineReader:
             estimate=remaining_transient(windows),
         )
 
-    def state(self) -> tuple[SavedState, float]:
-        """Where the rotor and the exciter's force stand, for ``go_back``."""
-        return self._session.save_state(), self._amplitude
+    def state(self) -> ReaderState:
+        """Where the rotor and the exciter stand, for ``go_back``."""
+        return self._session.save_state(), self._amplitude, self._at
 
-    def go_back(self, state: tuple[SavedState, float]) -> None:
+    def go_back(self, state: ReaderState) -> None:
         """Go on from an earlier line."""
-        saved, self._amplitude = state
+        saved, self._amplitude, self._at = state
         self._session.restore_state(saved)
 
     def read(self, frequency_hz: float) -> Line:
@@ -160,8 +173,19 @@ class LineReader:
         return self._line(frequency_hz, at, _Settled([], np.nan), 1.0)
 
     def pass_by(self, frequency_hz: float) -> None:
-        """Hold a line for a settling time, unread."""
-        self._hold(frequency_hz * (1 + self._rig.drift), self._plan.settle_time)
+        """Hold a line for as long as a glide to it would take, unread."""
+        self._at = frequency_hz * (1 + self._rig.drift)
+        self._hold(self._at, self._plan.glide_time)
+
+    def _glide(self, at: float) -> None:
+        """Bring the exciter from its last frequency to another [Hz]; a rotor at rest, from no force to its own."""
+        if self._plan.glide_time:
+            force, before = self._amplitude, self._at
+            for share in _GLIDE:
+                self._amplitude = share * force if before is None else force
+                self._hold(at if before is None else before + share * (at - before), self._plan.glide_time / len(_GLIDE))
+            self._amplitude = force
+        self._at = at
 
     def _hold(self, at: float, seconds: float) -> None:
         """Drive the rotor at a frequency [Hz] for some time."""
@@ -173,6 +197,7 @@ class LineReader:
     def _settled_line(self, frequency_hz: float, at: float) -> Line:
         """Wait; where the exciter's force depends on the motion, until the two agree."""
         tried: list[tuple[float, float]] = []
+        self._glide(at)
         while True:
             self._session.set({"force_frequency": at, "force_amplitude": self._amplitude})
             settled = self._settle(frequency_hz, at)
@@ -253,11 +278,30 @@ class LineReader:
         turn = np.exp(2j * np.pi * self._spin_hz * (self._session.time + h * np.arange(size)))
         return self._session.sample(self._outputs, h, size) - (turn[:, None] * self._run_out).real
 
+    def _time_stepped(self, at: float) -> tuple[FloatArray, int]:
+        """The plan's periods of a motion that is stepped in time, and their samples each.
+
+        Where few samples are enough, they are not more. Where two periods are alike, they stand for the others.
+        """
+        for n in dict.fromkeys((min(_FEW_SAMPLES, self._plan.samples(at)), self._plan.samples(at))):
+            run_in = math.ceil(n * min(_RUN_IN * at, 1.0))
+            pair = self._session.sample(self._outputs, 1 / (n * at), run_in + 2 * n)[run_in:]
+            if _folded(pair[:, :-1], n, self._share) <= _UNFOLDED:
+                break
+        size, left = np.abs(detect(pair, n).amplitude[0, :-1]), max(self._plan.periods - 2, 0)
+        if _relative(_spread(pair[:, :-1], n), size, self._share) > _ALIKE:
+            rest = self._session.sample(self._outputs, 1 / (n * at), 1 + left * n)[1:]
+        else:
+            rest = np.tile(pair, (math.ceil(left / 2), 1))[: left * n]
+        return np.concatenate([pair, rest]), n
+
     def _line(self, frequency_hz: float, at: float, settled: _Settled, force: complex, remark: str = "") -> Line:
         plan, windows = self._plan, settled.windows
-        samples = plan.samples(at)
-        run_in = int(self._rig.nonlinear)  # what is stepped in time finds into the samples' rhythm
-        clean = self._window(at, plan.periods + run_in, samples)[run_in * samples :]
+        if self._rig.nonlinear:
+            clean, samples = self._time_stepped(at)
+        else:
+            samples = plan.samples(at)
+            clean = self._window(at, plan.periods, samples)
         noisy = clean.copy()
         noisy[:, :-1] = plan.noise.add(clean[:, :-1], self._stream(frequency_hz))
         detected = detect(noisy, samples, any_harmonics=self._rig.nonlinear)
@@ -362,6 +406,14 @@ def _relative(difference: FloatArray, size: FloatArray, share: float) -> float:
     if not size.any():  # the force sits on a rigidly held node
         return 0.0
     return float(np.max(difference / np.maximum(size, share * size.max())))
+
+
+def _folded(samples: FloatArray, samples_per_period: int, share: float) -> float:
+    """Largest change of a harmonic by leaving out every other sample, relative to a channel's fundamental: what folds back."""
+    if samples_per_period % 2 or samples_per_period < 16:
+        return np.inf
+    whole, half = (detect(samples[::step], samples_per_period // step).amplitude for step in (1, 2))
+    return max(_relative(np.abs(few - many), np.abs(whole[0]), share) for few, many in zip(half, whole, strict=True))
 
 
 def _spread(samples: FloatArray, samples_per_period: int) -> FloatArray:

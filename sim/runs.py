@@ -28,9 +28,15 @@ def sweep_all(fmu: Path, runs: Sequence[tuple[Rig, SweepPlan]], executor: Execut
     ------
     NotSettledError, SetupError : as ``sweep`` does
     """
-    places = {executor.submit(_sweep_one, fmu, rig, plan): place for place, (rig, plan) in enumerate(runs)}
+    longest_first = sorted(range(len(runs)), key=lambda place: _length(*runs[place]), reverse=True)
+    places = {executor.submit(_sweep_one, fmu, *runs[place]): place for place in longest_first}
     for done in as_completed(places):
         yield places[done], done.result()
+
+
+def _length(rig: Rig, plan: SweepPlan) -> tuple[bool, float]:
+    """Of two runs, which one takes longer: a rotor that is stepped in time, the more the harder it is driven."""
+    return rig.nonlinear, plan.force_amplitude
 
 
 def _sweep_one(fmu: Path, rig: Rig, plan: SweepPlan) -> Sweep:

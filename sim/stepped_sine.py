@@ -11,9 +11,9 @@ import numpy as np
 from rotor.measured import ChannelGroup, channel_groups, check_nodes
 from sim.campaign import Channel, FloatArray, Run
 from sim.detection import HARMONICS
-from sim.lines import Line, LineReader, NotSettledError, channels_of
+from sim.lines import Line, LineReader, NotSettledError, ReaderState, channels_of
 from sim.modal_fit import half_power_band, resonances
-from sim.session import FmuSession, SavedState
+from sim.session import FmuSession
 from sim.setup import Rig, SetupError, SweepPlan
 
 __all__ = ["Line", "NotSettledError", "Rig", "SetupError", "Sweep", "SweepPlan", "measure_lines", "sweep"]
@@ -80,8 +80,8 @@ def measure_lines(
 ) -> Sweep:
     """Measure exactly these lines, from rest, in the plan's direction.
 
-    ``passing`` are lines [Hz] that are held for a settling time on the way and not read: a nonlinear rotor that takes
-    them all in one step may leave the branch that a sweep would follow.
+    ``passing`` are lines [Hz] that are held for half a second (``glide_time``) on the way and not read: a nonlinear rotor
+    that takes them all in one step may leave the branch that a sweep would follow.
     """
     plan = rig.carry_out(plan)
     lines = set(np.asarray(frequency_hz, dtype=float).tolist())
@@ -133,7 +133,7 @@ class _Raster:
 
     def __init__(self, reader: LineReader, plan: SweepPlan, count: Callable[[], None], *, keep_states: bool = False):
         self._reader, self._plan, self._count, self._keep_states = reader, plan, count, keep_states
-        self._states: dict[float, tuple[SavedState, float]] = {}
+        self._states: dict[float, ReaderState] = {}
         self.lines: dict[float, Line] = {}
         reader.start()
 

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #define PULLS 4       /* a cubic's coefficients */
-#define TAYLOR 10     /* terms of a force's series: (2 pi / 32)^10 / 10! = 2e-14 */
+#define TAYLOR 12     /* terms of a force's series: (2 pi / 16)^12 / 12! = 3e-14 */
 #define LONG 4.0      /* rate times substep, beyond which the exponential would be squared anyway */
 #define ROWS 16       /* of a block of W whose sums stay in registers */
 #define MOST_LEVEL 60 /* the step is halved no more often than this */
@@ -709,9 +709,13 @@ static void propagate(Nonlinear *s, const Run *run)
     for (int first = 0; first < out; first += ROWS) {
         const double *restrict column = run->p->W + first;
         double sums[ROWS] = {0};
-        for (int c = 0; c < in; c++, column += out)
+        for (int c = 0; c < in; c++, column += out) {
+            const double share = s->z[c];
+            if (share == 0) /* forces that do not act */
+                continue;
             for (int i = 0; i < ROWS; i++)
-                sums[i] += column[i] * s->z[c];
+                sums[i] += column[i] * share;
+        }
         memcpy(s->after + first, sums, sizeof sums);
     }
 }

@@ -69,7 +69,7 @@ def test_lines_that_are_passed_keep_a_sweep_on_its_branch():
     plan = replace(PLAN, noise=SensorNoise())
     read, passed = [92.0, 106.0, 124.0], plan.base_lines()
     kept = measure_lines(DuffingOscillator().as_session(), NONLINEAR, plan, read, passing=passed).run
-    left = measure_lines(DuffingOscillator().as_session(), NONLINEAR, plan, read).run
+    left = measure_lines(DuffingOscillator().as_session(), NONLINEAR, replace(plan, glide_time=1e-9), read).run
     amplitudes = [1000.0 * np.abs(run.H[:, 0]) / (2 * np.pi * run.frequency_hz) ** 2 for run in (kept, left)]
     assert_array_equal(kept.frequency_hz, read)
     assert_allclose(amplitudes[0], slow_sweep(kept.frequency_hz, "up"), rtol=SAME_LINE)
@@ -111,7 +111,9 @@ def test_a_nonlinear_rotor_gets_samples_periods_and_close_windows():
     assert (plan.samples(50.0), plan.samples(1e4), plan.periods, plan.accept_nonperiodic) == (3000, 128, 4, True)
     assert plan.settle_time < SweepPlan().settle_time
     assert plan.settling_tolerance == 1e-3
-    own = SweepPlan(samples_per_period=2048, sample_rate_hz=3e5, periods=20, settle_time=2.0, settling_tolerance=1e-4)
+    assert plan.glide_time > SweepPlan().glide_time
+    waits = {"settle_time": 2.0, "settling_tolerance": 1e-4, "max_windows": 10, "glide_time": 1.0}
+    own = SweepPlan(samples_per_period=2048, sample_rate_hz=3e5, periods=20, **waits)
     assert NONLINEAR.carry_out(own) == replace(own, accept_nonperiodic=True)
 
 

@@ -11,7 +11,7 @@
 #include "stepper.h"
 
 #define JOINT_ROWS 5 /* of the state, after x: of every joint g, g', g_s, v_s, the substep */
-#define SUBSTEPS_KEPT 24
+#define SUBSTEPS_KEPT 64
 
 /* One joint in one plane. */
 typedef struct {

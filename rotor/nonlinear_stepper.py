@@ -16,17 +16,17 @@ That is solved joint after joint by Newton's method, again until no joint moves 
 
 Substeps are the communication step over a power of two. One is halved until at every joint
 
-    e <= max(3e-5 g_s, 1e-7 v_s / 2 |Q|)    |v_1 - v_0| <= 0.2 v_s    |P dg/dd| <= 0.2
+    e <= max(3e-5 g_s, 1e-7 v_s / 2 |Q|)    |v_1 - v_0| <= 0.4 v_s    |P dg/dd| <= 0.2
 
 and doubled where twice its length should meet these bounds too. Here g_s and v_s are the largest g
 and v of the joint in the last ten periods or so of the slowest mode. e is the largest of the cubic's
-error in the middle of the substep, where the law is asked once more; of a thousandth of
+error in the middle of the substep, where the law is asked once more; of a 4000th of
 tau |g_0' - m| + tau |g_1' - m|, m the mean rate, which a corner of the law cannot hide from; and of
 what a turning point within the substep may change in a law with memory. So g is right to 3e-5 of its
 scale, or so nearly that the joint does not notice; no contact is passed over unseen; and the substep
 resolves the joint's stiffness, which makes the small system a contraction with one solution. What
 Newton's method does not settle, at a corner or far from a solution, is halved too. A substep is no
-longer than a 32nd of a tone's period. Where Newton's method fails even on the shortest,
+longer than a 16th of a tone's period. Where Newton's method fails even on the shortest,
 NoBalanceError says so, and where a step takes millions of substeps.
 
 The state vector is x, then, for every joint in y and in z: g, g', g_s, v_s, and the substep. Nothing
@@ -62,7 +62,7 @@ _BEND = 2.5e-4
 # Change of a joint's velocity by an error of its pull, relative to the velocity's scale, that nothing notices.
 _UNNOTICED = 1e-7
 
-# Change of a joint's velocity in a substep, relative to its scale: 31 substeps a period of a sine.
+# Change of a joint's velocity in a substep, relative to its scale: 16 substeps a period of a sine.
 _VELOCITY_CHANGE = 0.4
 
 # |P dg/dd|: the substep is at most 1.2 over the frequency of the joint's stiffness on the joint's mass.

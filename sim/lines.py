@@ -32,8 +32,9 @@ _SHARE, _SHARE_TIME_STEPPED = 1e-3, 0.1
 # A motion whose fundamental spreads by more from period to period does not repeat; one by less need not be watched on.
 PERIODIC, _ALIKE = 1e-3, 1e-4
 
-# Samples a period that are enough where harmonics change by so little when every other one is left out.
-_FEW_SAMPLES, _UNFOLDED = 128, 1e-6
+# Samples are enough where harmonics change by so little when every other one is left out. Content that lies beside
+# multiples of their number alone is missed; that of contacts is everywhere.
+_UNFOLDED = 1e-6
 
 # Seconds, a period at most, in which what is stepped in time finds into the rhythm of the samples.
 _RUN_IN = 5e-3
@@ -41,7 +42,8 @@ _RUN_IN = 5e-3
 # Forces that are tried for an exciter at constant current.
 _FORCE_STEPS = 20
 
-# Where the frequency stands on its glide from one line to the next, 0 to 1: the integral of 1 - cos.
+# Where the frequency stands on its glide from one line to the next, 0 to 1: the integral of 1 - cos, in half as many
+# steps a line needs a third more windows.
 _GLIDE = [share - math.sin(2 * math.pi * share) / (2 * math.pi) for share in (np.arange(64) + 0.5) / 64]
 
 # Samples a period while waiting: what folds back is the same in every window that begins at the same phase.
@@ -180,10 +182,10 @@ class LineReader:
     def _glide(self, at: float) -> None:
         """Bring the exciter from its last frequency to another [Hz]; a rotor at rest, from no force to its own."""
         if self._plan.glide_time:
-            force, before = self._amplitude, self._at
+            force, before, step = self._amplitude, self._at, self._plan.glide_time / len(_GLIDE)
             for share in _GLIDE:
                 self._amplitude = share * force if before is None else force
-                self._hold(at if before is None else before + share * (at - before), self._plan.glide_time / len(_GLIDE))
+                self._hold(at if before is None else before + share * (at - before), step)
             self._amplitude = force
         self._at = at
 
@@ -279,21 +281,27 @@ class LineReader:
         return self._session.sample(self._outputs, h, size) - (turn[:, None] * self._run_out).real
 
     def _time_stepped(self, at: float) -> tuple[FloatArray, int]:
-        """The plan's periods of a motion that is stepped in time, and their samples each.
+        """The plan's periods of a motion that is stepped in time, and how many samples each of them has.
 
-        Where few samples are enough, they are not more. Where two periods are alike, they stand for the others.
+        Only a motion that folds onto its harmonics is sampled densely, and only one that does not repeat is followed
+        for more than two periods.
         """
-        for n in dict.fromkeys((min(_FEW_SAMPLES, self._plan.samples(at)), self._plan.samples(at))):
-            run_in = math.ceil(n * min(_RUN_IN * at, 1.0))
-            pair = self._session.sample(self._outputs, 1 / (n * at), run_in + 2 * n)[run_in:]
-            if _folded(pair[:, :-1], n, self._share) <= _UNFOLDED:
-                break
+        n = self._plan.samples_per_period
+        pair = self._two_periods(at, n)
+        if _folded(pair[:, :-1], n, self._share) > _UNFOLDED:
+            n = self._plan.samples(at)
+            pair = self._two_periods(at, n)
         size, left = np.abs(detect(pair, n).amplitude[0, :-1]), max(self._plan.periods - 2, 0)
         if _relative(_spread(pair[:, :-1], n), size, self._share) > _ALIKE:
             rest = self._session.sample(self._outputs, 1 / (n * at), 1 + left * n)[1:]
         else:
             rest = np.tile(pair, (math.ceil(left / 2), 1))[: left * n]
         return np.concatenate([pair, rest]), n
+
+    def _two_periods(self, at: float, n: int) -> FloatArray:
+        """Of n samples each, after some run-in."""
+        run_in = math.ceil(n * min(_RUN_IN * at, 1.0))
+        return self._session.sample(self._outputs, 1 / (n * at), run_in + 2 * n)[run_in:]
 
     def _line(self, frequency_hz: float, at: float, settled: _Settled, force: complex, remark: str = "") -> Line:
         plan, windows = self._plan, settled.windows
@@ -409,8 +417,8 @@ def _relative(difference: FloatArray, size: FloatArray, share: float) -> float:
 
 
 def _folded(samples: FloatArray, samples_per_period: int, share: float) -> float:
-    """Largest change of a harmonic by leaving out every other sample, relative to a channel's fundamental: what folds back."""
-    if samples_per_period % 2 or samples_per_period < 16:
+    """Largest change of a harmonic by leaving out every other sample, relative to the channel's fundamental."""
+    if samples_per_period % 2:
         return np.inf
     whole, half = (detect(samples[::step], samples_per_period // step).amplitude for step in (1, 2))
     return max(_relative(np.abs(few - many), np.abs(whole[0]), share) for few, many in zip(half, whole, strict=True))

@@ -46,7 +46,7 @@ class SweepPlan:
     lines_per_half_power_band: int = 8
     force_amplitude: float = 1.0  # [N]; of an exciter at constant current the nominal one
     samples_per_period: int = 16  # at least
-    sample_rate_hz: float = 0.0  # at least
+    sample_rate_hz: float = 0.0  # at least; of a nonlinear rotor only where fewer samples a period would fold
     periods: int = 1  # of the window a line is read from
     settle_time: float = 30.0  # [s], between windows
     glide_time: float = 0.0  # [s], from one settled line's frequency to the next one's

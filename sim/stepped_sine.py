@@ -80,8 +80,8 @@ def measure_lines(
 ) -> Sweep:
     """Measure exactly these lines, from rest, in the plan's direction.
 
-    ``passing`` are lines [Hz] that are held for half a second (``glide_time``) on the way and not read: a nonlinear rotor
-    that takes them all in one step may leave the branch that a sweep would follow.
+    ``passing`` are lines [Hz] that are held for ``glide_time`` on the way and not read: a nonlinear rotor that takes
+    them all in one step may leave the branch that a sweep would follow.
     """
     plan = rig.carry_out(plan)
     lines = set(np.asarray(frequency_hz, dtype=float).tolist())

@@ -1,7 +1,7 @@
 /* Time stepping of the rotor with local nonlinear forces. Mirrors rotor/nonlinear_stepper.py, which says how and why.
 
    Other than there, a substep's propagator knows nothing of the tones: the forces are their Taylor series about the
-   substep's start, which is exact to 2e-14 for a 32nd of a period. So one propagator serves every line of a
+   substep's start, which is exact to 3e-14 for a 16th of a period. So one propagator serves every line of a
    sweep whose substeps are as long, and a long one is the square of its half. */
 #ifndef RIGTWIN_NONLINEAR_H
 #define RIGTWIN_NONLINEAR_H

@@ -27,10 +27,11 @@ class StandIn:
         self.frequency = values.get("force_frequency", self.frequency)
 
     def step(self, h: float) -> None:
-        """The motion follows the force, and the phase goes on."""
+        """The phase goes on; the motion follows a force that is held for a tenth of a second."""
         self.phase += 2 * np.pi * self.frequency * h
         self.time += h
-        self.follow()
+        if h >= 0.1:
+            self.follow()
 
     def sample(self, _outputs: list[str], h: float, n: int) -> np.ndarray:
         """(n, 2) acceleration and force."""

@@ -14,7 +14,7 @@ from sim.lines import PERIODIC
 from sim.sensors import SensorNoise
 from sim.session import FmuSession
 from sim.stepped_sine import NotSettledError, Rig, SweepPlan, measure_lines, sweep
-from tests.sim.stand_ins import DuffingOscillator, SwellingMotion
+from tests.sim.stand_ins import DuffingOscillator, StandIn, SwellingMotion
 from tests.tolerances import SAME_LINE
 
 NONLINEAR = Rig(effects=(BearingCubic(),))
@@ -115,6 +115,51 @@ def test_a_nonlinear_rotor_gets_samples_periods_and_close_windows():
     waits = {"settle_time": 2.0, "settling_tolerance": 1e-4, "max_windows": 10, "glide_time": 1.0}
     own = SweepPlan(samples_per_period=2048, sample_rate_hz=3e5, periods=20, **waits)
     assert NONLINEAR.carry_out(own) == replace(own, accept_nonperiodic=True)
+
+
+def test_a_glide_from_line_to_line_starts_hardly_any_transients(session):
+    """Neither to the first one, from rest, nor to the next; five windows are the least."""
+    rig, read = Rig(effects=(BearingCubic(stiffness=1e6),)), [150.0, 152.0, 154.0]
+    glided = measure_lines(session, rig, SweepPlan(), read)
+    jumped = measure_lines(session, rig, SweepPlan(glide_time=1e-9), read)
+    assert max(line.windows for line in glided.lines) < 10
+    assert min(line.windows for line in jumped.lines) > 25
+    assert_allclose(glided.run.H, jumped.run.H, rtol=1e-3, atol=1e-4 * abs(jumped.run.H).max())
+
+
+class Harmonic(StandIn):
+    """A fundamental and one harmonic; ``taken`` are the samples of each call."""
+
+    def __init__(self, order: int):
+        self.order, self.taken = order, []
+
+    def sample(self, outputs: list[str], h: float, n: int) -> np.ndarray:
+        self.taken.append(n)
+        return super().sample(outputs, h, n)
+
+    def acceleration(self, phi: np.ndarray) -> np.ndarray:
+        return 3 * np.sin(phi) + 0.1 * np.sin(self.order * phi)
+
+
+@pytest.mark.parametrize(("order", "dense"), [(3, False), (60, False), (61, True), (67, True), (190, True)])
+def test_a_motion_is_read_from_as_many_samples_as_its_harmonics_need(order, dense):
+    """At 100 Hz, two periods after half a one of run-in; of 64 samples, orders 61, 67 and 190 fold onto harmonics."""
+    motion, plan = Harmonic(order), replace(PLAN, noise=SensorNoise())
+    run = measure_lines(motion.as_session(), NONLINEAR, plan, [100.0]).run
+    assert motion.taken[-1] == 2.5 * (1500 if dense else 128)
+    assert abs(run.H[0, 0]) * 1000.0 == pytest.approx(3.0)
+    assert abs(run.harmonics[3][0, 0]) * 1000.0 == pytest.approx(0.1 if order == 3 else 0.0, abs=1e-9)
+
+
+def test_periods_beyond_two_are_read_only_of_a_motion_that_does_not_repeat():
+    """And have their own noise all the same."""
+    stds = []
+    for periods in (2, 4, 16):
+        motion = Harmonic(3)
+        plan = replace(PLAN, periods=periods, noise=SensorNoise(floor=0.01))
+        stds.append(measure_lines(motion.as_session(), NONLINEAR, plan, [100.0]).run.std)
+        assert motion.taken[-1] == 2.5 * 128
+    assert_allclose(stds, 0.01 / 1000.0, rtol=0.3)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[Comp
 
 _BLOCKS = 10  # stretches of lines of every run; every second one is held out
 
-# Held-out lines of a nonlinear run that the virtual rig reads: settling takes ten times as long as passing a line.
+# Held-out lines of a nonlinear run that the virtual rig reads: settling takes four times as long as passing a line.
 _INTEGRATED = 8
 
 

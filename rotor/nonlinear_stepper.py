@@ -20,7 +20,7 @@ Substeps are the communication step over a power of two. One is halved until at 
 
 and doubled where twice its length should meet these bounds too. Here g_s and v_s are the largest g
 and v of the joint in the last ten periods or so of the slowest mode. e is the largest of the cubic's
-error in the middle of the substep, where the law is asked once more; of a 4000th of
+error in the middle of the substep, where the law is asked once more; of a thousandth of
 tau |g_0' - m| + tau |g_1' - m|, m the mean rate, which a corner of the law cannot hide from; and of
 what a turning point within the substep may change in a law with memory. So g is right to 3e-5 of its
 scale, or so nearly that the joint does not notice; no contact is passed over unseen; and the substep
@@ -57,7 +57,7 @@ from rotor.structure import FloatArray, IntArray
 FORCE_ERROR = 3e-5
 
 # Share of the difference between a pull's rates that counts as error, however well the cubic fits the middle.
-_BEND = 2.5e-4
+_BEND = 1e-3
 
 # Change of a joint's velocity by an error of its pull, relative to the velocity's scale, that nothing notices.
 _UNNOTICED = 1e-7

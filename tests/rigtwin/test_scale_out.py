@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 from numpy.testing import assert_array_equal
@@ -21,7 +23,7 @@ from estimator.prior import PRIOR
 from rigtwin import scale_out
 from rigtwin.exits import UserError
 from rigtwin.scale_out import executor
-from rotor.effects import FastSweep, ForceDropout
+from rotor.effects import BearingClearance, FastSweep, ForceDropout
 from sim.runs import sweep_all
 from sim.session import FmuSession
 from sim.stepped_sine import NotSettledError, Rig, SetupError, SweepPlan, sweep
@@ -164,6 +166,29 @@ def test_workers_use_one_thread_each_and_this_process_keeps_its_own(monkeypatch)
 def test_what_a_worker_complains_of_arrives_whole(rotor_fmu, rig, plan, error, words):
     with executor(workers=1) as pool, pytest.raises(error, match=words):
         list(sweep_all(rotor_fmu, [(rig, plan)], pool))
+
+
+class Unhurried(Executor):
+    """Does nothing but note the order in which work comes."""
+
+    def __init__(self) -> None:
+        self.begun: list[tuple[Any, ...]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
+        self.begun.append(args)
+        done: Future[Any] = Future()
+        done.set_result(args)
+        return done
+
+
+def test_the_longest_runs_begin_first_and_keep_their_places(tmp_path):
+    """A rotor that is stepped in time takes longer than one that is not, and the harder it is driven."""
+    stepped, linear = Rig(effects=(BearingClearance(),)), Rig("rigid", effects=(BearingClearance(),))
+    runs = [(rig, SweepPlan(force_amplitude=force)) for rig, force in ((linear, 9.0), (stepped, 1.0), (stepped, 3.0))]
+    pool = Unhurried()
+    found = dict(sweep_all(tmp_path, runs, pool))
+    assert [args[1:] for args in pool.begun] == [runs[2], runs[1], runs[0]]
+    assert [found[place] for place in range(3)] == [(tmp_path, *run) for run in runs]
 
 
 def test_a_scheduler_without_workers(cluster, monkeypatch):

@@ -20,6 +20,14 @@ class Phasors:
     std: FloatArray  # (n_channels,) standard error sqrt(E|error|^2) of each phasor
 
 
+def harmonics(samples: FloatArray, samples_per_period: int) -> ComplexArray:
+    """(n_harmonics, n_channels) peak phasors of a window of whole periods, see ``detect``."""
+    N = len(samples)
+    if samples_per_period < 8 or N == 0 or N % samples_per_period:
+        raise ValueError(f"{N} samples are not whole periods of {samples_per_period} (at least 8) samples")
+    return np.asarray(2 / N * (_basis(N, samples_per_period) @ samples), dtype=complex)
+
+
 def detect(samples: FloatArray, samples_per_period: int, *, any_harmonics: bool = False) -> Phasors:
     """Least squares of a constant and HARMONICS over whole periods.
 
@@ -34,16 +42,12 @@ def detect(samples: FloatArray, samples_per_period: int, *, any_harmonics: bool 
     any_harmonics : s is estimated from what does not repeat from period to period, so that harmonics
         beyond HARMONICS do not count as noise; for two periods and more
     """
-    N = len(samples)
-    if samples_per_period < 8 or N == 0 or N % samples_per_period:
-        raise ValueError(f"{N} samples are not whole periods of {samples_per_period} (at least 8) samples")
-    basis = _basis(N, samples_per_period)
-    amplitude = np.asarray(2 / N * (basis @ samples), dtype=complex)
+    amplitude, N = harmonics(samples, samples_per_period), len(samples)
     if any_harmonics and samples_per_period < N:
         periods = samples.reshape(-1, samples_per_period, samples.shape[1])
         fitted, freedom = np.tile(periods.mean(axis=0), (len(periods), 1)), N - samples_per_period
     else:
-        fitted = samples.mean(axis=0) + np.real(basis.conj().T @ amplitude)
+        fitted = samples.mean(axis=0) + np.real(_basis(N, samples_per_period).conj().T @ amplitude)
         freedom = N - 1 - 2 * len(HARMONICS)
     variance = np.sum((samples - fitted) ** 2, axis=0) / freedom
     return Phasors(amplitude, 2 * np.sqrt(variance / N))

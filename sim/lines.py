@@ -14,7 +14,7 @@ from rotor.effects.chain import SensorPosition
 from rotor.effects.spinning import UnbalanceForce
 from rotor.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
 from sim.campaign import Channel, ComplexArray, FloatArray
-from sim.detection import HARMONICS, Phasors, detect
+from sim.detection import HARMONICS, Phasors, detect, harmonics
 from sim.session import FmuSession, SavedState
 from sim.setup import Rig, SetupError, SweepPlan
 
@@ -92,7 +92,8 @@ class Line:
 class _Settled:
     """What waiting led to."""
 
-    windows: list[Phasors]
+    windows: list[ComplexArray]  # (n_channels,) fundamentals per newton
+    last: FloatArray  # (n_samples, n_channels + 1) the last of these windows, a period; with the force
     estimate: float  # remaining transient, relative [-]
     remark: str = ""  # what is wrong, where it did not settle
 
@@ -141,15 +142,14 @@ class LineReader:
 
     def _measure_run_out(self) -> ComplexArray:
         """(n_outputs,) phasors of the motion without the exciter at the spin frequency, from time zero."""
-        windows: list[Phasors] = []
+        windows: list[ComplexArray] = []
         while len(windows) < self._plan.max_windows:
             self._session.step(self._plan.settle_time)
-            turn = np.exp(-2j * np.pi * self._spin_hz * self._session.time * np.array(HARMONICS))
+            turn = np.exp(-2j * np.pi * self._spin_hz * self._session.time)
             samples = self._plan.samples(self._spin_hz)
-            found = detect(self._window(self._spin_hz, 1, samples), samples)
-            windows.append(replace(found, amplitude=found.amplitude * turn[:, None]))
+            windows.append(harmonics(self._window(self._spin_hz, 1, samples), samples)[0] * turn)
             if len(windows) >= 3 and remaining_transient(windows) <= _ROUND_OFF:
-                return windows[-1].amplitude[0]
+                return windows[-1]
         raise NotSettledError(
             f"the motion by unbalance does not settle within {len(windows) * self._plan.settle_time:.0f} s; "
             "raise settle_time, or the damping if it is too low",
@@ -172,7 +172,7 @@ class LineReader:
         if self._plan.dwell is None:
             return self._settled_line(frequency_hz, at)
         self._hold(at, self._plan.dwell)
-        return self._line(frequency_hz, at, _Settled([], np.nan), 1.0)
+        return self._line(frequency_hz, at, _Settled([], np.empty((0, len(self._outputs))), np.nan), 1.0)
 
     def pass_by(self, frequency_hz: float) -> None:
         """Hold a line for as long as a glide to it would take, unread."""
@@ -223,20 +223,21 @@ class LineReader:
 
     def _settle(self, frequency_hz: float, at: float) -> _Settled:
         """Take windows until the transient is estimated to be gone."""
-        plan, windows, estimate = self._plan, [], np.inf
+        plan, windows, last, estimate = self._plan, [], np.empty(0), np.inf
         wait, samples = self._wait(at), self._waiting_samples(at)
         while len(windows) < plan.max_windows:
             self._session.step(wait)
-            windows.append(self._phasors(at, samples))
+            last = self._window(at, 1, samples)
+            windows.append(_fundamental(last))
             estimate = remaining_transient(windows, time_stepped=self._rig.nonlinear)
             if len(windows) >= 3 and estimate <= plan.settling_tolerance:
-                return _Settled(windows, estimate)
+                return _Settled(windows, last, estimate)
             if plan.accept_nonperiodic and _is_stationary(windows):
                 break
         share = f"{estimate:.1e}" if np.isfinite(estimate) else "an unknown share"
         waited = f"{frequency_hz:.4f} Hz: {share} of the response {{}} after {len(windows) * wait:.0f} s"
         if plan.accept_nonperiodic:
-            return _Settled(windows, estimate, waited.format("still changes from window to window"))
+            return _Settled(windows, last, estimate, waited.format("still changes from window to window"))
         raise NotSettledError(
             waited.format("is still transient") + "; raise settle_time, or the damping if it is too low",
             frequency_hz=frequency_hz,
@@ -259,18 +260,14 @@ class LineReader:
             return 1.0
         if self._beside_drive:  # the sensor reads beside the exciter: set it back for a moment
             self._session.set({"sensor_position.enabled": False})
-        phasors = self._phasors(at, self._plan.samples(at))
+        moving = _fundamental(self._window(at, 1, self._plan.samples(at)))
         if self._beside_drive:
             self._session.set({"sensor_position.enabled": True})
         drive = self.channels.index(Channel(self._rig.excitation_node, self._rig.excitation_plane))
         omega = np.array([2 * np.pi * at])
-        return complex(force_factor(self._effects, omega, -phasors.amplitude[0, drive] / omega**2)[0])
+        return complex(force_factor(self._effects, omega, -moving[drive] / omega**2)[0])
 
     # -- reading -------------------------------------------------------------------------------
-
-    def _phasors(self, at: float, samples: int) -> Phasors:
-        """Of one period, per newton."""
-        return per_force(detect(self._window(at, 1, samples), samples))
 
     def _window(self, at: float, periods: int, n: int) -> FloatArray:
         """n samples of each of whole periods, less the motion by unbalance."""
@@ -291,7 +288,7 @@ class LineReader:
         if _folded(pair[:, :-1], n, self._share) > _UNFOLDED:
             n = self._plan.samples(at)
             pair = self._two_periods(at, n)
-        size, left = np.abs(detect(pair, n).amplitude[0, :-1]), max(self._plan.periods - 2, 0)
+        size, left = np.abs(harmonics(pair, n)[0, :-1]), max(self._plan.periods - 2, 0)
         if _relative(_spread(pair[:, :-1], n), size, self._share) > _ALIKE:
             rest = self._session.sample(self._outputs, 1 / (n * at), 1 + left * n)[1:]
         else:
@@ -309,7 +306,8 @@ class LineReader:
             clean, samples = self._time_stepped(at)
         else:
             samples = plan.samples(at)
-            clean = self._window(at, plan.periods, samples)
+            known = len(settled.last) == plan.periods * samples
+            clean = settled.last if known else self._window(at, plan.periods, samples)
         noisy = clean.copy()
         noisy[:, :-1] = plan.noise.add(clean[:, :-1], self._stream(frequency_hz))
         detected = detect(noisy, samples, any_harmonics=self._rig.nonlinear)
@@ -362,6 +360,12 @@ def channels_of(session: FmuSession, rig: Rig) -> tuple[Channel, ...]:
     return tuple(found)
 
 
+def _fundamental(period: FloatArray) -> ComplexArray:
+    """(n_channels,) of the samples (n, n_channels + 1) of one period, per newton; the force is the last channel."""
+    found = harmonics(period, len(period))[0]
+    return found[:-1] / found[-1]
+
+
 def per_force(phasors: Phasors) -> Phasors:
     """Response phasors referred to the force in the last channel, harmonics to its k-th power's phase."""
     force = phasors.amplitude[0, -1]
@@ -369,8 +373,8 @@ def per_force(phasors: Phasors) -> Phasors:
     return replace(phasors, amplitude=phasors.amplitude[:, :-1] / turn[:, None], std=phasors.std[:-1] / abs(force))
 
 
-def remaining_transient(windows: Sequence[Phasors], *, time_stepped: bool = False) -> float:
-    """What is left of the transient after the last of equally spaced windows, inf where it is not known.
+def remaining_transient(windows: Sequence[ComplexArray], *, time_stepped: bool = False) -> float:
+    """What is left of the transient after the last of equally spaced windows (n_channels,), inf where it is not known.
 
     A transient that decays by the factor r from window to window changes the phasor by d, then by
     r d; what is left after the last window is at most d r / (1 - r), with d the last change. Modes
@@ -395,18 +399,18 @@ def remaining_transient(windows: Sequence[Phasors], *, time_stepped: bool = Fals
     return max(disagreement, left) if np.isfinite(left) else disagreement
 
 
-def _is_stationary(windows: Sequence[Phasors]) -> bool:
+def _is_stationary(windows: Sequence[ComplexArray]) -> bool:
     """Whether the windows scatter now as they did before, so that waiting longer changes nothing."""
     if len(windows) < _STATIONARY_WINDOWS:
         return False
-    last = np.array([window.amplitude[0] for window in windows[-_STATIONARY_WINDOWS:]])
+    last = np.array(windows[-_STATIONARY_WINDOWS:])
     before, after = (half.std(axis=0).max() for half in np.split(last, 2))
     return bool(0.7 * before <= after <= before / 0.7)
 
 
-def _change(before: Phasors, after: Phasors, share: float) -> float:
+def _change(before: ComplexArray, after: ComplexArray, share: float) -> float:
     """Largest change over channels, see ``_relative``."""
-    return _relative(np.abs(after.amplitude[0] - before.amplitude[0]), np.abs(after.amplitude[0]), share)
+    return _relative(np.abs(after - before), np.abs(after), share)
 
 
 def _relative(difference: FloatArray, size: FloatArray, share: float) -> float:
@@ -420,13 +424,15 @@ def _folded(samples: FloatArray, samples_per_period: int, share: float) -> float
     """Largest change of a harmonic by leaving out every other sample, relative to the channel's fundamental."""
     if samples_per_period % 2:
         return np.inf
-    whole, half = (detect(samples[::step], samples_per_period // step).amplitude for step in (1, 2))
+    whole, half = (harmonics(samples[::step], samples_per_period // step) for step in (1, 2))
     return max(_relative(np.abs(few - many), np.abs(whole[0]), share) for few, many in zip(half, whole, strict=True))
 
 
 def _spread(samples: FloatArray, samples_per_period: int) -> FloatArray:
     """(n_channels,) root-mean-square deviation of the fundamental from its mean over the periods."""
     periods = samples.reshape(-1, samples_per_period, samples.shape[1])
+    if len(periods) == 1:
+        return np.zeros(samples.shape[1])
     basis = 2 / samples_per_period * np.exp(-2j * np.pi * np.arange(samples_per_period) / samples_per_period)
     fundamental = np.einsum("n,pnc->pc", basis, periods)
     return np.sqrt(np.mean(np.abs(fundamental - fundamental.mean(axis=0)) ** 2, axis=0))

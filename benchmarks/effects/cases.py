@@ -49,7 +49,7 @@ CASES = (
     Case(BearingClearance(gap=2e-6, preload=20.0), (1.0, 3.0, 10.0), harmonics=31),
     Case(BearingFriction(force=1.0, stiffness=3e6), (0.5, 2.0, 8.0), harmonics=31),
     Case(BilinearSupport(ratio=1.5), (0.3, 1.0, 3.0), harmonics=31),
-    Case(Rub(stiffness=1e6, gap=3e-5, node=4), (0.3, 1.0, 3.0)),
+    Case(Rub(stiffness=1e6, gap=3e-5, node=4), (0.3, 1.0, 3.0), harmonics=31),
 )
 
 # Round the first resonance closely, round its superharmonics and the second resonance loosely.

@@ -156,9 +156,10 @@ def section() -> str:
     return f"""## Harmonic balance against time stepping
 
 `RotorRig.fmu`, each effect at three levels, swept upwards over {len(LINES_HZ)} lines through the virtual rig
-(150,000 samples a second), against harmonic balance (15 harmonics; 31 for clearance, friction and the bilinear
-support, whose corners excite higher modes; corners rounded over {100 * CORNER:g} % of the gap) on the branch of an
-upward or of a downward sweep, whichever the FMU is on: from one of these lines to the next it may fall off a branch.
+(150,000 samples a second where there are contacts), against harmonic balance (15 harmonics; 31 for clearance, friction,
+the bilinear support and the rub, whose corners excite higher modes; corners rounded over {100 * CORNER:g} % of the
+gap) on the branch of an upward or of a downward sweep, whichever the FMU is on: from one of these lines to the next it
+may fall off a branch.
 Largest difference of a line's phasors over all nodes, relative to the line. A third harmonic is judged where it is at
 least {100 * SHOWN_THIRD:g} % of the fundamental. A line whose fundamental spreads by more than 0.1 % from period to
 period, or that does not settle, counts as not periodic. Not judged are lines where the motion that harmonic balance

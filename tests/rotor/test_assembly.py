@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from rotor.assembly import assemble
 from rotor.condition import Condition
+from rotor.effects import DiskInertia, Gyroscopic
 from rotor.elements import euler_bernoulli
 from rotor.modal import damped_modes
+from rotor.model import build_system
 from rotor.rig import Rig, load_rig
 from rotor.structure import DOF_PER_NODE
 from rotor.whirl import campbell
@@ -79,6 +81,17 @@ def test_conical_motion_carries_the_total_polar_inertia(with_disks):
     shaft = 7840 * np.pi * 0.01**2 * 0.426 * 0.01**2 / 2
     polar = shaft + 2 * DISK["polar_inertia_kg_m2"]
     assert_allclose(motions["about y"] @ with_disks.G @ motions["about z"], polar, rtol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("effect", [Gyroscopic(), DiskInertia()])
+def test_effects_give_a_disk_only_the_inertia_that_it_lacks(with_disks, effect):
+    nominal, with_it = (build_system(with_disks, UNDAMPED, effects) for effects in ([], [effect]))
+    assert_array_equal(with_it.M, nominal.M)
+    assert_array_equal(with_it.G, nominal.G)
+    lumped = assemble(Rig.model_validate(rigs.tables(disk=[{"node": 3, **DISK, "inertia": False}])))
+    bare, given = (build_system(lumped, UNDAMPED, effects) for effects in ([], [effect]))
+    inertia = DISK["polar_inertia_kg_m2"] if isinstance(effect, Gyroscopic) else DISK["diametral_inertia_kg_m2"]
+    assert max(np.abs(given.M - bare.M).max(), np.abs(given.G - bare.G).max()) == pytest.approx(inertia)
 
 
 def test_the_papers_disks_weigh_what_their_dimensions_say():

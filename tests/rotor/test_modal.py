@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from rotor.assembly import assemble
 from rotor.condition import Condition
 from rotor.elements import ElementType, euler_bernoulli, linear_timoshenko, timoshenko
-from rotor.modal import damped_modes, natural_frequencies_hz
+from rotor.modal import damped_modes, elastic_frequencies_hz, natural_frequencies_hz
 from rotor.model import build_system
 from rotor.rig import Rig
 from rotor.system import undamped_modes
@@ -167,3 +167,9 @@ def test_campbell_lines_start_at_the_natural_frequencies():
     standing, spinning = campbell(system, np.array([0.0, 500.0]), n_modes=4).frequency_hz
     assert_allclose(standing, natural_frequencies_hz(system)[:4], rtol=EIGENVALUE_ROUND_OFF)
     assert spinning[0] < standing[0] < spinning[1], "whirl splits"
+
+
+@pytest.mark.parametrize("plane", [None, 1])
+def test_all_frequencies_of_a_rotor_that_is_held_are_elastic(plane):
+    system = rigs.paper_system(rigs.RIGID)
+    assert_array_equal(elastic_frequencies_hz(system, plane), natural_frequencies_hz(system, plane))

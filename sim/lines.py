@@ -431,11 +431,9 @@ def _folded(samples: FloatArray, samples_per_period: int, share: float) -> float
 def _spread(samples: FloatArray, samples_per_period: int) -> FloatArray:
     """(n_channels,) root-mean-square deviation of the fundamental from its mean over the periods."""
     periods = samples.reshape(-1, samples_per_period, samples.shape[1])
-    if len(periods) == 1:
+    if len(periods) == 1:  # as of most linear lines
         return np.zeros(samples.shape[1])
-    basis = 2 / samples_per_period * np.exp(-2j * np.pi * np.arange(samples_per_period) / samples_per_period)
-    fundamental = np.einsum("n,pnc->pc", basis, periods)
-    return np.sqrt(np.mean(np.abs(fundamental - fundamental.mean(axis=0)) ** 2, axis=0))
+    return np.std([harmonics(period, samples_per_period)[0] for period in periods], axis=0)
 
 
 def _does_not_repeat(frequency_hz: float, spread: float) -> str:

@@ -83,7 +83,7 @@ _CONSTANTS: tuple[tuple[ModuleType, tuple[str, ...]], ...] = (
     (design, ("CRACK_LENGTH", "WEAKEST_BRANCH", "GROUND_COMPLIANCE")),
     (supports, ("BRANCHES",)),
     (nonlinear, ("SHARP", "SHARP_LENGTH", "SEAT_PARTS")),
-    (system, ("_RIGID_BODY", "_BUCKLED")),
+    (system, ("_NO_STRAIN",)),
     (stepper, ("_NO_STEADY_STATE",)),
     (simulator, ("TICKS_PER_SECOND", "_SAME_TIME", "_LAST_TIME")),
     (

@@ -58,7 +58,7 @@ class StateSpace:
         C = system.C + spin_speed * system.G
         A = np.zeros((2 * m + k, 2 * m + k))
         A[:m, m : 2 * m] = np.diag(self._scale)
-        A[m : 2 * m, :m] = -np.diag(np.where(modes.elastic, modes.omega, 0.0))  # a rigid body's omega is round-off
+        A[m : 2 * m, :m] = -np.diag(modes.omega)
         A[m : 2 * m, m : 2 * m] = -self._Phi.T @ C[heavy[:, None], heavy] @ self._Phi
         if k:
             self._add_massless(A, system, C)

@@ -11,15 +11,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh, solve_triangular
+from scipy.linalg import eigh, qr, solve_triangular
 
 from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 
-# A natural frequency below this share of the highest is a rigid-body motion.
-_RIGID_BODY = 1e-6
+# Strain energy that is round-off: this share of the energies that add up to it. So little is that of a rigid-body
+# motion; a negative one of more is that of a rotor that buckles. The first mode of a beam of n elements has 2 / n^4.
+_NO_STRAIN = 1e-12
 
-# A negative strain energy of this share of what adds up to it is not round-off: the rotor buckles.
-_BUCKLED = 1e-12
+# Ratio of the lowest to the highest eigenvalue below which one solution does not hold digits of both.
+_WIDE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -115,13 +116,13 @@ class LinearSystem:
 class Modes:
     """Undamped modes of the non-spinning rotor, lowest first."""
 
-    omega: FloatArray  # (n_heavy,) natural frequencies [rad/s]
+    omega: FloatArray  # (n_heavy,) natural frequencies [rad/s], 0 of a rigid-body motion
     Phi: FloatArray  # (n, n_heavy) mass-normalised: Phi' M Phi = 1
 
     @property
     def elastic(self) -> NDArray[np.bool_]:
-        """(n_heavy,) whether a mode bends the rotor or its supports; the others are rigid-body motions."""
-        return self.omega > _RIGID_BODY * self.omega.max()
+        """(n_heavy,) whether a mode strains the shaft or its supports; the others are rigid-body motions."""
+        return self.omega > 0
 
 
 def undamped_modes(system: LinearSystem) -> Modes:
@@ -130,7 +131,7 @@ def undamped_modes(system: LinearSystem) -> Modes:
     Solving plane by plane keeps degenerate y and z modes apart, so that a force in y leaves z
     exactly at rest. Massless degrees of freedom follow statically.
 
-    Raises ValueError when the stiffness is not positive: the rotor buckles.
+    Raises ValueError when the stiffness is negative: the rotor buckles.
     """
     heavy = system.heavy
     M, K = system.M[heavy[:, None], heavy], system.condensed_stiffness
@@ -140,11 +141,7 @@ def undamped_modes(system: LinearSystem) -> Modes:
     for g in np.unique(group):
         places = np.flatnonzero(group == g)
         block = places[:, None], places
-        K_block = K[block]
-        squares, shapes = _natural(K_block, M[block])
-        first = shapes[:, 0]
-        if first @ K_block @ first < -_BUCKLED * (np.abs(first) @ np.abs(K_block) @ np.abs(first)):
-            raise ValueError("the rotor buckles: its stiffness is negative; reduce the axial compression")
+        squares, shapes = _natural(K[block], M[block])
         columns = slice(column, column + len(places))
         omega[columns] = np.sqrt(np.clip(squares, 0.0, None))
         Phi[places, columns] = shapes
@@ -161,18 +158,66 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     The problem is solved upside down, M phi = K phi / omega^2: round-off is relative to the largest eigenvalue, so that
     the lowest frequencies are right to 1e-13, not 1e-11. What the highest modes lose is given back: orthogonality from
-    the lowest up, and frequencies by Rayleigh's quotient. A rotor that floats has no inverse.
+    the lowest up, and frequencies by Rayleigh's quotient, or, where the shaft has next to no mass, by the upright
+    problem. A rotor that floats has no inverse.
     """
     try:
         inverse, shapes = eigh(M, K, check_finite=False)
     except np.linalg.LinAlgError:
-        return eigh(K, M)
-    if inverse[0] <= _RIGID_BODY**2 * inverse[-1]:
-        return eigh(K, M)
-    inverse, shapes = inverse[::-1], shapes[:, ::-1] / np.sqrt(inverse[::-1])
+        return _floating(K, M)
+    if strain_share(K, shapes[:, -1:])[0] <= _NO_STRAIN:
+        return _floating(K, M)
+    wide = inverse[0] <= _WIDE * inverse[-1]
+    inverse, shapes = inverse[::-1], shapes[:, ::-1]
+    high = inverse < np.sqrt(max(inverse[-1], _WIDE**2 * inverse[0]) * inverse[0])
+    shapes[:, ~high] /= np.sqrt(inverse[~high])
+    shapes[:, high] = eigh(K, M)[1][:, high] if wide else shapes[:, high] / np.sqrt(inverse[high])
     shapes = solve_triangular(np.linalg.cholesky(shapes.T @ M @ shapes), shapes.T, lower=True, check_finite=False).T
-    high = inverse < np.sqrt(inverse[0] * inverse[-1])
-    return np.where(high, np.einsum("im,im->m", shapes, K @ shapes), 1 / inverse), shapes
+    rayleigh = np.einsum("im,im->m", shapes, K @ shapes)
+    return np.where(high, rayleigh, 1 / np.where(high, 1.0, inverse)), shapes
+
+
+def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:
+    """(m,) strain energy of shapes (n, m) over the energies that add up to it, whatever their signs."""
+    return np.einsum("im,im->m", shapes, K @ shapes) / np.einsum("im,im->m", np.abs(shapes), np.abs(K) @ np.abs(shapes))
+
+
+def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same of a rotor whose K has no inverse: rigid-body motions, and what is orthogonal to them.
+
+    Raises ValueError when the stiffness is negative: the rotor buckles.
+    """
+    stiff = 1 / np.sqrt(np.abs(K.diagonal()))  # entries of one size, whatever their units
+    motions = stiff[:, None] * eigh(stiff[:, None] * K * stiff)[1]
+    shares = strain_share(K, motions)
+    if shares.min() < -_NO_STRAIN:
+        raise ValueError("the rotor buckles: its stiffness is negative; reduce the axial compression")
+    rigid = motions[:, shares <= _NO_STRAIN]
+    n_rigid = rigid.shape[1]
+    if not n_rigid:
+        return eigh(K, M)
+    rigid = solve_triangular(np.linalg.cholesky(rigid.T @ M @ rigid), rigid.T, lower=True).T
+    others = _orthogonal_to(rigid.T @ M, 1 / np.sqrt(M.diagonal()))
+    squares, shapes = _natural(others.T @ K @ others, others.T @ M @ others)
+    return np.concatenate([np.zeros(n_rigid), squares]), np.hstack([rigid, others @ shapes])
+
+
+def _orthogonal_to(rows: FloatArray, size: FloatArray) -> FloatArray:
+    """(n, n - m) shapes that rows (m, n) do not see: each moves one place, and a few, common ones, as far as needed.
+
+    Light and heavy places stay apart, so that no digits of the light ones' large forces end among the heavy ones.
+
+    Parameters
+    ----------
+    size : (n,) of a place's motion at a kinetic energy of one
+    """
+    m, n = rows.shape
+    order = qr(rows * size, mode="r", pivoting=True)[-1]
+    common, own = order[:m], order[m:]
+    shapes = np.zeros((n, n - m))
+    shapes[own, np.arange(n - m)] = 1.0
+    shapes[common] = -np.linalg.solve(rows[:, common], rows[:, own])
+    return shapes
 
 
 def shaft_damping(system: LinearSystem) -> FloatArray:

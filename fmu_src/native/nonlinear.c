@@ -200,7 +200,7 @@ static void find_groups(Nonlinear *s, int *queue)
 static double slowest(const States *states)
 {
     for (int i = 0; i < states->m; i++)
-        if (states->omega[i] > RIGID_BODY * states->omega[states->m - 1])
+        if (states->omega[i] > 0)
             return states->omega[i];
     return 0;
 }

@@ -49,6 +49,19 @@ static const char *condense(States *s, const System *system, double *K, double *
     return 0;
 }
 
+/* Strain energy of a column of Phi over the energies that add up to it, whatever their signs. */
+static double strain_share(int n, const double *K, const double *Phi, int column)
+{
+    double energy = 0, size = 0;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            const double part = Phi[i * n + column] * K[i * n + j] * Phi[j * n + column];
+            energy += part;
+            size += fabs(part);
+        }
+    return energy / size;
+}
+
 /* Modes of the degrees of freedom at some places; they become columns of shapes from ``first`` on. */
 static const char *modes_of(States *s, const double *K, const double *M, const int *at, int count, int first, double *shapes,
                             double *work)
@@ -62,17 +75,11 @@ static const char *modes_of(States *s, const double *K, const double *M, const i
         }
     if (la_modes(count, k, mass, s->omega + first, Phi, rest))
         return "the rotor's mass matrix is not positive";
-    double energy = 0, size = 0;
-    for (int i = 0; i < count; i++)
-        for (int j = 0; j < count; j++) {
-            const double part = Phi[i * count] * k[i * count + j] * Phi[j * count];
-            energy += part;
-            size += fabs(part);
-        }
-    if (energy < -BUCKLED * size)
+    if (strain_share(count, k, Phi, 0) < -NO_STRAIN)
         return "the rotor buckles: its stiffness is negative; reduce the axial compression";
     for (int c = 0; c < count; c++) {
-        s->omega[first + c] = sqrt(fmax(s->omega[first + c], 0));
+        const int strained = strain_share(count, k, Phi, c) > NO_STRAIN;
+        s->omega[first + c] = strained ? sqrt(fmax(s->omega[first + c], 0)) : 0;
         for (int i = 0; i < count; i++)
             shapes[at[i] * m + first + c] = Phi[i * count + c];
     }
@@ -201,13 +208,13 @@ const char *states_build(States *s, const System *system, double zeta, double sp
     modal(s, system->G, gyroscopic, rest);
     memset(s->A, 0, (size_t)N * N * sizeof *s->A);
     for (int i = 0; i < m; i++) {
-        const int strained = s->omega[i] > RIGID_BODY * s->omega[m - 1];
+        const int strained = s->omega[i] > 0;
         s->scale[i] = strained ? s->omega[i] : 1;
         s->A[i * N + m + i] = s->scale[i];
-        s->A[(m + i) * N + i] = strained ? -s->omega[i] : 0; /* a rigid body's omega is round-off */
+        s->A[(m + i) * N + i] = -s->omega[i];
         for (int j = 0; j < m; j++) {
             double damping = support[i * m + j] + spin * gyroscopic[i * m + j];
-            if (strained && s->omega[j] > RIGID_BODY * s->omega[m - 1])
+            if (strained && s->omega[j] > 0)
                 damping += 2 * zeta * shaft[i * m + j] / (sqrt(s->omega[i]) * sqrt(s->omega[j]));
             s->A[(m + i) * N + m + j] = -damping;
         }

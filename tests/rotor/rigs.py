@@ -105,6 +105,36 @@ def pinned_timoshenko_whirl(section: Section, length: float, mode: int, spin_spe
     return -roots.real[roots.real < 0].max(), roots.real[roots.real > 0].min()
 
 
+def lumped_rotor(density: float, *, clamped: bool = True) -> Rig:
+    """A disk at the end of a shaft that weighs next to nothing, clamped, or on one bearing about which it swings."""
+    tilt = {"tilt_stiffness_Nm_per_rad": "rigid"} if clamped else {}
+    return rig(
+        nodes_m=[0.0, 0.3],
+        elements_between_nodes=4,
+        excitation_node=2,
+        segment=[round_shaft(0.3, 0.02, STEEL | {"density_kg_per_m3": density})],
+        disk=[{"node": 2, "mass_kg": 5.0, "diametral_inertia_kg_m2": 0.02, "polar_inertia_kg_m2": 0.04, "inertia": True}],
+        support=[{"node": 1, "stiffness": "k_b", **tilt}],
+    )
+
+
+def lumped_rotor_matrices(*, clamped: bool = True) -> tuple[FloatArray, FloatArray]:
+    """Mass and stiffness (2, 2) of the disk's deflection and tilt on a massless shaft, in closed form.
+
+    Clamped, the shaft's flexibility is [[L^3/3EI + L/kGA, L^2/2EI], [L^2/2EI, L/EI]]. On one bearing the shaft is a
+    rigid pointer between bearing and disk as far as it is not bent: what strains it is the tilt beyond w / L, against
+    the stiffness of a simply supported end, 1 / (L/3EI + 1/(kGA L)).
+    """
+    shaft = section_of(lumped_rotor(STEEL["density_kg_per_m3"]))
+    L, EI = 0.3, shaft.bending_stiffness
+    kGA = shaft.shear_factor * shaft.shear_modulus * shaft.area
+    mass = np.diag([5.0, 0.02])
+    if clamped:
+        return mass, np.linalg.inv([[L**3 / (3 * EI) + L / kGA, L**2 / (2 * EI)], [L**2 / (2 * EI), L / EI]])
+    bent = np.array([-1 / L, 1.0])
+    return mass, np.outer(bent, bent) / (L / (3 * EI) + 1 / (kGA * L))
+
+
 def driving_point(system: LinearSystem, node: int = 2) -> tuple[FloatArray, FloatArray]:
     """Force pattern (n, 1) and read-out of every node (n_nodes, n) in y."""
     return system.unit_vector(node, 1)[:, None], system.read_out(1)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import eigh
 
 from rotor.assembly import assemble
 from rotor.condition import Condition
@@ -19,6 +20,7 @@ from tests.tolerances import (
     CONVERGENCE_ORDER,
     EIGENVALUE_ROUND_OFF,
     LIGHT_DAMPING,
+    NEARLY_MASSLESS,
     OTHER_CODE,
     ROUND_OFF,
     SIX_ELEMENTS,
@@ -173,3 +175,42 @@ def test_campbell_lines_start_at_the_natural_frequencies():
 def test_all_frequencies_of_a_rotor_that_is_held_are_elastic(plane):
     system = rigs.paper_system(rigs.RIGID)
     assert_array_equal(elastic_frequencies_hz(system, plane), natural_frequencies_hz(system, plane))
+
+
+# A shaft that weighs 1e-7 of its disk's mass and less; heavier ones are felt.
+WEIGHTLESS = (1e-3, 1e-6, 1e-12)
+
+
+@pytest.mark.parametrize("density", WEIGHTLESS)
+@pytest.mark.parametrize("clamped", [True, False])
+def test_a_disk_on_a_weightless_shaft_has_the_modes_of_two_degrees_of_freedom(density, clamped):
+    """Its lowest frequency is 1e-6 of the highest one and less: no rigid-body motion for that."""
+    M, K = rigs.lumped_rotor_matrices(clamped=clamped)
+    exact = np.sqrt(np.clip(eigh(K, M, eigvals_only=True), 0, None)) / (2 * math.pi)
+    system = rigs.held(rigs.lumped_rotor(density, clamped=clamped), elements=4)
+    found = natural_frequencies_hz(system, plane=1)
+    assert_allclose(found[:2], exact if clamped else [0.0, exact[1]], rtol=NEARLY_MASSLESS)
+    assert list(system.modes.elastic[:4]) == [clamped, clamped, True, True]
+    assert found[2] > 1e4 * found[1], "all others belong to the shaft"
+
+
+@pytest.mark.parametrize("elements", [1, 6, 50])
+def test_a_rotor_that_swings_about_one_bearing_has_one_rigid_body_motion_in_each_plane(elements):
+    rig = Rig.model_validate(rigs.tables(support=[{"node": 1, "stiffness": "k_b"}]))
+    system = rigs.held(rig, elements=elements)
+    modes = system.modes
+    assert list(modes.elastic[:4]) == [False, False, True, True]
+    assert_allclose(modes.Phi.T @ system.M @ modes.Phi, np.eye(system.n), atol=ROUND_OFF)
+    low = modes.Phi[:, :20]
+    scale = modes.omega[19] ** 2
+    assert_allclose(low.T @ system.K @ low, np.diag(modes.omega[:20] ** 2), atol=EIGENVALUE_ROUND_OFF * scale)
+
+
+def test_soft_springs_are_no_rigid_body_motion():
+    """k_b a billionth of a bearing's: the rotor floats on two springs, f = sqrt(2 k_b / m)."""
+    system = rigs.paper_system(Condition(k_b=1e-2))
+    mass = system.M[system.plane == 1][:, system.plane == 1]
+    up = (system.free % 4 == 0)[system.plane == 1].astype(float)
+    bounce = math.sqrt(2e-2 / (up @ mass @ up)) / (2 * math.pi)
+    found = elastic_frequencies_hz(system, plane=1)
+    assert np.abs(found[:2] / bounce - 1).min() < 1e-3

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import eigh
 
 from fmu_src.native_sources import EFFECT_WORDS
 from rotor.assembly import assemble
@@ -27,6 +28,7 @@ from rotor.model import build_model, build_system
 from rotor.rig import load_rig
 from rotor.simulator import RotorSimulator
 from tests.fmu.native.core import Core, Rotor, compiled
+from tests.rotor import rigs
 
 CONDITION = Condition(k_b=3.3e6, bearing_damping=17.0, shaft_damping_ratio=0.0013, excitation_node=3)
 KNOWN = tuple(EFFECT_WORDS)
@@ -121,6 +123,24 @@ def assert_same_motion(found, expected, share=SAME_MOTION):
     peak = np.abs(expected).max(axis=0)
     assert peak.max() > 0
     assert (np.abs(found - expected).max(axis=0) <= share * peak).all()
+
+
+@pytest.mark.parametrize("density", [1e-3, 1e-9])
+@pytest.mark.parametrize("clamped", [True, False])
+def test_a_disk_on_a_weightless_shaft_answers_as_two_degrees_of_freedom(core, density, clamped):
+    """Settled at 10 Hz, in C and in Python: no mode of the disk is taken for a rigid-body motion."""
+    zeta, frequency, h = 0.1, 10.0, 2e-3
+    structure = assemble(rigs.lumped_rotor(density, clamped=clamped), elements_between_nodes=4)
+    condition = Condition(rigid_support=True, shaft_damping_ratio=zeta, excitation_node=2)
+    M, K = rigs.lumped_rotor_matrices(clamped=clamped)
+    squares, Phi = eigh(K, M)
+    omega = 2 * np.pi * frequency
+    modes = Phi[0] ** 2 / (squares - omega**2 + 2j * zeta * np.sqrt(np.clip(squares, 0, None)) * omega)
+    exact = abs(omega**2 * modes.sum())
+    for rotor in (Rotor(Core(core.library, structure), condition), RotorSimulator(structure, condition)):
+        settled = moved(rotor, [h] * 4000, 0.0, 1.0, frequency)[-50:, 1]  # one period, node 2
+        assert settled.max() == pytest.approx(exact, rel=2e-3)  # of 50 samples one is near the peak
+        assert settled.min() == pytest.approx(-exact, rel=2e-3)
 
 
 @pytest.mark.parametrize("rigid", [False, True], ids=["bearings", "rigid"])

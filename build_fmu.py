@@ -32,9 +32,9 @@ from fmpy.validation import validate_fmu
 from fmu_src.compiling import CompileError, Target, compile_library, reachable_targets
 from fmu_src.documentation import estimator_pages, rotor_pages
 from fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
-from fmu_src.model_description import ArrayOutput, Model, build_description, fmi2, fmi3
+from fmu_src.model_description import Model, build_description, fmi2, fmi3
 from fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources
-from fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, rotor_variables
+from fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, accelerations_array, rotor_variables
 from fmu_src.staging import Bundle, guid, hide_pythonfmu, stage
 from rotor.assembly import assemble
 from rotor.rig import Rig, RigError, load_rig
@@ -123,6 +123,7 @@ def build_native_rotor_fmu(
     fmi: str = "2.0",
     targets: Sequence[Target] | None = None,
     elements_between_nodes: int | None = None,
+    array_output: bool = False,
 ) -> Path:
     """Build ``RotorRig.fmu`` without Python inside.
 
@@ -131,17 +132,15 @@ def build_native_rotor_fmu(
     rig, folder, elements_between_nodes : see ``build_rotor_fmu``
     fmi : version, "2.0" or "3.0"
     targets : platforms, default all that can be compiled for here
+    array_output : FMI 3.0: all accelerations once more as one array; importers that read one value a reference fail
 
     Returns
     -------
     Path of the FMU. Raises BuildError and CompileError; an older file is then left as it was.
     """
     structure, facts = assemble(rig, elements_between_nodes=elements_between_nodes), _facts(rig)
-    nodes = ArrayOutput(
-        "accelerations", "Accelerations of all nodes: those in y, then those in z", "m/s2",
-        "node_1.acceleration_y", (2, facts.n_nodes),
-    )  # fmt: skip
-    blank = Model("RotorRig", "", version("rigtwin"), ROTOR_MEANING, ROTOR_STEP, rotor_variables(facts), (nodes,))
+    arrays = (accelerations_array(facts),) if array_output else ()
+    blank = Model("RotorRig", "", version("rigtwin"), ROTOR_MEANING, ROTOR_STEP, rotor_variables(facts), arrays)
 
     def sources(model: Model) -> dict[str, str]:
         return rotor_sources(model, structure, fmi)
@@ -291,13 +290,13 @@ def _npz(arrays: dict) -> bytes:
     return buffer.getvalue()
 
 
-def build_native(rig: Rig, folder: Path, *, estimator: bool = True) -> Iterator[Path]:
+def build_native(rig: Rig, folder: Path, *, estimator: bool = True, array_output: bool = False) -> Iterator[Path]:
     """The FMUs for FMI 2.0 and 3.0, for every platform in reach; says which those are. Raises as they do."""
     names = ", ".join(target.fmi3 for target in reachable_targets())
     hint = "" if find_spec("ziglang") else "; with ziglang (pip install ziglang) for all others too"
     print(f"compiling for {names}{hint}", file=sys.stderr)
     for fmi in ("2.0", "3.0"):
-        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi)
+        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi, array_output=array_output)
         if estimator:
             yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi)
 
@@ -313,9 +312,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("rig", nargs="?", default=SHIPPED_RIG, help="a shipped rig or the path of a rig TOML")
     parser.add_argument("--out", type=Path, default=Path("dist"), help="folder for the FMUs (default: dist)")
     parser.add_argument("--native", action="store_true", help="build them once more, without Python inside")
+    parser.add_argument("--array-output", action="store_true", help="with --native: the accelerations as one array, too")
     options = parser.parse_args(arguments)
     try:
-        for path in _all_of(load_rig(options.rig), options.out, native=options.native):
+        for path in _all_of(load_rig(options.rig), options.out, options.native, options.array_output):
             print(path)
     except (RigError, BuildError, CompileError, OSError) as error:
         print(error, file=sys.stderr)
@@ -323,7 +323,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _all_of(rig: Rig, folder: Path, *, native: bool) -> Iterator[Path]:
+def _all_of(rig: Rig, folder: Path, native: bool, array_output: bool) -> Iterator[Path]:
     """All FMUs that there are of a rig."""
     known = is_shipped(rig)
     yield build_rotor_fmu(rig, folder)
@@ -332,7 +332,7 @@ def _all_of(rig: Rig, folder: Path, *, native: bool) -> Iterator[Path]:
     else:
         print(f"{ESTIMATOR_FMU} is not built: its network knows the rig {SHIPPED_RIG} only", file=sys.stderr)
     if native:
-        yield from build_native(rig, folder, estimator=known)
+        yield from build_native(rig, folder, estimator=known, array_output=array_output)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
-from fmu_src.variables import UNITS, Variable
+from fmu_src.variables import UNITS, ArrayOutput, Variable
 
 _DEFAULT_VARIABILITY = {"Real": "continuous", "Integer": "discrete", "Boolean": "discrete"}
 _FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
@@ -14,17 +14,6 @@ _LOG_CATEGORY = "logStatusError"
 
 # What every rigtwin FMU can do; the same words in both versions but for the state's.
 _CAN = {"canHandleVariableCommunicationStepSize": "true", "canBeInstantiatedOnlyOncePerProcess": "false"}
-
-
-@dataclass(frozen=True)
-class ArrayOutput:
-    """Outputs that stand beside each other in the table, once more as one array (FMI 3)."""
-
-    name: str
-    description: str
-    unit: str
-    first: str  # name of the first scalar
-    shape: tuple[int, ...]
 
 
 @dataclass(frozen=True)

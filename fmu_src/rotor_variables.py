@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from fmu_src.variables import Variable
+from fmu_src.variables import ArrayOutput, Variable
 from rotor.condition import MOST_BEARING_DAMPING
 from rotor.effects.effect import SWITCH, Effect, Parameter
 from rotor.effects.library import EFFECTS
@@ -103,6 +103,12 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
         initially_depends_on=("force",),
     )
     return (*inputs, *parameters, *effects, *accelerations, force_applied)
+
+
+def accelerations_array(rig: RotorFacts) -> ArrayOutput:
+    """All accelerations once more as one output of FMI 3.0."""
+    meaning = "Accelerations of all nodes: those in y, then those in z"
+    return ArrayOutput("accelerations", meaning, "m/s2", "node_1.acceleration_y", (2, rig.n_nodes))
 
 
 def effects_in_fmu() -> tuple[type[Effect], ...]:

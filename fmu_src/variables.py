@@ -60,3 +60,14 @@ class Variable:
         if self.maximum is not None and value > self.maximum:
             return f"{self.name} must be at most {self.maximum:g}{unit}, got {value:g}"
         return None
+
+
+@dataclass(frozen=True)
+class ArrayOutput:
+    """Outputs that stand beside each other in the table, once more as one array (FMI 3)."""
+
+    name: str
+    description: str
+    unit: str
+    first: str  # name of the first scalar
+    shape: tuple[int, ...]

@@ -14,11 +14,13 @@ from rotor.rig import Rig, load_rig
 from sim.formats.atomic import replacing
 
 
-def build_fmus(source: str, out: Path, *, train: bool, native: bool) -> None:
+def build_fmus(source: str, out: Path, *, train: bool, native: bool, array_output: bool = False) -> None:
     """Build RotorRig.fmu of a rig, and the estimator FMU where there is a network for it.
 
-    Raises UserError where the shipped rig is to be trained.
+    Raises UserError where the shipped rig is to be trained, or an array is asked for that no FMU would have.
     """
+    if array_output and not native:
+        raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
     rig = load_rig(source)
     if is_shipped(rig) and train:
         raise UserError(f"--train: the rig {SHIPPED_RIG} has its network already; rigtwin train makes another one")
@@ -34,12 +36,12 @@ def build_fmus(source: str, out: Path, *, train: bool, native: bool) -> None:
             f"--train trains one for {rig.name} (a quarter of an hour or so)"
         )
     if native:
-        _build_native(rig, out)
+        _build_native(rig, out, array_output)
 
 
-def _build_native(rig: Rig, out: Path) -> None:
+def _build_native(rig: Rig, out: Path, array_output: bool) -> None:
     try:
-        for path in build_native(rig, out, estimator=is_shipped(rig)):
+        for path in build_native(rig, out, estimator=is_shipped(rig), array_output=array_output):
             say(str(path))
     except CompileError as error:
         raise UserError(str(error)) from error

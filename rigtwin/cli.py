@@ -101,11 +101,14 @@ def build(
     native: Annotated[
         bool, typer.Option(help="Build them once more without Python inside: OUT/fmi2, OUT/fmi3.")
     ] = False,
+    array_output: Annotated[
+        bool, typer.Option(help="FMI 3.0: all accelerations as one array, too; not every importer reads arrays.")
+    ] = False,
 ) -> None:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
     from rigtwin.build import build_fmus
 
-    build_fmus(rig, out, train=train, native=native)
+    build_fmus(rig, out, train=train, native=native, array_output=array_output)
 
 
 @app.command(short_help="Measure a run on the virtual rig, fit its modes.")

@@ -172,16 +172,18 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference refere
     size_t count, used = 0;
     if (!s || (n && !references) || (n_values && !to))
         return refused(s, NULL_ARGUMENT);
-    for (size_t k = 0; k < n; k++) {
+    for (size_t k = 0; k < n; k++, used += count) {
         const char *wrong = find(s, references[k], &found, &count);
         if (wrong)
             return result(s, wrong);
-        if (count > n_values - used)
-            return refused(s, WRONG_COUNT);
-        memcpy(to + used, found, count * sizeof *to);
-        used += count;
     }
-    return used == n_values ? fmi3OK : refused(s, WRONG_COUNT);
+    if (used != n_values) /* before anything is written: an importer that takes an array for one value gets none */
+        return refused(s, WRONG_COUNT);
+    for (size_t k = 0; k < n; k++, to += count) {
+        find(s, references[k], &found, &count);
+        memcpy(to, found, count * sizeof *to);
+    }
+    return fmi3OK;
 }
 
 #define GET(name, type, kind, convert)                                                                                \

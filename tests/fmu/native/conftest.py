@@ -46,6 +46,13 @@ def rotor3(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def rotor3_with_array(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``RotorRig.fmu``, FMI 3.0, built with its accelerations as an array, too."""
+    folder, rig = tmp_path_factory.mktemp("with_array"), load_rig("nit-rourkela")
+    return build_native_rotor_fmu(rig, folder, fmi="3.0", targets=[this_machine()], array_output=True)
+
+
+@pytest.fixture(scope="session")
 def estimator3(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``StiffnessEstimator.fmu``, FMI 3.0."""
     return build("StiffnessEstimator", "3.0", tmp_path_factory)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import struct
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from tests.fmu.test_model_description import fmutool_report
 N_NODES = 7
 
 
-@pytest.fixture(params=["rotor3", "estimator3"])
+@pytest.fixture(params=["rotor3", "rotor3_with_array", "estimator3"])
 def fmu3(request) -> Path:
     return request.getfixturevalue(request.param)
 
@@ -50,9 +51,19 @@ class Slave:
         return getattr(self.fmu, f"get{self.types[name]}")([self.references[name]], nValues=n)
 
 
+ACCELERATIONS = [f"node_{node}.acceleration_{plane}" for plane in "yz" for node in range(1, N_NODES + 1)]
+
+
 @pytest.fixture
 def rotor(rotor3, tmp_path):
     slave = Slave(rotor3, tmp_path / "unpacked")
+    yield slave
+    slave.fmu.freeInstance()
+
+
+@pytest.fixture
+def with_array(rotor3_with_array, tmp_path):
+    slave = Slave(rotor3_with_array, tmp_path / "unpacked")
     yield slave
     slave.fmu.freeInstance()
 
@@ -61,7 +72,7 @@ def run(slave, time, n, h=1e-3):
     found = []
     for k in range(n):
         slave.fmu.doStep(time + k * h, h)
-        found.append(slave.get("accelerations", 2 * N_NODES))
+        found.append(slave.fmu.getFloat64([slave.references[name] for name in ACCELERATIONS]))
     return np.array(found)
 
 
@@ -94,12 +105,31 @@ def test_it_gives_the_digits_of_its_fmi_2_sister(name, values, rotor3, estimator
     assert np.abs(found[0][scalars[1]]).max() > 0
 
 
-def test_the_array_holds_the_accelerations_in_y_and_then_in_z(rotor):
-    started(rotor, force_amplitude=1.0, spin_speed=200.0)
-    array = run(rotor, 0.0, 20)[-1]
-    names = [f"node_{node}.acceleration_{plane}" for plane in "yz" for node in range(1, N_NODES + 1)]
-    assert_array_equal(array, [rotor.get(name)[0] for name in names])
-    assert np.count_nonzero(array) == 2 * N_NODES
+def test_without_being_asked_for_no_variable_is_an_array(rotor3):
+    variables = read_model_description(str(rotor3)).modelVariables
+    assert not any(v.dimensions for v in variables)
+    assert "accelerations" not in {v.name for v in variables}
+
+
+def test_the_array_holds_the_accelerations_in_y_and_then_in_z(with_array):
+    started(with_array, force_amplitude=1.0, spin_speed=200.0)
+    scalars = run(with_array, 0.0, 20)[-1]
+    assert_array_equal(with_array.get("accelerations", 2 * N_NODES), scalars)
+    assert np.count_nonzero(scalars) == 2 * N_NODES
+
+
+@pytest.mark.parametrize("n", [0, 1, 2 * N_NODES, 2 * N_NODES + 1])
+def test_where_the_sizes_do_not_fit_nothing_is_written(with_array, n):
+    """An importer that reads one value a reference asks for as many values as references."""
+    started(with_array, force_amplitude=1.0)
+    run(with_array, 0.0, 5)
+    asked = [with_array.references[name] for name in ("force_applied", "accelerations", "node_2.acceleration_y")]
+    values = (ctypes.c_double * (n + 1))(*[12345.0] * (n + 1))
+    fmu = with_array.fmu
+    with pytest.raises(FMICallException):
+        fmu.fmi3GetFloat64(fmu.component, (ctypes.c_uint32 * 3)(*asked), 3, values, n)
+    assert "the number of values is not that of the variables" in with_array.messages[-1]
+    assert set(values) == {12345.0}
 
 
 def test_the_time_is_a_variable_of_its_own(rotor):
@@ -130,8 +160,8 @@ def test_a_state_replays_to_the_last_bit_also_when_serialised(rotor):
     [
         (lambda r: r.set("k_b", -1.0), "k_b must be at least 10000 N/m, got -1"),
         (lambda r: r.set("rigid_support", True), "rigid_support can only be set before the simulation starts"),
-        (lambda r: r.fmu.setFloat64([r.references["accelerations"]], [1.0]), "there is no Real variable"),
-        (lambda r: r.get("accelerations", 3), "the number of values is not that of the variables"),
+        (lambda r: r.fmu.setFloat64([len(r.references) - 1], [1.0]), "there is no Real variable"),
+        (lambda r: r.get("force_applied", 3), "the number of values is not that of the variables"),
         (lambda r: r.fmu.doStep(1.0, 1e-3), "a step from 1 s was asked for, but the rotor stands at 0.005 s"),
         (lambda r: r.fmu.enterEventMode(), "there is no event mode"),
         (lambda r: r.fmu.getUInt8([0]), "there are no variables of this type"),

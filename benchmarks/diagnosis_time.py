@@ -15,9 +15,9 @@ import numpy as np
 
 from benchmarks.campaigns import tuning_campaigns
 from benchmarks.page import DOCS, bar, best_seconds, machine, table
-from gap.diagnose import diagnose
 from rigtwin.diagnose import measured_on_the_virtual_rig, shared_among
-from sim.campaign_folder import load_campaign
+from rigtwin.gap.diagnose import diagnose
+from rigtwin.sim.campaign_folder import load_campaign
 
 # Campaigns of the tuning split that no threshold has seen.
 SEED = 25

@@ -18,11 +18,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from gap.blind.folder import MEASURED
-from gap.blind.generate import DATA, Order, make
-from gap.diagnose import diagnose
-from gap.diagnosis import Cause, Diagnosis
-from sim.campaign_folder import load_campaign
+from rigtwin.gap.blind.folder import MEASURED
+from rigtwin.gap.blind.generate import DATA, Order, make
+from rigtwin.gap.diagnose import diagnose
+from rigtwin.gap.diagnosis import Cause, Diagnosis
+from rigtwin.sim.campaign_folder import load_campaign
 
 FROZEN = Path(__file__).with_name("frozen_answers.json")
 SEED = 48
@@ -53,7 +53,8 @@ def main() -> int:
     changed = [name for name in sorted(frozen | answers) if frozen.get(name) != answers.get(name)]
     for name in changed:
         print(f"{name}\n  frozen: {json.dumps(frozen.get(name))}\n  now:    {json.dumps(answers.get(name))}")
-    print(f"{len(frozen) - len(changed)} of {len(frozen)} answers are the same to {DIGITS} digits; sha256 {_hash(answers)}")
+    same = len(frozen) - len(changed)
+    print(f"{same} of {len(frozen)} answers are the same to {DIGITS} digits; sha256 {_hash(answers)}")
     return 1 if changed else 0
 
 

@@ -18,11 +18,11 @@ import numpy as np
 
 from benchmarks.campaigns import tuning_campaigns
 from benchmarks.page import DOCS, machine, table
-from gap.blind.score import Label, Outcome, outcome
-from gap.diagnose import diagnose
+from rigtwin.gap.blind.score import Label, Outcome, outcome
+from rigtwin.gap.diagnose import diagnose
 from rigtwin.scale_out import executor
-from sim.campaign import Run
-from sim.campaign_folder import load_campaign
+from rigtwin.sim.campaign import Run
+from rigtwin.sim.campaign_folder import load_campaign
 
 # Campaigns of the tuning split that no threshold has seen; linear effects and artefacts, seven nodes.
 SEED, COUNT, WORKERS = 22, 20, 2

@@ -14,20 +14,20 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.page import DOCS, bar, best_seconds, machine
-from build_fmu import (
+from rigtwin.estimator.runtime import StiffnessEstimator
+from rigtwin.fmu_src.build import (
     FMI_HEADERS,
     build_estimator_fmu,
     build_native_estimator_fmu,
     build_native_rotor_fmu,
     build_rotor_fmu,
 )
-from estimator.runtime import StiffnessEstimator
-from fmu_src.compiling import compile_library, this_machine
-from fmu_src.rotor_variables import effects_in_fmu
-from rotor.effects import EFFECTS
-from rotor.rig import load_rig
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, sweep
+from rigtwin.fmu_src.compiling import compile_library, this_machine
+from rigtwin.fmu_src.rotor_variables import effects_in_fmu
+from rigtwin.rotor.effects import EFFECTS
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 
 EMPTY_MODEL = Path(__file__).with_name("empty_model.c")
 

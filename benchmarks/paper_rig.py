@@ -9,15 +9,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.page import COLOURS, DOCS, new_figure, save_figure, table
-from gap.forward import Forward
-from gap.hypotheses import Hypothesis
-from gap.peaks import Lists, Ranking, Reading, Scored, diagnosis_of
-from gap.phrases import part
 from rigtwin.diagnosis_words import at_edge, cause_title, k_b_words, parameters, places
+from rigtwin.gap.forward import Forward
+from rigtwin.gap.hypotheses import Hypothesis
+from rigtwin.gap.peaks import Lists, Ranking, Reading, Scored, diagnosis_of
+from rigtwin.gap.phrases import part
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.sim.campaign import Campaign, Channel, Run
+from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.wording import with_error
-from rotor.effects.library import EFFECTS
-from sim.campaign import Campaign, Channel, Run
-from sim.campaign_folder import load_campaign
 
 CAMPAIGN = DOCS.parent / "examples" / "nit-rourkela-rig"
 PAGE = DOCS / "paper-rig.md"

@@ -17,17 +17,17 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page import DOCS, machine, table
-from gap.blind.folder import HELD_OUT, MEASURED, TRUTH
-from gap.blind.generate import Order, make
-from gap.blind.score import gap
-from gap.diagnose import diagnose
-from gap.diagnosis import Location
-from gap.modal import TOLERANCES
-from gap.phrases import effects_at, place
-from gap.predict import predict
 from rigtwin.diagnose import shared_among
-from rotor.structure import ComplexArray
-from sim.campaign_folder import load_campaign
+from rigtwin.gap.blind.folder import HELD_OUT, MEASURED, TRUTH
+from rigtwin.gap.blind.generate import Order, make
+from rigtwin.gap.blind.score import gap
+from rigtwin.gap.diagnose import diagnose
+from rigtwin.gap.diagnosis import Location
+from rigtwin.gap.modal import TOLERANCES
+from rigtwin.gap.phrases import effects_at, place
+from rigtwin.gap.predict import predict
+from rigtwin.rotor.structure import ComplexArray
+from rigtwin.sim.campaign_folder import load_campaign
 
 # The worst shrinks of large effects in W1 of the draw that docs/blind.md shows.
 CAMPAIGNS = (Order("W1", "report", 12, 47), Order("W1", "report", 12, 17), Order("W1", "report", 12, 175))

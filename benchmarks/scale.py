@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.page import DOCS, bar, best_seconds, machine, table
-from build_fmu import build_native_rotor_fmu
-from estimator.dataset import measure_rigs
-from estimator.prior import PRIOR
-from fmu_src.compiling import this_machine
+from rigtwin.estimator.dataset import measure_rigs
+from rigtwin.estimator.prior import PRIOR
+from rigtwin.fmu_src.build import build_native_rotor_fmu
+from rigtwin.fmu_src.compiling import this_machine
+from rigtwin.rotor.effects import EFFECTS, BearingClearance, Effect
+from rigtwin.rotor.rig import load_rig
 from rigtwin.scale_out import executor
-from rotor.effects import EFFECTS, BearingClearance, Effect
-from rotor.rig import load_rig
-from sim.campaign import SupportKind
-from sim.runs import sweep_all
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, Sweep, SweepPlan, sweep
+from rigtwin.sim.campaign import SupportKind
+from rigtwin.sim.runs import sweep_all
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan, sweep
 
 SUPPORTS: tuple[SupportKind, ...] = ("rigid", "bearing")
 WORKERS = 2

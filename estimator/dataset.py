@@ -14,16 +14,16 @@ from typing import NamedTuple
 import numpy as np
 from fmpy import read_model_description
 
-from estimator.features import FEATURE_NAMES, features_of_runs
-from estimator.prior import Prior, Rigs
-from rotor.condition import Condition
-from rotor.modal import elastic_frequencies_hz
-from rotor.model import build_system
-from rotor.structure import Structure
-from sim.formats.atomic import replacing
-from sim.sensors import SensorNoise
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, sweep
+from rigtwin.estimator.features import FEATURE_NAMES, features_of_runs
+from rigtwin.estimator.prior import Prior, Rigs
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.modal import elastic_frequencies_hz
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.structure import Structure
+from rigtwin.sim.formats.atomic import replacing
+from rigtwin.sim.sensors import SensorNoise
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 
 RIG_NAMES = ("k_b", "shaft_damping_ratio", "bearing_damping")
 

@@ -6,9 +6,9 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from rotor.measured import DERIVATIVE_ORDER
-from sim.campaign import MeasurementError, PeakList, Run
-from sim.modal_fit import Mode, driving_point, fit_modes
+from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.sim.campaign import MeasurementError, PeakList, Run
+from rigtwin.sim.modal_fit import Mode, driving_point, fit_modes
 
 FEATURE_NAMES = ("delta_f1", "delta_f2", "amplitude_ratio", "delta_f1_std", "delta_f2_std", "amplitude_ratio_std")
 

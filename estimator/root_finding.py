@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import brentq
 
-from estimator.features import Features
-from rotor.condition import Condition
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from rotor.state_space import StateSpace
-from rotor.structure import Structure
-from rotor.system import LinearSystem
+from rigtwin.estimator.features import Features
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.state_space import StateSpace
+from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.system import LinearSystem
 
 # Bearing damping is looked for in these steps [N s/m]; far beyond, the dampers lock the bearings.
 _BEARING_DAMPING = np.concatenate([[0.0], np.geomspace(0.01, 1e5, 141)])

@@ -15,12 +15,12 @@ import onnx
 import torch
 from torch import Tensor
 
-from estimator.dataset import Dataset
-from estimator.features import FEATURE_NAMES
-from estimator.network import K_REF, Curve, Limits, StiffnessNetwork
-from estimator.prior import PRIOR, Prior
-from estimator.runtime import CARD_KEY, OUTPUT_NAMES
-from sim.formats.atomic import replacing
+from rigtwin.estimator.dataset import Dataset
+from rigtwin.estimator.features import FEATURE_NAMES
+from rigtwin.estimator.network import K_REF, Curve, Limits, StiffnessNetwork
+from rigtwin.estimator.prior import PRIOR, Prior
+from rigtwin.estimator.runtime import CARD_KEY, OUTPUT_NAMES
+from rigtwin.sim.formats.atomic import replacing
 
 UNITS = {"delta_f": "Hz", "amplitude_ratio": "1", "k_b": "N/m"}
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from estimator.features import Features
-from estimator.runtime import Estimate
+from rigtwin.estimator.features import Features
+from rigtwin.estimator.runtime import Estimate
 
 _UNITS = {"delta_f1": " Hz", "delta_f2": " Hz", "amplitude_ratio": ""}
 

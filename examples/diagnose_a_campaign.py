@@ -8,14 +8,14 @@ sim.campaign_folder.load_campaign, or rigtwin diagnose.
 import tempfile
 from pathlib import Path
 
-from build_fmu import build_rotor_fmu
-from gap.diagnose import diagnose
-from rotor.effects import EFFECTS, AttachedMass
-from rotor.rig import load_rig
-from sim.campaign import Campaign, NominalBelief
-from sim.sensors import SensorNoise
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, sweep
+from rigtwin.fmu_src.build import build_rotor_fmu
+from rigtwin.gap.diagnose import diagnose
+from rigtwin.rotor.effects import EFFECTS, AttachedMass
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.campaign import Campaign, NominalBelief
+from rigtwin.sim.sensors import SensorNoise
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 
 HIDDEN = AttachedMass(mass=0.06, node=4)  # [kg]
 TRUTH = {"k_b": 3e6, "bearing_damping": 20.0, "shaft_damping_ratio": 0.003}  # [N/m], [N s/m], [-]

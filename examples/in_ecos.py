@@ -17,10 +17,10 @@ import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
-from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
-from fmu_src.compiling import this_machine
-from fmu_src.ssp import write_ssp
-from rotor.rig import load_rig
+from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
+from rigtwin.fmu_src.compiling import this_machine
+from rigtwin.fmu_src.ssp import write_ssp
+from rigtwin.rotor.rig import load_rig
 
 STOP, STEP = 2.0, 1e-3  # [s]
 SINE = {"force_amplitude": 1.0, "force_frequency": 60.0}

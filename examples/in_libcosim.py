@@ -20,9 +20,9 @@ from libcosimpy.CosimManipulator import CosimManipulator
 from libcosimpy.CosimObserver import CosimObserver
 from libcosimpy.CosimSlave import CosimLocalSlave
 
-from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
-from fmu_src.compiling import this_machine
-from rotor.rig import load_rig
+from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
+from rigtwin.fmu_src.compiling import this_machine
+from rigtwin.rotor.rig import load_rig
 
 STEP = 1e-3  # [s]
 MEASURED = {"delta_f1": 25.0, "delta_f2": 130.0, "amplitude_ratio": 0.78}

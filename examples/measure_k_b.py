@@ -8,12 +8,12 @@ from files instead: sim.formats.read_run.
 import tempfile
 from pathlib import Path
 
-from build_fmu import build_estimator_fmu, build_rotor_fmu
-from estimator.features import FEATURE_NAMES, features_of_runs
-from rotor.rig import load_rig
-from sim.sensors import SensorNoise
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, sweep
+from rigtwin.estimator.features import FEATURE_NAMES, features_of_runs
+from rigtwin.fmu_src.build import build_estimator_fmu, build_rotor_fmu
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.sensors import SensorNoise
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 
 TRUE_K_B = 6.2e6  # [N/m], what the estimator is to find
 BEARINGS = {"k_b": TRUE_K_B, "bearing_damping": 8.0}  # [N s/m]

@@ -7,16 +7,16 @@ The shipped network knows the paper's rotor only. For another one, either train 
 import tempfile
 from pathlib import Path
 
-from build_fmu import build_rotor_fmu
-from estimator.features import features_of_runs
-from estimator.root_finding import StiffnessFinder
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_system
-from rotor.rig import load_rig
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, sweep
+from rigtwin.estimator.features import features_of_runs
+from rigtwin.estimator.root_finding import StiffnessFinder
+from rigtwin.fmu_src.build import build_rotor_fmu
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 
 TRUE_K_B = 3.4e6  # [N/m]
 

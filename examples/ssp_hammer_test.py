@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from fmpy.ssp.simulation import simulate_ssp
 
-from build_fmu import build_estimator_fmu, build_rotor_fmu
-from estimator.features import FEATURE_NAMES, features_of_runs
-from fmu_src.ssp import write_ssp
-from rotor.rig import load_rig
-from sim.campaign import Channel, Run
+from rigtwin.estimator.features import FEATURE_NAMES, features_of_runs
+from rigtwin.fmu_src.build import build_estimator_fmu, build_rotor_fmu
+from rigtwin.fmu_src.ssp import write_ssp
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.campaign import Channel, Run
 
 TRUE_K_B = 8e6  # [N/m]
 STEP = 1e-4  # [s]

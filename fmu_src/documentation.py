@@ -15,18 +15,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
-from fmu_src.estimator_variables import estimator_variables
-from fmu_src.model_description import variability
-from fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
-from fmu_src.variables import Variable
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.modal import elastic_frequencies_hz
-from rotor.model import build_system
-from rotor.rig import Rig
+from rigtwin.fmu_src.estimator_variables import estimator_variables
+from rigtwin.fmu_src.model_description import variability
+from rigtwin.fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
+from rigtwin.fmu_src.variables import Variable
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.modal import elastic_frequencies_hz
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import Rig
 
 _PAGES = Environment(
-    loader=PackageLoader("fmu_src", "templates"), autoescape=select_autoescape(), undefined=StrictUndefined
+    loader=PackageLoader("rigtwin.fmu_src", "templates"), autoescape=select_autoescape(), undefined=StrictUndefined
 )
 _STEEL, _DISK, _BEARING = "#9db4c8", "#5b7083", "#c9683c"
 
@@ -49,7 +49,7 @@ def rotor_pages(rig: Rig, facts: RotorFacts, *, needs_python: bool = True) -> di
 
 def estimator_pages(model: Path, *, needs_python: bool = True) -> dict[str, bytes]:
     """``model.png`` and ``documentation/index.html`` of the estimator FMU."""
-    from estimator.runtime import StiffnessEstimator
+    from rigtwin.estimator.runtime import StiffnessEstimator
 
     card = StiffnessEstimator(model).card
     page = _PAGES.get_template("estimator.html").render(

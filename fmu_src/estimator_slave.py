@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.runtime import StiffnessEstimator as Network
-from fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
-from fmu_src.slave import TableSlave
+from rigtwin.estimator.runtime import StiffnessEstimator as Network
+from rigtwin.fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
+from rigtwin.fmu_src.slave import TableSlave
 
 # A reset makes a new instance, and loading the network into each would pile up memory.
 _network = lru_cache(maxsize=1)(Network)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fmu_src.variables import Variable
+from rigtwin.fmu_src.variables import Variable
 
 ESTIMATOR_MEANING = "Bearing stiffness from the frequency shifts and the amplitude ratio of a stepped-sine test"
 ESTIMATOR_STEP = 1.0  # of the default experiment [s]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
-from fmu_src.variables import UNITS, ArrayOutput, Variable
+from rigtwin.fmu_src.variables import UNITS, ArrayOutput, Variable
 
 _DEFAULT_VARIABILITY = {"Real": "continuous", "Integer": "discrete", "Boolean": "discrete"}
 _FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}

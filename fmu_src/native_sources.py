@@ -15,14 +15,14 @@ from types import ModuleType
 
 import numpy as np
 
-from fmu_src.compiling import CompileError
-from fmu_src.model_description import Model, variability
-from fmu_src.rotor_variables import effects_in_fmu
-from fmu_src.variables import Variable
-from rotor import design, nonlinear_stepper, simulator, stepper, system
-from rotor.effects import nonlinear, supports
-from rotor.effects.effect import SWITCH
-from rotor.structure import Structure
+from rigtwin.fmu_src.compiling import CompileError
+from rigtwin.fmu_src.model_description import Model, variability
+from rigtwin.fmu_src.rotor_variables import effects_in_fmu
+from rigtwin.fmu_src.variables import Variable
+from rigtwin.rotor import design, nonlinear_stepper, simulator, stepper, system
+from rigtwin.rotor.effects import nonlinear, supports
+from rigtwin.rotor.effects.effect import SWITCH
+from rigtwin.rotor.structure import Structure
 
 NATIVE = Path(__file__).with_name("native")
 
@@ -112,7 +112,7 @@ def rotor_sources(model: Model, structure: Structure, fmi: str) -> dict[str, str
 
 def estimator_sources(model: Model, onnx_file: Path, fmi: str) -> dict[str, str]:
     """The same of ``StiffnessEstimator``. Raises ImportError without the package onnx."""
-    from fmu_src.network_code import network_code
+    from rigtwin.fmu_src.network_code import network_code
 
     printed = {"variables.c": variables_code(model), "network.c": _PRINTED + network_code(onnx_file, "network")}
     return {**_written((*INSTANCE, SHELLS[fmi], "estimator_model")), **printed}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from fmu_src.variables import ArrayOutput, Variable
-from rotor.condition import MOST_BEARING_DAMPING
-from rotor.effects.effect import SWITCH, Effect, Parameter
-from rotor.effects.library import EFFECTS
+from rigtwin.fmu_src.variables import ArrayOutput, Variable
+from rigtwin.rotor.condition import MOST_BEARING_DAMPING
+from rigtwin.rotor.effects.effect import SWITCH, Effect, Parameter
+from rigtwin.rotor.effects.library import EFFECTS
 
 ROTOR_MEANING = "Finite-element rotor on its bearings: sine force in, node accelerations out"
 ROTOR_STEP = 1e-4  # of the default experiment [s]

@@ -21,8 +21,8 @@ from xml.etree.ElementTree import Element
 
 from pythonfmu.fmi2slave import Fmi2Slave
 
-from fmu_src.model_description import Model, fmi2, variability
-from fmu_src.variables import Variable
+from rigtwin.fmu_src.model_description import Model, fmi2, variability
+from rigtwin.fmu_src.variables import Variable
 
 # Phases of an instance, in the words of a refusal.
 _SET_UP, _RUNNING, _ENDED = "before the simulation", "during the simulation", "after the end of the simulation"

@@ -1,6 +1,6 @@
 """Bundle sources for an FMU under names that no host and no other FMU can own.
 
-Python keeps one module per name in a process. Two FMUs that both bring a ``rotor`` package, or a
+Python keeps one module per name in a process. Two FMUs that both bring a ``rigtwin`` package, or a
 host that has imported its own, would run each other's code. So every bundled package and script
 carries a hash of all that is in the FMU, and only the import lines are rewritten.
 """
@@ -13,13 +13,13 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from uuid import UUID, uuid5
 
 # Any fixed UUID: it keeps rigtwin's GUIDs apart from other tools' version-5 UUIDs.
 _NAMESPACE = UUID("6f1d4c2e-9a53-5b7e-8f0a-3d2c1b4a5e6f")
-_ROOT = Path(__file__).resolve().parent.parent
-_OWN_PACKAGES = ("rotor", "fmu_src", "estimator")
+_OWN_PACKAGE = "rigtwin"
 
 # What an FMU needs of pythonfmu itself at run time.
 PYTHONFMU_MODULES = ("__init__", "_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
@@ -34,7 +34,7 @@ def guid(digest: str) -> str:
 class Bundle:
     """What goes into one FMU.
 
-    ``script`` is the slave's module, ``modules`` the modules it needs ("rotor.system"), ``data``
+    ``script`` is the slave's module, ``modules`` the modules it needs ("rigtwin.rotor.system"), ``data``
     the resource files by name.
     """
 
@@ -71,19 +71,18 @@ def stage(bundle: Bundle, manifest: str, folder: Path) -> Path:
             target = target / level
             target.mkdir(exist_ok=True)
             (target / "__init__.py").touch()
-        (target / f"{name}.py").write_text(rewrite_imports(_source(module), bundle, _OWN_PACKAGES), encoding="utf-8")
+        (target / f"{name}.py").write_text(rewrite_imports(_source(module), bundle, _OWN_PACKAGE), encoding="utf-8")
     for name, content in bundle.data.items():
         (folder / name).write_bytes(content)
     (folder / "manifest.json").write_text(manifest, encoding="utf-8")
-    script = folder / f"{bundle.rename(bundle.script.split('.')[1])}.py"
-    script.write_text(rewrite_imports(_source(bundle.script), bundle, _OWN_PACKAGES), encoding="utf-8")
+    script = folder / f"{bundle.rename(bundle.script.split('.')[-1])}.py"
+    script.write_text(rewrite_imports(_source(bundle.script), bundle, _OWN_PACKAGE), encoding="utf-8")
     return script
 
 
-def rewrite_imports(source: str, bundle: Bundle, packages: Sequence[str]) -> str:
-    """Point ``from package.module import name`` lines at the renamed packages."""
-    pattern = re.compile(rf"^from ({'|'.join(packages)})(?=[. ])", re.MULTILINE)
-    return pattern.sub(lambda match: f"from {bundle.rename(match.group(1))}", source)
+def rewrite_imports(source: str, bundle: Bundle, package: str) -> str:
+    """Point ``from package.module import name`` lines at the renamed package."""
+    return re.sub(rf"^from {package}(?=[. ])", f"from {bundle.rename(package)}", source, flags=re.MULTILINE)
 
 
 def hide_pythonfmu(resources: Path, bundle: Bundle) -> None:
@@ -95,8 +94,11 @@ def hide_pythonfmu(resources: Path, bundle: Bundle) -> None:
     (hidden / "__init__.py").write_text("", encoding="utf-8")
     shutil.rmtree(stock)
     for path in resources.rglob("*.py"):
-        path.write_text(rewrite_imports(path.read_text(encoding="utf-8"), bundle, ("pythonfmu",)), encoding="utf-8")
+        path.write_text(rewrite_imports(path.read_text(encoding="utf-8"), bundle, "pythonfmu"), encoding="utf-8")
 
 
 def _source(module: str) -> str:
-    return (_ROOT / Path(*module.split("."))).with_suffix(".py").read_text(encoding="utf-8")
+    spec = find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    return Path(spec.origin).read_text(encoding="utf-8")

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from gap.audit.noise import CREDIBLE, live_channels, of_complex, shared_variance
-from gap.fit import Fit
-from gap.likelihood import Problem
-from gap.nonlinear import BoolArray
-from gap.residuals import Observed, residual
-from rotor.structure import ComplexArray, FloatArray
+from rigtwin.gap.audit.noise import CREDIBLE, live_channels, of_complex, shared_variance
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.nonlinear import BoolArray
+from rigtwin.gap.residuals import Observed, residual
+from rigtwin.rotor.structure import ComplexArray, FloatArray
 
 # Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
 _TRIMMED = 0.95

@@ -18,18 +18,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
-from gap.descent import softened
-from gap.diagnosis import BearingStiffness
-from gap.fit import Fit
-from gap.forward import Forward, nonlinear, on_the_rotor
-from gap.hypotheses import K_B, Hypothesis
-from gap.likelihood import Problem
-from gap.modal import over_receptance
-from gap.residuals import Observed
-from rotor.effects import Effect
-from rotor.model import bearing_stiffness
-from rotor.structure import ComplexArray, FloatArray
-from sim.campaign import Run
+from rigtwin.gap.descent import softened
+from rigtwin.gap.diagnosis import BearingStiffness
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import Forward, nonlinear, on_the_rotor
+from rigtwin.gap.hypotheses import K_B, Hypothesis
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.modal import over_receptance
+from rigtwin.gap.residuals import Observed
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model import bearing_stiffness
+from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Run
 
 # Relative error of the shaft's model, added to the data's; and of D, added to what that makes of it.
 _MODEL, _D = 0.01, 0.05

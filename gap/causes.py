@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gap.diagnosis import Cause, Estimate, Location
-from gap.hypotheses import Hypothesis
-from rotor.structure import FloatArray
+from rigtwin.gap.diagnosis import Cause, Estimate, Location
+from rigtwin.gap.hypotheses import Hypothesis
+from rigtwin.rotor.structure import FloatArray
 
 
 def locations(hypothesis: Hypothesis, u: FloatArray) -> tuple[Location, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.campaign import ComplexArray, FloatArray, Run
+from rigtwin.sim.campaign import ComplexArray, FloatArray, Run
 
 # Channels below this share of the largest are left out of the gap: a rigid support's own node, for example.
 SILENT = 1e-4

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gap.nonlinear import BoolArray
-from rotor.structure import FloatArray
+from rigtwin.gap.nonlinear import BoolArray
+from rigtwin.rotor.structure import FloatArray
 
 
 def softened(residual: FloatArray) -> FloatArray:

@@ -9,26 +9,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gap.adequacy import judge, not_shared, odd_lines
-from gap.audit import amplitude_dependent, audit, usable
-from gap.audit.prepared import prepare
-from gap.audit.wild import left_out, silenced
-from gap.diagnosis import Finding
-from gap.fit import Fit
-from gap.forward import nonlinear
-from gap.held_out import Confirm
-from gap.helpers import helped_by
-from gap.hypotheses import Hypothesis, candidates
-from gap.likelihood import Problem
-from gap.nonlinear_search import most_promised, search_nonlinear
-from gap.pair_search import PAIR_GAIN, each_alone, exchanged, most_left, pairs, straightened
-from gap.peaks import diagnose_peaks
-from gap.prepare import prepared
-from gap.ranking import of_the_likeliest, rank, verdict_of
-from gap.report import Answer, Clock, Outcome, report
-from gap.robust import robust_fit
-from gap.score import Score
-from gap.search import (
+from rigtwin.gap.adequacy import judge, not_shared, odd_lines
+from rigtwin.gap.audit import amplitude_dependent, audit, usable
+from rigtwin.gap.audit.prepared import prepare
+from rigtwin.gap.audit.wild import left_out, silenced
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import nonlinear
+from rigtwin.gap.held_out import Confirm
+from rigtwin.gap.helpers import helped_by
+from rigtwin.gap.hypotheses import Hypothesis, candidates
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.nonlinear_search import most_promised, search_nonlinear
+from rigtwin.gap.pair_search import PAIR_GAIN, each_alone, exchanged, most_left, pairs, straightened
+from rigtwin.gap.peaks import diagnose_peaks
+from rigtwin.gap.prepare import prepared
+from rigtwin.gap.ranking import of_the_likeliest, rank, verdict_of
+from rigtwin.gap.report import Answer, Clock, Outcome, report
+from rigtwin.gap.robust import robust_fit
+from rigtwin.gap.score import Score
+from rigtwin.gap.search import (
     POLISHED,
     Progress,
     Search,
@@ -41,9 +41,9 @@ from gap.search import (
     search,
     with_bent,
 )
-from gap.standing import adequate, excess_of, gains_differ, scale_of, standing_of
-from rotor.effects.library import EFFECTS
-from sim.campaign import Campaign, Run
+from rigtwin.gap.standing import adequate, excess_of, gains_differ, scale_of, standing_of
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.sim.campaign import Campaign, Run
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 LEVEL_SIGMAS = 2.0  # standard deviations by which resonances of each level's own may take away more than chance

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sim.formats.atomic import replacing
+from rigtwin.sim.formats.atomic import replacing
 
 SCHEMA = "rigtwin.diagnosis/1"
 FILE_NAME = "diagnosis.json"

@@ -14,14 +14,14 @@ from functools import partial
 
 import numpy as np
 
-from gap.fit import Fit
-from gap.helpers import each
-from gap.hypotheses import NOMINAL, Free, Hypothesis
-from gap.likelihood import Problem
-from gap.modal import MODES, Modal
-from gap.score import Score
-from gap.transients import as_read, transients
-from rotor.structure import ComplexArray, FloatArray
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.helpers import each
+from rigtwin.gap.hypotheses import NOMINAL, Free, Hypothesis
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.modal import MODES, Modal
+from rigtwin.gap.score import Score
+from rigtwin.gap.transients import as_read, transients
+from rigtwin.rotor.structure import ComplexArray, FloatArray
 
 # Beyond this dwell next to nothing is left of any transient [s].
 _LONGEST = 15.0

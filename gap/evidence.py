@@ -12,10 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gap.fit import Fit, Sampled
-from gap.forward import nonlinear
-from gap.likelihood import Problem
-from rotor.structure import FloatArray
+from rigtwin.gap.fit import Fit, Sampled
+from rigtwin.gap.forward import nonlinear
+from rigtwin.gap.likelihood import Problem
+from rigtwin.rotor.structure import FloatArray
 
 # Draws, and more of them as long as too few count: most then lie outside the ranges, and cost nothing.
 DRAWS = (64, 256, 1024)

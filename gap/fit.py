@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.hypotheses import K_B, Hypothesis
-from gap.nonlinear import BoolArray
-from rotor.effects import Effect
-from rotor.structure import FloatArray
+from rigtwin.gap.hypotheses import K_B, Hypothesis
+from rigtwin.gap.nonlinear import BoolArray
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.structure import FloatArray
 
 # Effective draws from which a sampled evidence is believed.
 _TRUSTED = 8.0

@@ -14,19 +14,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gap.modal import MODES, TOLERANCES, Group, Modal, chain_factors, over_receptance, resonance_numbers
-from gap.nonlinear import CORNER, FINE, Known, NonlinearModal, Resolution
-from gap.tolerances import STEP, Bend, bend_of, bent_for, sensitivity_of, variants_of
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import Effect, HubStiffening, OpenCrack
-from rotor.harmonic_balance import Balance
-from rotor.measured import channel_groups
-from rotor.model import build_model
-from rotor.rig import Rig
-from rotor.state_space import StateSpace, UpperResidual
-from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
-from sim.campaign import Channel, NominalBelief, Run
+from rigtwin.gap.modal import MODES, TOLERANCES, Group, Modal, chain_factors, over_receptance, resonance_numbers
+from rigtwin.gap.nonlinear import CORNER, FINE, Known, NonlinearModal, Resolution
+from rigtwin.gap.tolerances import STEP, Bend, bend_of, bent_for, sensitivity_of, variants_of
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import Effect, HubStiffening, OpenCrack
+from rigtwin.rotor.harmonic_balance import Balance
+from rigtwin.rotor.measured import channel_groups
+from rigtwin.rotor.model import build_model
+from rigtwin.rotor.rig import Rig
+from rigtwin.rotor.state_space import StateSpace, UpperResidual
+from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray, Structure
+from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 T = TypeVar("T")
 

@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from gap.curves import nrmse
-from gap.diagnosis import Shrink, explainable
-from gap.fit import Fit
-from gap.forward import acting, nonlinear
-from gap.likelihood import Problem
-from gap.nonlinear import BoolArray
-from gap.robust import robust_fit
-from gap.transfer import transfer_interval
-from rotor.effects import Effect
-from rotor.structure import ComplexArray
-from sim.campaign import Run
-from sim.lines import NotSettledError
-from sim.setup import SetupError
+from rigtwin.gap.curves import nrmse
+from rigtwin.gap.diagnosis import Shrink, explainable
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import acting, nonlinear
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.nonlinear import BoolArray
+from rigtwin.gap.robust import robust_fit
+from rigtwin.gap.transfer import transfer_interval
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.structure import ComplexArray
+from rigtwin.sim.campaign import Run
+from rigtwin.sim.lines import NotSettledError
+from rigtwin.sim.setup import SetupError
 
 # Measures a run with effects and k_b on the virtual rig: (runs, effects, k_b) -> responses, and what measured.
 Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[ComplexArray], str]]

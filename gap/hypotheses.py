@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotor.effects import Effect
-from rotor.effects.effect import Parameter
-from rotor.effects.library import EFFECTS
-from rotor.structure import FloatArray, Structure
-from sim.campaign import Run
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.effects.effect import Parameter
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.sim.campaign import Run
 
 # Prior range of the bearing stiffness [N/m], even in its logarithm.
 K_B_RANGE = (1e4, 1e10)

@@ -13,15 +13,15 @@ from functools import partial
 
 import numpy as np
 
-from gap.fit import Fit
-from gap.hypotheses import K_B_RANGE, Free, Hypothesis
-from gap.likelihood import Problem
-from gap.modal import over_receptance
-from gap.robust import robust_misfit, unfitted
-from gap.score import Score
-from gap.starts import Start
-from rotor.measured import measured_response
-from rotor.structure import FloatArray
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.hypotheses import K_B_RANGE, Free, Hypothesis
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.modal import over_receptance
+from rigtwin.gap.robust import robust_misfit, unfitted
+from rigtwin.gap.score import Score
+from rigtwin.gap.starts import Start
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.structure import FloatArray
 
 # Points along the range of each number of an effect, first number first.
 _POINTS = {

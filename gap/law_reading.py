@@ -15,15 +15,15 @@ from operator import itemgetter
 
 import numpy as np
 
-from gap.descent import minimise, softened
-from gap.hypotheses import K_B, Hypothesis
-from gap.law_grid import Rest, rub_axes
-from gap.likelihood import Problem
-from gap.modal import Modal
-from gap.nonlinear import NonlinearModal
-from gap.residuals import Observed
-from gap.starts import Start
-from rotor.structure import ComplexArray, FloatArray
+from rigtwin.gap.descent import minimise, softened
+from rigtwin.gap.hypotheses import K_B, Hypothesis
+from rigtwin.gap.law_grid import Rest, rub_axes
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.modal import Modal
+from rigtwin.gap.nonlinear import NonlinearModal
+from rigtwin.gap.residuals import Observed
+from rigtwin.gap.starts import Start
+from rigtwin.rotor.structure import ComplexArray, FloatArray
 
 # Laws that are read. Of them points along the stiffness, and gaps as shares of the node's largest motion: a soft
 # contact is gone far beyond.

@@ -19,17 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from gap.descent import damped_step, minimise, softened, tamed
-from gap.fit import Fit
-from gap.forward import Forward, acting, nonlinear, on_the_rotor
-from gap.hypotheses import K_B, Hypothesis
-from gap.modal import MODES, TOLERANCE, TOLERANCES, Modal
-from gap.nonlinear import BoolArray, NonlinearModal
-from gap.residuals import Observed, derivatives, misfit, weighted
-from rotor.effects import Effect
-from rotor.rig import Rig
-from rotor.structure import ComplexArray, FloatArray, IntArray
-from sim.campaign import Channel, NominalBelief, Run
+from rigtwin.gap.descent import damped_step, minimise, softened, tamed
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import Forward, acting, nonlinear, on_the_rotor
+from rigtwin.gap.hypotheses import K_B, Hypothesis
+from rigtwin.gap.modal import MODES, TOLERANCE, TOLERANCES, Modal
+from rigtwin.gap.nonlinear import BoolArray, NonlinearModal
+from rigtwin.gap.residuals import Observed, derivatives, misfit, weighted
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.rig import Rig
+from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 # Values below this share of the run's largest say nothing about a logarithm.
 _SILENT = 1e-5

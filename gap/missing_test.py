@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from gap.diagnosis import Cause, NextTest, Verdict
-from gap.phrases import supports
-from gap.wording import named
-from rotor.rig import Rig, load_rig
-from sim.campaign import SUPPORTS, Campaign, Run
+from rigtwin.gap.diagnosis import Cause, NextTest, Verdict
+from rigtwin.gap.phrases import supports
+from rigtwin.gap.wording import named
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.sim.campaign import SUPPORTS, Campaign, Run
 
 # Accelerometers that tell most places apart.
 _SENSORS = 3

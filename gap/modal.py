@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.transients import as_read, transients
-from rotor.effects import Effect, FastSweep
-from rotor.measured import DERIVATIVE_ORDER, channel_factor, force_factor
-from rotor.structure import ComplexArray, FloatArray, IntArray
-from sim.campaign import Run
+from rigtwin.gap.transients import as_read, transients
+from rigtwin.rotor.effects import Effect, FastSweep
+from rigtwin.rotor.measured import DERIVATIVE_ORDER, channel_factor, force_factor
+from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.sim.campaign import Run
 
 # Resonances of a run that may drift, at most.
 MODES = 8

@@ -18,18 +18,18 @@ from typing import Any
 
 import numpy as np
 
-from gap.causes import locations
-from gap.diagnosis import NextTest
-from gap.fit import Fit
-from gap.forward import Forward, acting, nonlinear
-from gap.hypotheses import K_B
-from gap.likelihood import ANY_SCALE, Problem, change_of
-from gap.modal import MODES
-from gap.phrases import effects_at, supports
-from gap.residuals import as_real
-from rotor.effects import AttachedMass, Effect
-from rotor.structure import ComplexArray, FloatArray, Structure
-from sim.campaign import Channel, Run, SupportKind
+from rigtwin.gap.causes import locations
+from rigtwin.gap.diagnosis import NextTest
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import Forward, acting, nonlinear
+from rigtwin.gap.hypotheses import K_B
+from rigtwin.gap.likelihood import ANY_SCALE, Problem, change_of
+from rigtwin.gap.modal import MODES
+from rigtwin.gap.phrases import effects_at, supports
+from rigtwin.gap.residuals import as_real
+from rigtwin.rotor.effects import AttachedMass, Effect
+from rigtwin.rotor.structure import ComplexArray, FloatArray, Structure
+from rigtwin.sim.campaign import Channel, Run, SupportKind
 
 # Chi-squared from which two members count as told apart.
 TOLD_APART = 25.0

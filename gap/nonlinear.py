@@ -22,12 +22,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rotor.effects import Effect
-from rotor.harmonic_balance import Balance, jacobian
-from rotor.measured import DERIVATIVE_ORDER
-from rotor.periodic_force import real_form
-from rotor.structure import ComplexArray, FloatArray, IntArray
-from sim.campaign import Run
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.harmonic_balance import Balance, jacobian
+from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.periodic_force import real_form
+from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.sim.campaign import Run
 
 BoolArray = NDArray[np.bool_]
 

@@ -9,14 +9,14 @@ from functools import partial
 
 import numpy as np
 
-from gap.fit import Fit
-from gap.helpers import each
-from gap.hypotheses import NOMINAL, Hypothesis
-from gap.law_grid import Rest, axis, by_distance, by_score, distance, node_of, points_of, seen_motion
-from gap.law_reading import READ, read
-from gap.likelihood import MODEL_ERROR, Problem
-from gap.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
-from gap.robust import (
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.helpers import each
+from rigtwin.gap.hypotheses import NOMINAL, Hypothesis
+from rigtwin.gap.law_grid import Rest, axis, by_distance, by_score, distance, node_of, points_of, seen_motion
+from rigtwin.gap.law_reading import READ, read
+from rigtwin.gap.likelihood import MODEL_ERROR, Problem
+from rigtwin.gap.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
+from rigtwin.gap.robust import (
     anew,
     best_of_each,
     cost_of,
@@ -28,10 +28,10 @@ from gap.robust import (
     thinned,
     unfitted,
 )
-from gap.score import Score
-from gap.search import NEAR, Progress, Search, best_first, first_of_each, recalibrate
-from gap.starts import Start
-from rotor.structure import FloatArray
+from rigtwin.gap.score import Score
+from rigtwin.gap.search import NEAR, Progress, Search, best_first, first_of_each, recalibrate
+from rigtwin.gap.starts import Start
+from rigtwin.rotor.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits; where the gap is small all, as one line may hold it.
 _GRID_LINES, _DESCENT_LINES, _FIT_LINES, _ALL_LINES = 8, 6, 4, 1

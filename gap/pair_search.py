@@ -9,13 +9,13 @@ from operator import itemgetter
 
 import numpy as np
 
-from gap.fit import Fit
-from gap.helpers import each
-from gap.hypotheses import Hypothesis
-from gap.likelihood import Problem
-from gap.score import Score
-from gap.search import CLOSE, FAR, Progress, Search, first_of_each, fitted, race, search
-from gap.starts import Promise, Start, begin, points, promises
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.helpers import each
+from rigtwin.gap.hypotheses import Hypothesis
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.score import Score
+from rigtwin.gap.search import CLOSE, FAR, Progress, Search, first_of_each, fitted, race, search
+from rigtwin.gap.starts import Promise, Start, begin, points, promises
 
 # Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
 # logarithms, and the cost over the best one's from which none of the others is one.

@@ -25,14 +25,14 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import chi2 as chi2_distribution
 
-from gap.causes import cause_of
-from gap.diagnosis import Band, Diagnosis, Estimate, Finding, NextTest, Where
-from gap.hypotheses import K_B, NO_GAP_PRIOR, SURE, Hypothesis, candidates
-from gap.prepare import structure_of
-from gap.resonances import Resonances, Rotor
-from rotor.rig import load_rig
-from rotor.structure import FloatArray
-from sim.campaign import Campaign, Channel, PeakList, Run
+from rigtwin.gap.causes import cause_of
+from rigtwin.gap.diagnosis import Band, Diagnosis, Estimate, Finding, NextTest, Where
+from rigtwin.gap.hypotheses import K_B, NO_GAP_PRIOR, SURE, Hypothesis, candidates
+from rigtwin.gap.prepare import structure_of
+from rigtwin.gap.resonances import Resonances, Rotor
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import FloatArray
+from rigtwin.sim.campaign import Campaign, Channel, PeakList, Run
 
 # Level of the test whether the residuals of matched peaks are those of their standard errors.
 _TEST_LEVEL = 0.01

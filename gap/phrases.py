@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from gap.diagnosis import Location
-from rotor.effects.library import EFFECTS
-from sim.campaign import SupportKind
+from rigtwin.gap.diagnosis import Location
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.sim.campaign import SupportKind
 
 _PLACES = {
     "bearings": "at the bearings",

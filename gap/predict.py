@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from gap.diagnosis import DAMPING, SCHEMA
-from gap.forward import acting, nonlinear
-from gap.modal import TOLERANCES
-from gap.nonlinear import FINAL
-from gap.prepare import forward_of
-from rotor.condition import Condition
-from rotor.effects import Effect
-from rotor.effects.library import EFFECTS
-from rotor.rig import load_rig
-from rotor.structure import ComplexArray, FloatArray
-from sim.campaign import Campaign, MeasurementError, Run
+from rigtwin.gap.diagnosis import DAMPING, SCHEMA
+from rigtwin.gap.forward import acting, nonlinear
+from rigtwin.gap.modal import TOLERANCES
+from rigtwin.gap.nonlinear import FINAL
+from rigtwin.gap.prepare import forward_of
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Campaign, MeasurementError, Run
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from gap.audit import believed_errors, common_error, scatter_over
-from gap.fit import Fit
-from gap.forward import Forward
-from gap.likelihood import Problem
-from gap.residuals import Observed, observe
-from gap.search import recalibrate
-from rotor.assembly import assemble
-from rotor.rig import load_rig
-from rotor.structure import Structure
-from sim.campaign import Campaign, Run
+from rigtwin.gap.audit import believed_errors, common_error, scatter_over
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import Forward
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.residuals import Observed, observe
+from rigtwin.gap.search import recalibrate
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import Structure
+from rigtwin.sim.campaign import Campaign, Run
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
 # A crack or a hub inside an element needs more of them.

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from gap.adequacy import judge
-from gap.diagnosis import Verdict
-from gap.evidence import sample
-from gap.fit import Fit
-from gap.hypotheses import NO_GAP_PRIOR, SURE
-from gap.likelihood import Problem
-from gap.search import first_of_each
-from gap.standing import Standing, excess_of, scale_of
+from rigtwin.gap.adequacy import judge
+from rigtwin.gap.diagnosis import Verdict
+from rigtwin.gap.evidence import sample
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.hypotheses import NO_GAP_PRIOR, SURE
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.search import first_of_each
+from rigtwin.gap.standing import Standing, excess_of, scale_of
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds

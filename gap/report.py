@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from gap import wording
-from gap.adequacy import Adequacy, judge
-from gap.audit import amplitude_dependent
-from gap.bearing_stiffness import beside_models
-from gap.causes import cause_of, locations
-from gap.curves import Curve, log_distance_db, nrmse
-from gap.diagnosis import (
+from rigtwin.gap import wording
+from rigtwin.gap.adequacy import Adequacy, judge
+from rigtwin.gap.audit import amplitude_dependent
+from rigtwin.gap.bearing_stiffness import beside_models
+from rigtwin.gap.causes import cause_of, locations
+from rigtwin.gap.curves import Curve, log_distance_db, nrmse
+from rigtwin.gap.diagnosis import (
     DAMPING,
     Cause,
     Diagnosis,
@@ -30,18 +30,18 @@ from gap.diagnosis import (
     Verdict,
     Where,
 )
-from gap.fit import Fit
-from gap.held_out import Confirm, measure_shrink
-from gap.hypotheses import SURE
-from gap.likelihood import Problem
-from gap.missing_test import missing_test
-from gap.modal import TOLERANCES
-from gap.next_test import best_next_test
-from gap.ranking import ANSWERED, AT_MOST, Ranked, best_of, by_name, likely, name_of, together
-from gap.standing import ADEQUATE_MISFIT, BELIEVED_SCALE, Standing, scale_of
-from gap.where import locate
-from rotor.effects.library import EFFECTS
-from sim.campaign import Campaign
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.held_out import Confirm, measure_shrink
+from rigtwin.gap.hypotheses import SURE
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.missing_test import missing_test
+from rigtwin.gap.modal import TOLERANCES
+from rigtwin.gap.next_test import best_next_test
+from rigtwin.gap.ranking import ANSWERED, AT_MOST, Ranked, best_of, by_name, likely, name_of, together
+from rigtwin.gap.standing import ADEQUATE_MISFIT, BELIEVED_SCALE, Standing, scale_of
+from rigtwin.gap.where import locate
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.sim.campaign import Campaign
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import i0e, i1e
 
-from gap.nonlinear import BoolArray
-from rotor.structure import ComplexArray, FloatArray
-from sim.campaign import Run
+from rigtwin.gap.nonlinear import BoolArray
+from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Run
 
 Values = ComplexArray | FloatArray  # responses, or magnitudes alone
 

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gap.forward import acting
-from rotor.condition import Condition
-from rotor.effects import Effect
-from rotor.model import build_system
-from rotor.state_space import StateSpace
-from rotor.structure import FloatArray, Structure
-from rotor.system import LinearSystem
-from sim.campaign import NominalBelief, SupportKind
+from rigtwin.gap.forward import acting
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.state_space import StateSpace
+from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.rotor.system import LinearSystem
+from rigtwin.sim.campaign import NominalBelief, SupportKind
 
 # Resonances that are kept, the lowest ones.
 N_RESONANCES = 8

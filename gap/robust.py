@@ -11,14 +11,14 @@ from functools import partial
 
 import numpy as np
 
-from gap.fit import Fit
-from gap.helpers import Item, Result, each
-from gap.hypotheses import Hypothesis
-from gap.likelihood import Problem
-from gap.residuals import residual
-from gap.search import first_of_each
-from gap.starts import Start
-from rotor.structure import FloatArray
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.helpers import Item, Result, each
+from rigtwin.gap.hypotheses import Hypothesis
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.residuals import residual
+from rigtwin.gap.search import first_of_each
+from rigtwin.gap.starts import Start
+from rigtwin.rotor.structure import FloatArray
 
 # Misfit of a line, in standard errors, beyond which it counts as an outlier.
 OUTLIER = 3.0

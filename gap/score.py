@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.linalg import block_diag
 
-from gap.fit import Fit
-from gap.likelihood import Problem
-from gap.modal import Modal
-from gap.residuals import derivatives, weighted
-from rotor.condition import Condition
-from rotor.effects import Effect
-from rotor.structure import ComplexArray, FloatArray
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.modal import Modal
+from rigtwin.gap.residuals import derivatives, weighted
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.structure import ComplexArray, FloatArray
 
 # Share of an effect's change that nuisances must leave, for the change to tell anything.
 _UNTOLD = 1e-9

@@ -18,14 +18,26 @@ from typing import TypeVar
 
 import numpy as np
 
-from gap.bearing_stiffness import Carried, carried, law_starts
-from gap.fit import Fit
-from gap.helpers import each
-from gap.hypotheses import K_B, K_B_RANGE, NOMINAL, Hypothesis
-from gap.likelihood import Problem
-from gap.score import Score
-from gap.starts import RIVALS, THIRD, Promise, Start, begin, crossing, placed, points, promises, scanned, several
-from rotor.structure import FloatArray
+from rigtwin.gap.bearing_stiffness import Carried, carried, law_starts
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.helpers import each
+from rigtwin.gap.hypotheses import K_B, K_B_RANGE, NOMINAL, Hypothesis
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.score import Score
+from rigtwin.gap.starts import (
+    RIVALS,
+    THIRD,
+    Promise,
+    Start,
+    begin,
+    crossing,
+    placed,
+    points,
+    promises,
+    scanned,
+    several,
+)
+from rigtwin.rotor.structure import FloatArray
 
 T = TypeVar("T")
 

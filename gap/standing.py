@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from gap.adequacy import Adequacy, judge
-from gap.fit import Fit
-from gap.forward import nonlinear
-from gap.likelihood import Problem
-from gap.nonlinear_search import ADEQUATE_NONLINEAR
-from gap.robust import without_outliers
-from gap.score import Score
-from gap.search import strained
+from rigtwin.gap.adequacy import Adequacy, judge
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import nonlinear
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.nonlinear_search import ADEQUATE_NONLINEAR
+from rigtwin.gap.robust import without_outliers
+from rigtwin.gap.score import Score
+from rigtwin.gap.search import strained
 
 # Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
 ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most

@@ -14,13 +14,13 @@ from operator import itemgetter
 import numpy as np
 from scipy.signal import find_peaks
 
-from gap.dwell import dwell_fits
-from gap.fit import Fit
-from gap.hypotheses import NOMINAL, Free, Hypothesis, Term
-from gap.likelihood import Problem
-from gap.score import Score
-from rotor.condition import Condition
-from rotor.structure import FloatArray
+from rigtwin.gap.dwell import dwell_fits
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.hypotheses import NOMINAL, Free, Hypothesis, Term
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.score import Score
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.structure import FloatArray
 
 # Starts of one candidate that run on.
 RIVALS = 2

@@ -16,15 +16,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.curves import nrmse
-from gap.fit import Fit
-from gap.forward import acting, nonlinear
-from gap.hypotheses import K_B
-from gap.likelihood import Problem, middle_level
-from gap.modal import Modal
-from gap.nonlinear import FINE, NonlinearModal
-from rotor.structure import ComplexArray, FloatArray
-from sim.campaign import Run
+from rigtwin.gap.curves import nrmse
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import acting, nonlinear
+from rigtwin.gap.hypotheses import K_B
+from rigtwin.gap.likelihood import Problem, middle_level
+from rigtwin.gap.modal import Modal
+from rigtwin.gap.nonlinear import FINE, NonlinearModal
+from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Run
 
 _DRAWS = 60
 

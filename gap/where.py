@@ -17,14 +17,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from gap.diagnosis import Band, JointStiffness, NodeShare, Regime, Where
-from gap.fit import Fit
-from gap.forward import Forward
-from gap.likelihood import Problem
-from gap.phrases import ten_to
-from gap.residuals import Observed
-from rotor.structure import ComplexArray, FloatArray
-from sim.campaign import Run
+from rigtwin.gap.diagnosis import Band, JointStiffness, NodeShare, Regime, Where
+from rigtwin.gap.fit import Fit
+from rigtwin.gap.forward import Forward
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.phrases import ten_to
+from rigtwin.gap.residuals import Observed
+from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Run
 
 # Laws a joint stiffness is compared with: name, unit of its size, what it looks like, and shape over omega.
 _LAWS = (

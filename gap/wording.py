@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from gap.diagnosis import Cause, Diagnosis, Finding, Shrink, explainable
-from gap.hypotheses import SURE
-from gap.phrases import effects_at, listed, lowered, part, place
-from gap.ranking import ANSWERED
+from rigtwin.gap.diagnosis import Cause, Diagnosis, Finding, Shrink, explainable
+from rigtwin.gap.hypotheses import SURE
+from rigtwin.gap.phrases import effects_at, listed, lowered, part, place
+from rigtwin.gap.ranking import ANSWERED
 
 
 def named(cause: Cause) -> str:

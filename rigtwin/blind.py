@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from gap.blind import SETS
 from rigtwin.console import note, say
 from rigtwin.exits import UserError
+from rigtwin.gap.blind import SETS
 from rigtwin.scale_out import ONE_THREAD, executor
-from sim.formats.atomic import replacing
+from rigtwin.sim.formats.atomic import replacing
 
 PAGE = "blind.md"
 SCHEMA = "rigtwin.blind-results/2"
@@ -88,7 +88,7 @@ def _places(request: BlindRequest, name: str) -> tuple[Path, Path]:
 
 def _make_and_diagnose(request: BlindRequest, name: str) -> str:
     """One set; returns how many campaigns it has, of which seed, when it was done, and the SHA-256 of their labels."""
-    from gap.blind import generate
+    from rigtwin.gap.blind import generate
     from rigtwin.provenance import commit
 
     campaigns, answers = _places(request, name)
@@ -172,9 +172,9 @@ def diagnose_one(campaign: Path, answer: Path, exclude: Sequence[str]) -> None:
 
 def _answer(campaign: Path, answer: Path, exclude: Sequence[str]) -> dict[str, float]:
     """Writes everything that is scored; returns the seconds of the diagnosis alone, by the clock and the processor."""
-    from gap.diagnose import diagnose
     from rigtwin.diagnose import write_prediction
-    from sim.campaign_folder import load_campaign
+    from rigtwin.gap.diagnose import diagnose
+    from rigtwin.sim.campaign_folder import load_campaign
 
     measured = load_campaign(campaign / "measured")
     start, busy = time.perf_counter(), time.process_time()
@@ -195,9 +195,9 @@ def write_controls(
 
     Gains and tolerances are free in both, as they are in every fit: what they explain is no credit of the effect.
     """
-    from gap.hypotheses import candidates
-    from gap.prepare import forward_of
     from rigtwin.diagnose import write_prediction
+    from rigtwin.gap.hypotheses import candidates
+    from rigtwin.gap.prepare import forward_of
 
     answered = {name for cause in (*diagnosis.equivalent, *diagnosis.causes[:1]) for name in cause.effects}
     hypotheses = candidates(measured.runs, forward_of(measured).structure, exclude)
@@ -211,10 +211,10 @@ def write_controls(
 
 def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]:
     """What a diagnosis.json has to say for a prediction: the best of these candidates, if any, as the cause."""
-    from gap.diagnosis import SCHEMA as OF_DIAGNOSIS
-    from gap.prepare import prepared
-    from gap.report import calibration
-    from gap.search import search
+    from rigtwin.gap.diagnosis import SCHEMA as OF_DIAGNOSIS
+    from rigtwin.gap.prepare import prepared
+    from rigtwin.gap.report import calibration
+    from rigtwin.gap.search import search
 
     problem, nominal = prepared(measured)
     best = search(problem, hypotheses, nominal).fits[0] if hypotheses else nominal
@@ -250,8 +250,8 @@ def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]
 
 def _save(request: BlindRequest, name: str, seal: str) -> None:
     """A row for every campaign of a set; those of other sets of the same split stay, whatever their seed."""
-    from gap.blind.results import to_row
-    from gap.blind.score import read_outcomes
+    from rigtwin.gap.blind.results import to_row
+    from rigtwin.gap.blind.score import read_outcomes
 
     file, facts = request.pages[1], _facts(request)
     before = _read(file) if file.exists() else {"facts": {}, "campaigns": []}
@@ -278,8 +278,8 @@ def _read(file: Path) -> dict[str, Any]:
 
 def _render(request: BlindRequest) -> None:
     """The page of the results."""
-    from gap.blind.page import bar_table, page
-    from gap.blind.results import from_row
+    from rigtwin.gap.blind.page import bar_table, page
+    from rigtwin.gap.blind.results import from_row
 
     path, file = request.pages
     if not file.exists():

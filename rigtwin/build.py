@@ -5,13 +5,13 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from build_fmu import ESTIMATOR_FMU, build_estimator_fmu, build_native
-from fmu_src.compiling import CompileError
 from rigtwin.console import note, say
 from rigtwin.exits import UserError
+from rigtwin.fmu_src.build import ESTIMATOR_FMU, build_estimator_fmu, build_native
+from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmus import SHIPPED_RIG, build_rotor, is_shipped
-from rotor.rig import Rig, load_rig
-from sim.formats.atomic import replacing
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.sim.formats.atomic import replacing
 
 
 def build_fmus(source: str, out: Path, *, train: bool, native: bool, array_output: bool = False) -> None:

@@ -24,18 +24,18 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.dataset import FEATURE_PLAN
-from estimator.features import features_of_runs
-from estimator.validity import objections
 from rigtwin.console import output, print_json, say
+from rigtwin.estimator.dataset import FEATURE_PLAN
+from rigtwin.estimator.features import features_of_runs
+from rigtwin.estimator.validity import objections
 from rigtwin.exits import UserError
 from rigtwin.fmus import ask, estimator_for, excitation_node, fmu_card, manifest, trained_rig
 from rigtwin.junit import write_junit
+from rigtwin.sim.campaign import MeasurementError
+from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.sim.session import FmuError, FmuSession
+from rigtwin.sim.stepped_sine import NotSettledError, Rig, sweep
 from rigtwin.wording import percent, stiffness
-from sim.campaign import MeasurementError
-from sim.formats.atomic import check_writable
-from sim.session import FmuError, FmuSession
-from sim.stepped_sine import NotSettledError, Rig, sweep
 
 Outcome = Literal["passed", "failed", "not run"]
 

@@ -7,28 +7,28 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from build_fmu import build_estimator_fmu
-from estimator.dataset import noisy
-from estimator.features import Features, features_of_runs
-from estimator.runtime import Estimate
-from gap.phrases import listed
 from rigtwin.console import progress, say, table, to_json
+from rigtwin.estimator.dataset import noisy
+from rigtwin.estimator.features import Features, features_of_runs
+from rigtwin.estimator.runtime import Estimate
 from rigtwin.figures import Curve, Mark, frequency_figure, frf_figure, readings_figure, rotor_picture
+from rigtwin.fmu_src.build import build_estimator_fmu
 from rigtwin.fmus import SHIPPED_RIG, ask, build_rotor, fmu_card
+from rigtwin.gap.phrases import listed
 from rigtwin.page import write_page
 from rigtwin.paper import PaperReading, read_paper, table_1, table_2_largest_difference, verdict
 from rigtwin.provenance import provenance
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import Structure
+from rigtwin.sim.campaign import Campaign, Channel, Run
+from rigtwin.sim.campaign_folder import save_campaign
+from rigtwin.sim.formats.atomic import check_writable, replacing
+from rigtwin.sim.modal_fit import fit_modes
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 from rigtwin.sweep import MODE_HEADER, mode_record, mode_row
 from rigtwin.wording import exponent, interval, percent, stiffness, stiffness_with_error, with_error, yes_no
-from rotor.assembly import assemble
-from rotor.rig import load_rig
-from rotor.structure import Structure
-from sim.campaign import Campaign, Channel, Run
-from sim.campaign_folder import save_campaign
-from sim.formats.atomic import check_writable, replacing
-from sim.modal_fit import fit_modes
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, sweep
 
 RECORD = "demo.json"
 NOISE = 0.01

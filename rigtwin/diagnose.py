@@ -17,9 +17,6 @@ from rich.console import Console
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
-from gap.diagnosis import FILE_NAME as DIAGNOSIS_FILE
-from gap.diagnosis import SCHEMA, Cause, Diagnosis, Shrink
-from gap.phrases import part
 from rigtwin.console import note, say, table
 from rigtwin.diagnosis_page import FILE_NAME as PAGE_FILE
 from rigtwin.diagnosis_page import write_diagnosis_page
@@ -38,17 +35,20 @@ from rigtwin.diagnosis_words import (
 from rigtwin.effects import effect_of
 from rigtwin.exits import UserError
 from rigtwin.fmus import existing, rotor_fmu
+from rigtwin.gap.diagnosis import FILE_NAME as DIAGNOSIS_FILE
+from rigtwin.gap.diagnosis import SCHEMA, Cause, Diagnosis, Shrink
+from rigtwin.gap.phrases import part
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import Effect, ForceDropout
+from rigtwin.rotor.measured import DERIVATIVE_ORDER
 from rigtwin.scale_out import executor
-from rotor.condition import Condition
-from rotor.effects import Effect, ForceDropout
-from rotor.measured import DERIVATIVE_ORDER
-from sim.campaign import Campaign, ComplexArray, Run
-from sim.campaign_folder import load_campaign
-from sim.formats.atomic import check_writable, replacing
-from sim.formats.run_file import write_beside
-from sim.session import FmuSession
-from sim.setup import SetupError
-from sim.stepped_sine import Rig, SweepPlan, measure_lines
+from rigtwin.sim.campaign import Campaign, ComplexArray, Run
+from rigtwin.sim.campaign_folder import load_campaign
+from rigtwin.sim.formats.atomic import check_writable, replacing
+from rigtwin.sim.formats.run_file import write_beside
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.setup import SetupError
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines
 
 # Candidates that are printed; the page and the JSON hold all.
 _CAUSES = 5
@@ -78,7 +78,7 @@ class DiagnosisRequest:
 
 def run_diagnose(request: DiagnosisRequest) -> None:
     """Diagnose a campaign, write diagnosis.json and the page, print what was found."""
-    from gap.diagnose import diagnose
+    from rigtwin.gap.diagnose import diagnose
 
     exclude = _known(request.exclude)
     campaign = load_campaign(request.campaign)
@@ -111,7 +111,7 @@ def shared_among(workers: int | None) -> Iterator[Executor | None]:
 
 
 def _load() -> None:
-    import gap.search  # noqa: F401
+    import rigtwin.gap.search  # noqa: F401
 
 
 def _known(effect_ids: Sequence[str]) -> tuple[str, ...]:
@@ -188,7 +188,7 @@ def measured_on_the_virtual_rig(
     -------
     (n_freq, n_channels) of each run, and "fmu", or "rig" where an effect is none of the FMU's
     """
-    from gap.prepare import elements_between_nodes
+    from rigtwin.gap.prepare import elements_between_nodes
 
     belief = campaign.nominal
     parameters = {
@@ -276,7 +276,7 @@ def _shrink_line(s: Shrink) -> str:
 
 def run_predict(path: Path, folder: Path, out: Path) -> None:
     """Write every run of a campaign as the nominal and as the corrected model compute it."""
-    from gap.predict import explains
+    from rigtwin.gap.predict import explains
 
     n = write_prediction(path, folder, out)
     say(f"{n} runs written to {out / 'nominal'} and {out / 'corrected'}")
@@ -286,7 +286,7 @@ def run_predict(path: Path, folder: Path, out: Path) -> None:
 
 def write_prediction(path: Path, folder: Path, out: Path) -> int:
     """The files of ``run_predict``; returns the number of runs."""
-    from gap.predict import predict
+    from rigtwin.gap.predict import predict
 
     document = load_document(path)
     campaign = load_campaign(folder)

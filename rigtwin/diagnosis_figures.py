@@ -14,12 +14,12 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 from plotly.subplots import make_subplots
 
-from gap.curves import SILENT, Curve, nrmse
-from gap.diagnosis import Band, BearingStiffness, Cause, JointStiffness, Shrink
-from gap.phrases import part
 from rigtwin.diagnosis_words import cause_key, cause_title, finite, places, share
 from rigtwin.figures import BLUE, GREY, INK, ORANGE, PURPLE, RESPONSE_UNITS, VERMILION, styled
-from sim.campaign import Channel, ComplexArray, FloatArray, Run
+from rigtwin.gap.curves import SILENT, Curve, nrmse
+from rigtwin.gap.diagnosis import Band, BearingStiffness, Cause, JointStiffness, Shrink
+from rigtwin.gap.phrases import part
+from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, Run
 
 # Traces of the response figure that the page fills with the chosen run and node, in this order: row and name.
 RESPONSE_TRACES = (

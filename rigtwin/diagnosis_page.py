@@ -10,9 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from gap.curves import Curve, nrmse
-from gap.diagnosis import Cause, Diagnosis, Finding, Shrink, Where
-from gap.phrases import part
 from rigtwin.diagnosis_figures import (
     MAP_COLOURS,
     bearings_figure,
@@ -51,11 +48,14 @@ from rigtwin.diagnosis_words import (
     title,
 )
 from rigtwin.figures import rotor_picture
+from rigtwin.gap.curves import Curve, nrmse
+from rigtwin.gap.diagnosis import Cause, Diagnosis, Finding, Shrink, Where
+from rigtwin.gap.phrases import part
 from rigtwin.page import write_page
 from rigtwin.provenance import provenance
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.sim.campaign import Campaign
 from rigtwin.wording import stiffness, with_error
-from rotor.rig import Rig, load_rig
-from sim.campaign import Campaign
 
 FILE_NAME = "report.html"
 

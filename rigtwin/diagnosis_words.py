@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from gap.diagnosis import Cause, Diagnosis, Estimate, Shrink
-from gap.phrases import place, ten_to
 from rigtwin.effects import number, unit
+from rigtwin.gap.diagnosis import Cause, Diagnosis, Estimate, Shrink
+from rigtwin.gap.phrases import place, ten_to
+from rigtwin.rotor.effects import EFFECTS
 from rigtwin.wording import interval, stiffness_with_error, with_error
-from rotor.effects import EFFECTS
 
 VERDICTS = {
     "cause": "Cause found",

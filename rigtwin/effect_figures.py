@@ -28,7 +28,7 @@ from rigtwin.effect_plots import (
     response,
 )
 from rigtwin.figures import INK
-from rotor.effects import (
+from rigtwin.rotor.effects import (
     AttachedMass,
     AxialLoad,
     BearingAsymmetry,
@@ -60,14 +60,14 @@ from rotor.effects import (
     UnbalanceForce,
     ViscoelasticSupport,
 )
-from rotor.frequency_response import dynamic_stiffness
-from rotor.measured import measured_response
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_model, build_system
-from rotor.printed_laws import SCALAR
-from rotor.simulator import RotorSimulator
-from rotor.structure import ComplexArray, FloatArray
-from rotor.whirl import campbell, unbalance_response
+from rigtwin.rotor.frequency_response import dynamic_stiffness
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_model, build_system
+from rigtwin.rotor.printed_laws import SCALAR
+from rigtwin.rotor.simulator import RotorSimulator
+from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.whirl import campbell, unbalance_response
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from gap.phrases import lowered
 from rigtwin.effects import LOCATIONS, limits, number, parameters_of, places_of, unit
-from rotor.condition import Condition
-from rotor.effects import EFFECTS, Effect, Parameter
-from rotor.force_laws import ForceLaw
-from rotor.model import build_model
+from rigtwin.gap.phrases import lowered
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
+from rigtwin.rotor.force_laws import ForceLaw
+from rigtwin.rotor.model import build_model
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "effects"
 REFERENCES = FOLDER.parent / "references.bib"

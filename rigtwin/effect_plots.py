@@ -16,16 +16,16 @@ from matplotlib.ticker import NullFormatter
 from PIL import Image
 
 from rigtwin.figures import BLUE, GREEN, GRID, INK, ORANGE, PURPLE, VERMILION
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.continuation import trace
-from rotor.effects import Effect
-from rotor.harmonic_balance import Balance
-from rotor.measured import measured_response
-from rotor.modal import damped_modes
-from rotor.model import build_model, build_system
-from rotor.rig import load_rig
-from rotor.structure import FloatArray, Structure
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.continuation import trace
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.harmonic_balance import Balance
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_model, build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import FloatArray, Structure
 
 # Draws one panel of a figure.
 Panel = Callable[[Axes], None]

@@ -10,8 +10,8 @@ from typing import Any
 
 from rigtwin.console import print_json, say, table
 from rigtwin.exits import UserError
+from rigtwin.rotor.effects import EFFECTS, Effect, Parameter, Place
 from rigtwin.wording import exponent
-from rotor.effects import EFFECTS, Effect, Parameter, Place
 
 # Where an effect may sit, by its ``location``.
 LOCATIONS = {

@@ -8,16 +8,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.features import Features, features_of_peaks, features_of_runs
-from estimator.runtime import Estimate
-from estimator.validity import objections
 from rigtwin.console import note, print_json, say, table
+from rigtwin.estimator.features import Features, features_of_peaks, features_of_runs
+from rigtwin.estimator.runtime import Estimate
+from rigtwin.estimator.validity import objections
 from rigtwin.exits import UserError
 from rigtwin.fmus import SHIPPED_RIG, existing, open_estimator, trained_rig
+from rigtwin.sim.campaign import Campaign, MeasurementError, Quantity, Run, SupportKind
+from rigtwin.sim.campaign_folder import load_campaign
+from rigtwin.sim.formats import read_run
 from rigtwin.wording import interval, stiffness_with_error, with_error
-from sim.campaign import Campaign, MeasurementError, Quantity, Run, SupportKind
-from sim.campaign_folder import load_campaign
-from sim.formats import read_run
 
 # A ratio read off a curve without an error of its own is trusted to this share.
 RATIO_TRUST = 0.1
@@ -157,7 +157,7 @@ def _check_rig(rig: str, card: dict[str, Any]) -> None:
 
 
 def _rig_name(rig: str) -> str:
-    from rotor.rig import load_rig
+    from rigtwin.rotor.rig import load_rig
 
     return load_rig(rig).name
 

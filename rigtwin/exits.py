@@ -20,11 +20,11 @@ OUR_FAULT, WRONG_INPUT, GATE_FAILED, INTERRUPTED = 1, 2, 3, 130
 # Errors that say in a sentence what is wrong with the input. An exception of one of these classes
 # can only be there when its module has been loaded, so none is loaded for asking.
 _SENTENCES = {
-    "rotor.rig": ("RigError",),
-    "sim.campaign": ("MeasurementError",),
-    "sim.session": ("FmuError",),
-    "sim.setup": ("SetupError",),
-    "sim.stepped_sine": ("NotSettledError",),
+    "rigtwin.rotor.rig": ("RigError",),
+    "rigtwin.sim.campaign": ("MeasurementError",),
+    "rigtwin.sim.session": ("FmuError",),
+    "rigtwin.sim.setup": ("SetupError",),
+    "rigtwin.sim.stepped_sine": ("NotSettledError",),
 }
 
 # What a host makes of an FMU's refusal: "... ValueError('RotorRig: k_b must be ... .')" of pythonfmu's glue,

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
-from rotor.condition import Condition
-from rotor.rig import Rig
-from rotor.structure import Structure
-from sim.campaign import Channel, FloatArray, Run
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.rig import Rig
+from rigtwin.rotor.structure import Structure
+from rigtwin.sim.campaign import Channel, FloatArray, Run
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#8a8f98"
@@ -178,7 +178,7 @@ def rotor_picture(rig: Rig) -> str:
     """The rig drawn to scale, as a data URI for an <img>."""
     from matplotlib.figure import Figure
 
-    from fmu_src.documentation import draw_rotor
+    from rigtwin.fmu_src.documentation import draw_rotor
 
     picture = Figure(figsize=(7, 2.7), dpi=200, layout="constrained")
     draw_rotor(picture.subplots(), rig)

@@ -10,7 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from build_fmu import (
+from rigtwin.console import note
+from rigtwin.estimator.features import FEATURE_NAMES, Features
+from rigtwin.estimator.runtime import OUTPUT_NAMES, Estimate, StiffnessEstimator
+from rigtwin.exits import UserError
+from rigtwin.fmu_src.build import (
     ESTIMATOR_FMU,
     SHIPPED_RIG,
     BuildError,
@@ -19,13 +23,9 @@ from build_fmu import (
     build_rotor_fmu,
     is_shipped,
 )
-from estimator.features import FEATURE_NAMES, Features
-from estimator.runtime import OUTPUT_NAMES, Estimate, StiffnessEstimator
-from fmu_src.compiling import CompileError, can_compile, this_machine
-from rigtwin.console import note
-from rigtwin.exits import UserError
-from rotor.rig import Rig, load_rig
-from sim.session import FmuError, FmuSession
+from rigtwin.fmu_src.compiling import CompileError, can_compile, this_machine
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.sim.session import FmuError, FmuSession
 
 Estimator = Callable[[Features], Estimate]
 

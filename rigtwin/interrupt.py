@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 # The modules from which an FMU is called, and those that are not left before they are done.
-_WHOLE = {"fmpy.fmi1", "fmpy.fmi2", "fmpy.fmi3", "sim.instances", "importlib._bootstrap", "shutil", "tempfile"}
+_WHOLE = {"fmpy.fmi1", "fmpy.fmi2", "fmpy.fmi3", "rigtwin.sim.instances", "importlib._bootstrap", "shutil", "tempfile"}
 
 
 def install() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
-from sim.formats.atomic import replacing
+from rigtwin.sim.formats.atomic import replacing
 
 if TYPE_CHECKING:
     from rigtwin.check import Gate

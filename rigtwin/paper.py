@@ -5,29 +5,28 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimator.features import Features
-from estimator.root_finding import StiffnessFinder
-from estimator.runtime import Estimate
-from estimator.validity import objections
 from rigtwin.estimate import Ratio, features_of_campaign_peaks
+from rigtwin.estimator.features import Features
+from rigtwin.estimator.root_finding import StiffnessFinder
+from rigtwin.estimator.runtime import Estimate
+from rigtwin.estimator.validity import objections
 from rigtwin.exits import UserError
 from rigtwin.fmus import Estimator
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import Structure
+from rigtwin.sim.campaign import FloatArray
+from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.wording import interval, percent, stiffness
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_system
-from rotor.rig import load_rig
-from rotor.structure import Structure
-from sim.campaign import FloatArray
-from sim.campaign_folder import load_campaign
-
-FOLDER = "nit-rourkela-paper"
 
 # From here on the paper's Table 1 means the rigid support.
 _RIGID = 1e14
@@ -91,11 +90,12 @@ class PaperReading:
 
 def paper_folder() -> Path:
     """The shipped campaign: inside the installed package, or among the examples of a checkout."""
-    here = Path(__file__).parent
-    for folder in (here / FOLDER, here.parent / "examples" / FOLDER):
+    spec = find_spec("rigtwin.paper_campaign")
+    places = () if spec is None else spec.submodule_search_locations or ()
+    for folder in map(Path, places):
         if folder.is_dir():
             return folder
-    raise UserError(f"the example {FOLDER} is missing; install rigtwin again, or run from a complete checkout")
+    raise UserError("the paper's campaign is missing; install rigtwin again, or run from a complete checkout")
 
 
 def printed() -> dict[str, Any]:

@@ -17,15 +17,15 @@ from rigtwin.figures import Curve, frf_figure, rotor_picture
 from rigtwin.fmus import SHIPPED_RIG, existing
 from rigtwin.page import write_page
 from rigtwin.provenance import provenance
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.campaign import Campaign, Channel, MeasurementError, Run
+from rigtwin.sim.campaign_folder import load_campaign
+from rigtwin.sim.formats import read_run
+from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.sim.formats.settings import UnknownSupportError
+from rigtwin.sim.modal_fit import fit_modes
 from rigtwin.sweep import MODE_HEADER, mode_row
 from rigtwin.wording import interval, stiffness_with_error, with_error
-from rotor.rig import load_rig
-from sim.campaign import Campaign, Channel, MeasurementError, Run
-from sim.campaign_folder import load_campaign
-from sim.formats import read_run
-from sim.formats.atomic import check_writable
-from sim.formats.settings import UnknownSupportError
-from sim.modal_fit import fit_modes
 
 
 @dataclass(frozen=True)

@@ -10,20 +10,20 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estimator.dataset import noisy
 from rigtwin.console import note, print_json, progress, say, table
+from rigtwin.estimator.dataset import noisy
 from rigtwin.exits import UserError
 from rigtwin.fmus import excitation_node, rotor_fmu
+from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
 from rigtwin.scale_out import executor
+from rigtwin.sim.campaign import Plane, Run, SupportKind, SweepDirection
+from rigtwin.sim.formats import SUFFIXES, write_run
+from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
+from rigtwin.sim.runs import sweep_all
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan, sweep
 from rigtwin.wording import with_error
-from rotor.effects import EFFECTS, Effect, Parameter
-from sim.campaign import Plane, Run, SupportKind, SweepDirection
-from sim.formats import SUFFIXES, write_run
-from sim.formats.atomic import check_writable
-from sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
-from sim.runs import sweep_all
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, Sweep, SweepPlan, sweep
 
 # Settings with an option of their own: the run's record must say the same as the FMU does.
 _OPTIONS = {

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from build_fmu import build_estimator_fmu
-from estimator.dataset import FEATURE_PLAN, Dataset, feature_plan, measure_rigs, read_dataset, write_dataset
-from estimator.prior import PRIOR, Prior, prior_for
-from estimator.runtime import StiffnessEstimator
 from rigtwin.console import note, progress, say
+from rigtwin.estimator.dataset import FEATURE_PLAN, Dataset, feature_plan, measure_rigs, read_dataset, write_dataset
+from rigtwin.estimator.prior import PRIOR, Prior, prior_for
+from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.exits import UserError
+from rigtwin.fmu_src.build import build_estimator_fmu
 from rigtwin.fmus import SHIPPED_RIG, build_rotor, build_rotor_for_the_rig, is_shipped, trained_rig
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.rig import Rig, load_rig
 from rigtwin.scale_out import executor
-from rotor.assembly import assemble
-from rotor.rig import Rig, load_rig
-from sim.campaign import MeasurementError
+from rigtwin.sim.campaign import MeasurementError
 
 if TYPE_CHECKING:
-    from sim.stepped_sine import SweepPlan
+    from rigtwin.sim.stepped_sine import SweepPlan
 
 # The calibration rigs are others than the training rigs, and of a finer mesh: at least this fine.
 CALIBRATION_RIGS, CALIBRATION_SEED, CALIBRATION_ELEMENTS = 128, 2, 4
@@ -105,7 +105,7 @@ def train_from_data(out: Path) -> Trained:
 
 def shipped_data(name: str) -> Path:
     """A data set that comes with rigtwin. Raises UserError where it was left out."""
-    import estimator
+    from rigtwin import estimator
 
     path = Path(estimator.__path__[0]) / "data" / name
     if not path.is_file():
@@ -162,8 +162,8 @@ def _fit(
 ) -> tuple[Path, dict[str, Any]]:
     import torch
 
-    from estimator.training import export
-    from estimator.training import train as fit
+    from rigtwin.estimator.training import export
+    from rigtwin.estimator.training import train as fit
 
     out.mkdir(parents=True, exist_ok=True)
     note(f"fitting the network to {len(training)} rigs, calibrating it on {len(calibration)}")

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from rotor.harmonic_balance import Balance, Motions, jacobian
-from rotor.periodic_force import complex_form, real_form
-from rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.harmonic_balance import Balance, Motions, jacobian
+from rigtwin.rotor.periodic_force import complex_form, real_form
+from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
 
 Direction = Literal["up", "down"]
 Varied = Literal["omega", "force_amplitude"]

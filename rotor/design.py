@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rotor.condition import Condition
-from rotor.elements import shape_functions
-from rotor.force_laws import ForceLaw
-from rotor.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, FloatArray, IntArray, Structure
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.elements import shape_functions
+from rigtwin.rotor.force_laws import ForceLaw
+from rigtwin.rotor.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, FloatArray, IntArray, Structure
 
 # A round bar's length, in diameters, over which a crack counts as reduced bending stiffness.
 CRACK_LENGTH = 0.8

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from rotor.structure import ComplexArray
+from rigtwin.rotor.structure import ComplexArray
 
 
 @dataclass(frozen=True)

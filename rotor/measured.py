@@ -11,12 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from rotor.condition import Condition
-from rotor.effects.chain import SensorMass
-from rotor.effects.effect import Effect
-from rotor.frequency_response import driven_receptance
-from rotor.model import build_model
-from rotor.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects.chain import SensorMass
+from rigtwin.rotor.effects.effect import Effect
+from rigtwin.rotor.frequency_response import driven_receptance
+from rigtwin.rotor.model import build_model
+from rigtwin.rotor.structure import ComplexArray, FloatArray, Structure
 
 Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
 

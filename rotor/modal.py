@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotor.state_space import StateSpace
-from rotor.structure import ComplexArray, FloatArray
-from rotor.system import LinearSystem
+from rigtwin.rotor.state_space import StateSpace
+from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.system import LinearSystem
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from rotor.condition import Condition
-from rotor.design import (
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.design import (
     Bearing,
     Design,
     JointLaw,
@@ -19,9 +19,9 @@ from rotor.design import (
     shaft_point,
     shaft_stiffness,
 )
-from rotor.local_force import LocalForce
-from rotor.structure import DOF_PER_NODE, ComplexArray, FloatArray, Structure
-from rotor.system import LinearSystem
+from rigtwin.rotor.local_force import LocalForce
+from rigtwin.rotor.structure import DOF_PER_NODE, ComplexArray, FloatArray, Structure
+from rigtwin.rotor.system import LinearSystem
 
 
 class Change(Protocol):

@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rotor.condition import MOST_BEARING_DAMPING
-from rotor.elements import Section, cowper_shear_factor
+from rigtwin.rotor.condition import MOST_BEARING_DAMPING
+from rigtwin.rotor.elements import Section, cowper_shear_factor
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -232,7 +232,9 @@ class Rig(_Table):
 def shipped_rigs() -> list[str]:
     """Names of the rigs that come with rigtwin."""
     return sorted(
-        p.name.removesuffix(".toml") for p in files("rotor").joinpath("rigs").iterdir() if p.name.endswith(".toml")
+        p.name.removesuffix(".toml")
+        for p in files("rigtwin.rotor").joinpath("rigs").iterdir()
+        if p.name.endswith(".toml")
     )
 
 
@@ -245,7 +247,9 @@ def load_rig(source: str | Path) -> Rig:
         name of a shipped one
     """
     if str(source) in shipped_rigs():
-        return parse_rig(files("rotor").joinpath("rigs", f"{source}.toml").read_text(encoding="utf-8"), f"rig {source}")
+        return parse_rig(
+            files("rigtwin.rotor").joinpath("rigs", f"{source}.toml").read_text(encoding="utf-8"), f"rig {source}"
+        )
     try:
         rig = parse_rig(Path(source).read_text(encoding="utf-8-sig"), str(source))
     except (OSError, UnicodeDecodeError) as error:

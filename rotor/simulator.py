@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from rotor.condition import Condition
-from rotor.design import Unbalance
-from rotor.drive import Drive, Tone
-from rotor.model import Change, build_model
-from rotor.nonlinear_stepper import NonlinearStepper
-from rotor.stepper import ModalStepper
-from rotor.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.design import Unbalance
+from rigtwin.rotor.drive import Drive, Tone
+from rigtwin.rotor.model import Change, build_model
+from rigtwin.rotor.nonlinear_stepper import NonlinearStepper
+from rigtwin.rotor.stepper import ModalStepper
+from rigtwin.rotor.structure import ComplexArray, FloatArray, Structure
 
 # A phase at the start and at the end of a step.
 Span = tuple[float, float]

@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rotor.harmonic_balance import Motions
-from rotor.periodic_force import Memory
-from rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.harmonic_balance import Motions
+from rigtwin.rotor.periodic_force import Memory
+from rigtwin.rotor.structure import ComplexArray, FloatArray
 
 # Eigenvalues beyond this multiple of the highest harmonic's frequency follow statically.
 _STATIC = 4.0

@@ -19,10 +19,10 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 
-from rotor.drive import Drive, Tone
-from rotor.state_space import StateSpace
-from rotor.structure import ComplexArray, FloatArray, IntArray
-from rotor.system import LinearSystem
+from rigtwin.rotor.drive import Drive, Tone
+from rigtwin.rotor.state_space import StateSpace
+from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.system import LinearSystem
 
 # Steady response above which the rotor counts as undamped at a resonance, in units of b / omega:
 # subtracting a steady state so much larger than the motion would cost its digits.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, qr, solve_triangular
 
-from rotor.structure import ComplexArray, FloatArray, IntArray, Structure
+from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray, Structure
 
 # Strain energy that is round-off: this share of the energies that add up to it. So little is that of a rigid-body
 # motion; a negative one of more is that of a rotor that buckles. The first mode of a beam of n elements has 2 / n^4.
@@ -161,6 +161,8 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
     the lowest up, and frequencies by Rayleigh's quotient, or, where the shaft has next to no mass, by the upright
     problem. A rotor that floats has no inverse.
     """
+    if not len(M):
+        return np.zeros(0), np.zeros((0, 0))
     try:
         inverse, shapes = eigh(M, K, check_finite=False)
     except np.linalg.LinAlgError:
@@ -179,7 +181,9 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:
     """(m,) strain energy of shapes (n, m) over the energies that add up to it, whatever their signs."""
-    return np.einsum("im,im->m", shapes, K @ shapes) / np.einsum("im,im->m", np.abs(shapes), np.abs(K) @ np.abs(shapes))
+    energy = np.einsum("im,im->m", shapes, K @ shapes)
+    size = np.einsum("im,im->m", np.abs(shapes), np.abs(K) @ np.abs(shapes))
+    return energy / np.where(size > 0, size, 1.0)
 
 
 def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -187,7 +191,8 @@ def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     Raises ValueError when the stiffness is negative: the rotor buckles.
     """
-    stiff = 1 / np.sqrt(np.abs(K.diagonal()))  # entries of one size, whatever their units
+    diagonal = np.abs(K.diagonal())
+    stiff = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # entries of one size, whatever their units
     motions = stiff[:, None] * eigh(stiff[:, None] * K * stiff)[1]
     shares = strain_share(K, motions)
     if shares.min() < -_NO_STRAIN:

@@ -24,11 +24,11 @@ from pydantic import (
     with_config,
 )
 
-from rotor.rig import Rig, load_rig, shipped_rigs
-from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
-from sim.formats.atomic import replacing
-from sim.formats.run_file import SUFFIXES, read_run, write_beside
-from sim.formats.settings import RunSettings, explain, stored_settings
+from rigtwin.rotor.rig import Rig, load_rig, shipped_rigs
+from rigtwin.sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
+from rigtwin.sim.formats.atomic import replacing
+from rigtwin.sim.formats.run_file import SUFFIXES, read_run, write_beside
+from rigtwin.sim.formats.settings import RunSettings, explain, stored_settings
 
 FILE_NAME = "campaign.toml"
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from sim.campaign import ComplexArray, FloatArray
+from rigtwin.sim.campaign import ComplexArray, FloatArray
 
 HARMONICS = (1, 2, 3)
 

@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from rotor.effects.chain import SensorPosition
-from rotor.effects.spinning import UnbalanceForce
-from rotor.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
-from sim.campaign import Channel, ComplexArray, FloatArray
-from sim.detection import HARMONICS, Phasors, detect, harmonics
-from sim.session import FmuSession, SavedState
-from sim.setup import Rig, SetupError, SweepPlan
+from rigtwin.rotor.effects.chain import SensorPosition
+from rigtwin.rotor.effects.spinning import UnbalanceForce
+from rigtwin.rotor.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
+from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray
+from rigtwin.sim.detection import HARMONICS, Phasors, detect, harmonics
+from rigtwin.sim.session import FmuSession, SavedState
+from rigtwin.sim.setup import Rig, SetupError, SweepPlan
 
 # Changes of a phasor this small are round-off of the FMU's propagator, not a decaying transient.
 _ROUND_OFF = 1e-7

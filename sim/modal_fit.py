@@ -19,8 +19,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
-from rotor.measured import DERIVATIVE_ORDER
-from sim.campaign import ComplexArray, FloatArray, MeasurementError, Plane, Run
+from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.sim.campaign import ComplexArray, FloatArray, MeasurementError, Plane, Run
 
 # A resonance stands out from its surroundings by at least this factor.
 _PROMINENCE = 1.5

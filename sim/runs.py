@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from pathlib import Path
 
-from sim.session import FmuSession
-from sim.setup import Rig, SweepPlan
-from sim.stepped_sine import Sweep, sweep
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.setup import Rig, SweepPlan
+from rigtwin.sim.stepped_sine import Sweep, sweep
 
 
 def sweep_all(fmu: Path, runs: Sequence[tuple[Rig, SweepPlan]], executor: Executor) -> Iterator[tuple[int, Sweep]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.campaign import FloatArray
+from rigtwin.sim.campaign import FloatArray
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
-from rotor.effects.effect import SWITCH, Effect
-from sim.campaign import FloatArray, Plane, SupportKind, SweepDirection
-from sim.sensors import SensorNoise
+from rigtwin.rotor.effects.effect import SWITCH, Effect
+from rigtwin.sim.campaign import FloatArray, Plane, SupportKind, SweepDirection
+from rigtwin.sim.sensors import SensorNoise
 
 # What a rotor with a nonlinear effect needs: samples that keep harmonics from folding back (a law
 # with corners excites all modes, up to 52 kHz on the shipped rotor, whose accelerations are large: at

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotor.measured import ChannelGroup, channel_groups, check_nodes
-from sim.campaign import Channel, FloatArray, Run
-from sim.detection import HARMONICS
-from sim.lines import Line, LineReader, NotSettledError, ReaderState, channels_of
-from sim.modal_fit import half_power_band, resonances
-from sim.session import FmuSession
-from sim.setup import Rig, SetupError, SweepPlan
+from rigtwin.rotor.measured import ChannelGroup, channel_groups, check_nodes
+from rigtwin.sim.campaign import Channel, FloatArray, Run
+from rigtwin.sim.detection import HARMONICS
+from rigtwin.sim.lines import Line, LineReader, NotSettledError, ReaderState, channels_of
+from rigtwin.sim.modal_fit import half_power_band, resonances
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.setup import Rig, SetupError, SweepPlan
 
 __all__ = ["Line", "NotSettledError", "Rig", "SetupError", "Sweep", "SweepPlan", "measure_lines", "sweep"]
 

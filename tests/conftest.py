@@ -43,8 +43,8 @@ def _process_state_is_left_alone() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def rotor_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``RotorRig.fmu`` of the shipped rig, built once for all tests."""
-    from build_fmu import build_rotor_fmu
-    from rotor.rig import load_rig
+    from rigtwin.fmu_src.build import build_rotor_fmu
+    from rigtwin.rotor.rig import load_rig
 
     return build_rotor_fmu(load_rig("nit-rourkela"), tmp_path_factory.mktemp("rotor_fmu"))
 
@@ -52,6 +52,6 @@ def rotor_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def estimator_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``StiffnessEstimator.fmu`` around the shipped network, built once for all tests."""
-    from build_fmu import build_estimator_fmu
+    from rigtwin.fmu_src.build import build_estimator_fmu
 
     return build_estimator_fmu(tmp_path_factory.mktemp("estimator_fmu"))

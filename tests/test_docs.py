@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from estimator.runtime import StiffnessEstimator
-from fmu_src.documentation import _rows
-from fmu_src.estimator_variables import estimator_variables
-from fmu_src.rotor_variables import RotorFacts, rotor_variables
-from fmu_src.variables import Variable
-from gap.blind.page import page
-from gap.blind.results import from_row
-from rotor.rig import Disk, Mass, Rig, Segment, SupportTable
+from rigtwin.estimator.runtime import StiffnessEstimator
+from rigtwin.fmu_src.documentation import _rows
+from rigtwin.fmu_src.estimator_variables import estimator_variables
+from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
+from rigtwin.fmu_src.variables import Variable
+from rigtwin.gap.blind.page import page
+from rigtwin.gap.blind.results import from_row
+from rigtwin.rotor.rig import Disk, Mass, Rig, Segment, SupportTable
 
 ROOT = Path(__file__).resolve().parent.parent
 CONTRACTS = (ROOT / "docs" / "contracts.md").read_text(encoding="utf-8")

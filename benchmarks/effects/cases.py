@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import (
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
     BearingFriction,
@@ -17,8 +17,8 @@ from rotor.effects import (
     Effect,
     Rub,
 )
-from rotor.rig import load_rig
-from rotor.structure import FloatArray, Structure
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import FloatArray, Structure
 
 K_B, BEARING_DAMPING, SHAFT_DAMPING = 1.3e6, 50.0, 0.005
 

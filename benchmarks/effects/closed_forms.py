@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import ellipk
 
 from benchmarks.page import bar, table
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.continuation import Curve, trace
-from rotor.effects import (
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.continuation import Curve, trace
+from rigtwin.rotor.effects import (
     AxialLoad,
     BearingClearance,
     BearingCubic,
@@ -21,13 +21,13 @@ from rotor.effects import (
     Effect,
     PedestalFlexibility,
 )
-from rotor.elements import euler_bernoulli
-from rotor.frequency_response import dynamic_stiffness, receptance
-from rotor.harmonic_balance import Balance
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_model, build_system
-from rotor.rig import Rig
-from rotor.structure import Structure
+from rigtwin.rotor.elements import euler_bernoulli
+from rigtwin.rotor.frequency_response import dynamic_stiffness, receptance
+from rigtwin.rotor.harmonic_balance import Balance
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_model, build_system
+from rigtwin.rotor.rig import Rig
+from rigtwin.rotor.structure import Structure
 
 MASS, K_B = 2.0, 1e5  # kg on two bearings of that stiffness, N/m
 OMEGA_0 = math.sqrt(2 * K_B / MASS)  # rad/s

@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.effects.cases import Case, condition, structure
 from benchmarks.page import bar, table
-from rotor.continuation import Curve, Sweep, trace
-from rotor.effects import (
+from rigtwin.rotor.continuation import Curve, Sweep, trace
+from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
     BearingFriction,
@@ -19,11 +19,11 @@ from rotor.effects import (
     Effect,
     Rub,
 )
-from rotor.harmonic_balance import CORNER, SAMPLES, SAMPLES_OF_CORNERS, Balance
-from rotor.model import build_model
-from rotor.periodic_force import TRAVEL
-from rotor.stability import floquet_multipliers
-from rotor.structure import FloatArray
+from rigtwin.rotor.harmonic_balance import CORNER, SAMPLES, SAMPLES_OF_CORNERS, Balance
+from rigtwin.rotor.model import build_model
+from rigtwin.rotor.periodic_force import TRAVEL
+from rigtwin.rotor.stability import floquet_multipliers
+from rigtwin.rotor.structure import FloatArray
 
 LINES_HZ: FloatArray = np.linspace(40.0, 320.0, 280)
 HARMONICS, RUNS = 7, 3

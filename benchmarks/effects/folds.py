@@ -11,15 +11,15 @@ import numpy as np
 
 from benchmarks.effects.cases import Case, condition, fmu_parameters, structure
 from benchmarks.page import bar, table
-from build_fmu import build_rotor_fmu
-from rotor.continuation import trace
-from rotor.effects import BearingClearance, BearingCubic, BearingHertz, Rub
-from rotor.harmonic_balance import Balance
-from rotor.model import build_model
-from rotor.rig import load_rig
-from sim.campaign import SweepDirection
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, measure_lines
+from rigtwin.fmu_src.build import build_rotor_fmu
+from rigtwin.rotor.continuation import trace
+from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingHertz, Rub
+from rigtwin.rotor.harmonic_balance import Balance
+from rigtwin.rotor.model import build_model
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.campaign import SweepDirection
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines
 
 BAR_HZ = 0.1
 STEP_HZ = 0.04  # of the FMU's sweep near a jump

@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page import bar, table
-from build_fmu import build_rotor_fmu
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import EFFECTS, Effect, FastSweep
-from rotor.frequency_response import accelerance
-from rotor.measured import channel_groups, measured_response
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from rotor.rig import load_rig
-from rotor.structure import FloatArray, Structure
-from sim.campaign import SupportKind
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, measure_lines
+from rigtwin.fmu_src.build import build_rotor_fmu
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import EFFECTS, Effect, FastSweep
+from rigtwin.rotor.frequency_response import accelerance
+from rigtwin.rotor.measured import channel_groups, measured_response
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.sim.campaign import SupportKind
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines
 
 AGREEMENT = 1e-4  # bars
 ONE_PLANE_MS, TWO_PLANES_MS = 1.5, 3.0

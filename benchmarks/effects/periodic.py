@@ -13,15 +13,15 @@ import numpy as np
 
 from benchmarks.effects.cases import CASES, LINES_HZ, Case, condition, fmu_parameters, structure
 from benchmarks.page import bar, table
-from build_fmu import build_rotor_fmu
-from rotor.continuation import Sweep as Branches
-from rotor.continuation import trace
-from rotor.harmonic_balance import Balance
-from rotor.model import build_model
-from rotor.rig import load_rig
-from rotor.stability import floquet_multipliers, is_stable
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, Sweep, SweepPlan, measure_lines
+from rigtwin.fmu_src.build import build_rotor_fmu
+from rigtwin.rotor.continuation import Sweep as Branches
+from rigtwin.rotor.continuation import trace
+from rigtwin.rotor.harmonic_balance import Balance
+from rigtwin.rotor.model import build_model
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.stability import floquet_multipliers, is_stable
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan, measure_lines
 
 FUNDAMENTAL, THIRD = 0.005, 0.02  # bars
 SHOWN_THIRD = 0.02  # of the fundamental: a smaller third harmonic is not judged

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page import bar, table
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.design import CRACK_LENGTH
-from rotor.drive import Drive, Tone
-from rotor.effects import (
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.design import CRACK_LENGTH
+from rigtwin.rotor.drive import Drive, Tone
+from rigtwin.rotor.effects import (
     AttachedMass,
     AxialLoad,
     BearingAsymmetry,
@@ -33,15 +33,15 @@ from rotor.effects import (
     Rub,
     UnbalanceForce,
 )
-from rotor.frequency_response import ComplexArray, dynamic_stiffness, receptance
-from rotor.harmonic_balance import Balance
-from rotor.modal import natural_frequencies_hz
-from rotor.model import RotorModel, build_model
-from rotor.nonlinear_stepper import NonlinearStepper
-from rotor.rig import Rig, load_rig
-from rotor.structure import FloatArray, Structure
-from rotor.system import LinearSystem
-from rotor.whirl import campbell, critical_speeds, unbalance_response
+from rigtwin.rotor.frequency_response import ComplexArray, dynamic_stiffness, receptance
+from rigtwin.rotor.harmonic_balance import Balance
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import RotorModel, build_model
+from rigtwin.rotor.nonlinear_stepper import NonlinearStepper
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.whirl import campbell, critical_speeds, unbalance_response
 
 # A node that moves less than this share of the largest is judged by that share of the largest.
 NODE_FLOOR = 1e-4

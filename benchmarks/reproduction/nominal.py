@@ -7,14 +7,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.elements import ElementType, FloatArray, timoshenko
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_system
-from rotor.rig import load_rig
-from rotor.structure import Structure
-from rotor.system import LinearSystem
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.elements import ElementType, FloatArray, timoshenko
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.system import LinearSystem
 
 # The paper's "1e15 N/m" is its simply supported rotor. Here such a support removes the degree of
 # freedom: as a spring it moves f1 by round-off, about 1e-7, and by nothing that is physics.

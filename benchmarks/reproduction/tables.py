@@ -6,12 +6,12 @@ import numpy as np
 
 from benchmarks.page import bar, power_of_ten, table
 from benchmarks.reproduction.nominal import condition, paper, percent, system, two_frequencies_hz
-from rotor.assembly import assemble
-from rotor.condensation import condense_tilt
-from rotor.elements import euler_bernoulli, linear_timoshenko
-from rotor.model import build_system
-from rotor.rig import Rig, load_rig
-from rotor.system import LinearSystem
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condensation import condense_tilt
+from rigtwin.rotor.elements import euler_bernoulli, linear_timoshenko
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.system import LinearSystem
 
 RIGID = 1e15
 

@@ -59,7 +59,7 @@ static double strain_share(int n, const double *K, const double *Phi, int column
             energy += part;
             size += fabs(part);
         }
-    return energy / size;
+    return size > 0 ? energy / size : 0;
 }
 
 /* Modes of the degrees of freedom at some places; they become columns of shapes from ``first`` on. */

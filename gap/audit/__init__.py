@@ -23,11 +23,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from gap.audit.coverage import check_coverage, check_units
-from gap.audit.geometry import Geometry, geometry_of
-from gap.audit.labels import check_labels
-from gap.audit.noise import NoiseEstimate, believed_errors, common_error, estimate_noise, scatter_over
-from gap.audit.one_run import (
+from rigtwin.gap.audit.coverage import check_coverage, check_units
+from rigtwin.gap.audit.geometry import Geometry, geometry_of
+from rigtwin.gap.audit.labels import check_labels
+from rigtwin.gap.audit.noise import NoiseEstimate, believed_errors, common_error, estimate_noise, scatter_over
+from rigtwin.gap.audit.one_run import (
     check_channels,
     check_missing_lines,
     check_noise,
@@ -38,12 +38,12 @@ from gap.audit.one_run import (
     telling_channels,
     without_dead_channels,
 )
-from gap.audit.pairs import check_pairs, is_copy
-from gap.audit.phase import check_delay, check_sign, find_delays
-from gap.audit.prepared import Prepared, prepare, without_dropped
-from gap.audit.wild import check_wild_lines, tamed, without_wild_lines
-from gap.diagnosis import Finding
-from sim.campaign import Campaign, NominalBelief
+from rigtwin.gap.audit.pairs import check_pairs, is_copy
+from rigtwin.gap.audit.phase import check_delay, check_sign, find_delays
+from rigtwin.gap.audit.prepared import Prepared, prepare, without_dropped
+from rigtwin.gap.audit.wild import check_wild_lines, tamed, without_wild_lines
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.sim.campaign import Campaign, NominalBelief
 
 __all__ = [
     "NoiseEstimate",

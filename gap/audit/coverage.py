@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gap.audit.geometry import Geometry
-from gap.audit.prepared import Prepared
-from gap.diagnosis import Finding
-from gap.phrases import listed
-from sim.campaign import Campaign
+from rigtwin.gap.audit.geometry import Geometry
+from rigtwin.gap.audit.prepared import Prepared
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.phrases import listed
+from rigtwin.sim.campaign import Campaign
 
 # Measured over expected quasi-static response on rigid supports, where only the drawing counts. Effects
 # of a rig change it by some ten per cent; a wrong unit by ten or a thousand.

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.measured import measured_response
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_system
-from rotor.rig import load_rig
-from rotor.structure import ComplexArray, Structure
-from sim.campaign import FloatArray, Run
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import ComplexArray, Structure
+from rigtwin.sim.campaign import FloatArray, Run
 
 # Bearing stiffnesses [N/m] from far softer to far stiffer than any shaft of a test rig.
 _STIFFNESSES = (1e5, 1e6, 1e7, 1e9)

@@ -15,13 +15,13 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from gap.audit.geometry import Geometry
-from gap.audit.one_run import is_only_noise
-from gap.audit.prepared import Prepared
-from gap.diagnosis import Finding
-from gap.phrases import listed
-from rotor.measured import Quantity
-from sim.campaign import FloatArray
+from rigtwin.gap.audit.geometry import Geometry
+from rigtwin.gap.audit.one_run import is_only_noise
+from rigtwin.gap.audit.prepared import Prepared
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.phrases import listed
+from rigtwin.rotor.measured import Quantity
+from rigtwin.sim.campaign import FloatArray
 
 # Other names are believed where the run's own leave this much between measurement and drawing, in mean |ln ratio|, and
 # the others take away all but this share of it. In tuning campaigns no gap brought other names nearer than the right

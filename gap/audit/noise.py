@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from gap.curves import SILENT
-from sim.campaign import FloatArray, Run
+from rigtwin.gap.curves import SILENT
+from rigtwin.sim.campaign import FloatArray, Run
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gap.audit.geometry import Geometry
-from gap.audit.noise import (
+from rigtwin.gap.audit.geometry import Geometry
+from rigtwin.gap.audit.noise import (
     CONTRADICTED,
     CONTRADICTED_SHARE,
     ROUGH_ERRORS,
@@ -18,11 +18,11 @@ from gap.audit.noise import (
     responses,
     weigh_errors,
 )
-from gap.audit.prepared import Prepared, Severity
-from gap.audit.resonances import Resonance
-from gap.diagnosis import Finding
-from gap.phrases import listed
-from sim.campaign import Channel, ComplexArray, FloatArray, NominalBelief, Run
+from rigtwin.gap.audit.prepared import Prepared, Severity
+from rigtwin.gap.audit.resonances import Resonance
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.phrases import listed
+from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, NominalBelief, Run
 
 # Lines inside a half-power band below which a peak's height and width hang on single lines: a mode has
 # three real unknowns at its peak (frequency, width, height).

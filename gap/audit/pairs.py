@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from gap.audit.noise import mean_square
-from gap.audit.prepared import Prepared
-from gap.audit.resonances import Resonance
-from gap.diagnosis import Finding
-from sim.campaign import Channel, FloatArray, NominalBelief, Run
+from rigtwin.gap.audit.noise import mean_square
+from rigtwin.gap.audit.prepared import Prepared
+from rigtwin.gap.audit.resonances import Resonance
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
 
 # Standard deviations beyond which a gain or a resonance has changed.
 GAIN_STDS, DRIFT_STDS = 4.0, 4.0

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from gap.audit.geometry import Geometry
-from gap.audit.prepared import Prepared
-from gap.diagnosis import Finding
-from gap.phrases import listed
-from sim.campaign import FloatArray
+from rigtwin.gap.audit.geometry import Geometry
+from rigtwin.gap.audit.prepared import Prepared
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.phrases import listed
+from rigtwin.sim.campaign import FloatArray
 
 # Delays that are looked for [s]: to this, and to so many periods of the highest frequency.
 _LONGEST_DELAY, _LONGEST_PERIODS = 4e-3, 10.0

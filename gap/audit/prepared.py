@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from gap.audit.noise import USUAL_NOISE, NoiseEstimate, estimate_noise, live_channels, responses
-from gap.audit.resonances import Resonance, find_resonances
-from gap.diagnosis import Finding
-from rotor.measured import DERIVATIVE_ORDER
-from sim.campaign import Channel, FloatArray, NominalBelief, Run
+from rigtwin.gap.audit.noise import USUAL_NOISE, NoiseEstimate, estimate_noise, live_channels, responses
+from rigtwin.gap.audit.resonances import Resonance, find_resonances
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
 
 Severity = Literal["ok", "note", "warning", "error"]
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import find_peaks
 
-from rotor.measured import DERIVATIVE_ORDER
-from sim.campaign import ComplexArray, FloatArray
+from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.sim.campaign import ComplexArray, FloatArray
 
 # A resonance stands out from its surroundings by half or more, and by more than noise does: lines
 # in a channel's noise differ by eight standard deviations once in a million times.

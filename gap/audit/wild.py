@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gap.audit.noise import estimate_noise, responses
-from gap.audit.prepared import Prepared
-from gap.diagnosis import Finding
-from sim.campaign import FloatArray, Run
+from rigtwin.gap.audit.noise import estimate_noise, responses
+from rigtwin.gap.audit.prepared import Prepared
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.sim.campaign import FloatArray, Run
 
 # Error of a line from which it is wild: in standard errors, and relative to its own and its neighbours' size.
 WILD, _PLAIN = 12.0, 0.03

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.blind.score import Outcome, unknown_auroc
-from gap.blind.statistics import calibration_error, median, rate
+from rigtwin.gap.blind.score import Outcome, unknown_auroc
+from rigtwin.gap.blind.statistics import calibration_error, median, rate
 
 Pick = Callable[[Outcome], bool]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import Legendre
 from numpy.polynomial.legendre import leggauss
 
-from gap.blind.rig import FloatArray, Segment
+from rigtwin.gap.blind.rig import FloatArray, Segment
 
 ORDER = 5
 SHORTEST = 2e-3  # m, of an element that nothing demands

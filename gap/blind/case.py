@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gap.blind.effects import Effect
-from gap.blind.lines import BAND_HZ, N_LINES, choose_lines, resonances, with_armature
-from gap.blind.machine import Setting, Workshop
-from gap.blind.nonlinear import bent_peaks, swept_up
-from gap.blind.response import N_DRIFTING, chain_factor, machines, reported
-from gap.blind.rig import ComplexArray, FloatArray, Rig
-from gap.blind.transient import swept
+from rigtwin.gap.blind.effects import Effect
+from rigtwin.gap.blind.lines import BAND_HZ, N_LINES, choose_lines, resonances, with_armature
+from rigtwin.gap.blind.machine import Setting, Workshop
+from rigtwin.gap.blind.nonlinear import bent_peaks, swept_up
+from rigtwin.gap.blind.response import N_DRIFTING, chain_factor, machines, reported
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray, Rig
+from rigtwin.gap.blind.transient import swept
 
 GAIN_TOLERANCE = 0.02
 FREQUENCY_DRIFT = 1e-4

@@ -15,9 +15,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from gap.blind.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, Case, standard_error
-from gap.blind.machine import Machine, Setting, Workshop, build_machine
-from gap.blind.rig import ComplexArray, FloatArray, Rig
+from rigtwin.gap.blind.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, Case, standard_error
+from rigtwin.gap.blind.machine import Machine, Setting, Workshop, build_machine
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray, Rig
 
 THRESHOLD = 3.0  # standard deviations
 TOLERANCE = 1e-3 / np.sqrt(3)  # of modulus, span, each disk mass: uniform +- 0.1 %

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gap.blind.case import GAIN_TOLERANCE, Case
-from gap.blind.effects import (
+from rigtwin.gap.blind.case import GAIN_TOLERANCE, Case
+from rigtwin.gap.blind.effects import (
     CHAIN,
     KINDS,
     LINEAR,
@@ -19,11 +19,11 @@ from gap.blind.effects import (
     least_severity,
     log_uniform,
 )
-from gap.blind.forms import FORMS, in_form, with_scale
-from gap.blind.machine import Workshop
-from gap.blind.nonlinear import NotFoundError, telling_levels
-from gap.blind.rig import Rig
-from gap.blind.sizes import DRIVE_NODE, LARGE, SMALL, can_fade, nominal_off, size_class, size_ratio
+from rigtwin.gap.blind.forms import FORMS, in_form, with_scale
+from rigtwin.gap.blind.machine import Workshop
+from rigtwin.gap.blind.nonlinear import NotFoundError, telling_levels
+from rigtwin.gap.blind.rig import Rig
+from rigtwin.gap.blind.sizes import DRIVE_NODE, LARGE, SMALL, can_fade, nominal_off, size_class, size_ratio
 
 LIBRARY = (*LINEAR, *CHAIN, *NONLINEAR)
 TOLERANCE = 1e-3

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gap.blind.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, Case, Run, standard_error
-from gap.blind.rig import ComplexArray, FloatArray
+from rigtwin.gap.blind.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, Case, Run, standard_error
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray
 
 MEASURED, HELD_OUT, TRUTH = "measured", "held_out", "truth"
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gap.blind.case import Case
-from gap.blind.effects import Effect, log_uniform
-from gap.blind.nonlinear import STEPPED, largest_travel
-from gap.blind.rig import Rig
+from rigtwin.gap.blind.case import Case
+from rigtwin.gap.blind.effects import Effect, log_uniform
+from rigtwin.gap.blind.nonlinear import STEPPED, largest_travel
+from rigtwin.gap.blind.rig import Rig
 
 FORMS = (
     ("bearing_friction", "iwan"),  # a chain of Jenkins elements that slip one after another

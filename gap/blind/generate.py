@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gap.blind import SETS
-from gap.blind.case import Run, measure
-from gap.blind.draw import Draw, draw_campaign, label_of
-from gap.blind.folder import HELD_OUT, MEASURED, TRUTH, write_campaign, write_json, write_truth
-from gap.blind.nonlinear import NotFoundError
-from gap.blind.rig import Rig, read_rig
-from gap.blind.sizes import DRIVE_NODE, SMALL, shown_size
+from rigtwin.gap.blind import SETS
+from rigtwin.gap.blind.case import Run, measure
+from rigtwin.gap.blind.draw import Draw, draw_campaign, label_of
+from rigtwin.gap.blind.folder import HELD_OUT, MEASURED, TRUTH, write_campaign, write_json, write_truth
+from rigtwin.gap.blind.nonlinear import NotFoundError
+from rigtwin.gap.blind.rig import Rig, read_rig
+from rigtwin.gap.blind.sizes import DRIVE_NODE, SMALL, shown_size
 
 SPLITS = ("tuning", "report")
 RIG = "nit-rourkela"

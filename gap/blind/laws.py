@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gap.blind.effects import Effect
-from gap.blind.rig import FloatArray
+from rigtwin.gap.blind.effects import Effect
+from rigtwin.gap.blind.rig import FloatArray
 
 # coefficients u (nc,), Gamma (N, nc), dGamma/d(omega t), omega -> force (N,), slope by the coefficients (N, nc)
 Law = Callable[[FloatArray, FloatArray, FloatArray, float], tuple[FloatArray, FloatArray]]

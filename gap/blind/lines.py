@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from gap.blind.effects import Effect
-from gap.blind.machine import Machine
-from gap.blind.rig import ComplexArray, FloatArray
+from rigtwin.gap.blind.effects import Effect
+from rigtwin.gap.blind.machine import Machine
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray
 
 BAND_HZ = (20.0, 400.0)
 N_LINES = 280

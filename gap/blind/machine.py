@@ -14,10 +14,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.linalg
 
-from gap.blind.beam import Hinge, Hub, Shaft, build_shaft
-from gap.blind.effects import Effect
-from gap.blind.rig import ComplexArray, FloatArray, Rig
-from gap.blind.strangers import ADDERS, base_plate
+from rigtwin.gap.blind.beam import Hinge, Hub, Shaft, build_shaft
+from rigtwin.gap.blind.effects import Effect
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray, Rig
+from rigtwin.gap.blind.strangers import ADDERS, base_plate
 
 N_MODES = 20  # of the poles
 DynamicStiffness = Callable[[FloatArray], ComplexArray]

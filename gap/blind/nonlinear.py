@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.blind.effects import Effect
-from gap.blind.laws import Law, Memoryless, law_of
-from gap.blind.lines import BAND_HZ, cluster, resonances
-from gap.blind.machine import Machine, Setting, Workshop, build_machine
-from gap.blind.response import N_DRIFTING, chain_factor
-from gap.blind.rig import ComplexArray, FloatArray, Rig
+from rigtwin.gap.blind.effects import Effect
+from rigtwin.gap.blind.laws import Law, Memoryless, law_of
+from rigtwin.gap.blind.lines import BAND_HZ, cluster, resonances
+from rigtwin.gap.blind.machine import Machine, Setting, Workshop, build_machine
+from rigtwin.gap.blind.response import N_DRIFTING, chain_factor
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray, Rig
 
 HARMONICS = 17  # more than the diagnosis has
 SAMPLES = 1024

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from gap.blind.bars import bars, detection_curve
-from gap.blind.score import Outcome, group_table, shuffled
-from gap.blind.statistics import rate
+from rigtwin.gap.blind.bars import bars, detection_curve
+from rigtwin.gap.blind.score import Outcome, group_table, shuffled
+from rigtwin.gap.blind.statistics import rate
 
 _INTRODUCTION = """# The blind benchmark
 

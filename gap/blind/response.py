@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gap.blind.effects import Effect
-from gap.blind.machine import Machine, Setting, Workshop, build_machine
-from gap.blind.rig import ComplexArray, FloatArray, Rig
-from gap.blind.strangers import with_crosstalk
+from rigtwin.gap.blind.effects import Effect
+from rigtwin.gap.blind.machine import Machine, Setting, Workshop, build_machine
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray, Rig
+from rigtwin.gap.blind.strangers import with_crosstalk
 
 N_DRIFTING = 12  # modes whose frequency drifts; the highest lies far above every raster
 

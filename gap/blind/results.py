@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from gap.blind.score import Label, Outcome, Shrink, label_from
+from rigtwin.gap.blind.score import Label, Outcome, Shrink, label_from
 
 _IN_LABEL = (
     "campaign", "set", "split", "effects", "exclude", "size", "size_ratio", "k_b", "sensors", "levels",

@@ -29,9 +29,9 @@ from typing import Any
 
 import numpy as np
 
-from gap.blind.effects import NONLINEAR
-from gap.blind.folder import HELD_OUT, TRUTH, read_csv
-from gap.blind.statistics import Rate, auroc, brier, calibration_error, median, rate
+from rigtwin.gap.blind.effects import NONLINEAR
+from rigtwin.gap.blind.folder import HELD_OUT, TRUTH, read_csv
+from rigtwin.gap.blind.statistics import Rate, auroc, brier, calibration_error, median, rate
 
 POSITION_TOLERANCE = 0.010  # m
 Z_90 = 1.645

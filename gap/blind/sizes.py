@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from gap.blind.case import Case, Run, plan_lines, response
-from gap.blind.detection import THRESHOLD, Distance, severity_at_limit
-from gap.blind.effects import CHAIN, LINEAR, Effect, faded
-from gap.blind.lines import resonances
-from gap.blind.nonlinear import STEPPED
-from gap.blind.response import N_DRIFTING, machines
-from gap.blind.rig import Rig
+from rigtwin.gap.blind.case import Case, Run, plan_lines, response
+from rigtwin.gap.blind.detection import THRESHOLD, Distance, severity_at_limit
+from rigtwin.gap.blind.effects import CHAIN, LINEAR, Effect, faded
+from rigtwin.gap.blind.lines import resonances
+from rigtwin.gap.blind.nonlinear import STEPPED
+from rigtwin.gap.blind.response import N_DRIFTING, machines
+from rigtwin.gap.blind.rig import Rig
 
 SMALL, LARGE = 3.0, 30.0  # borders of the size ratio
 DRIVE_NODE = 2

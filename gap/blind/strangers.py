@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gap.blind.effects import Effect
-from gap.blind.rig import ComplexArray, FloatArray, Rig
+from rigtwin.gap.blind.effects import Effect
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray, Rig
 
 if TYPE_CHECKING:
-    from gap.blind.machine import Draft
+    from rigtwin.gap.blind.machine import Draft
 
 Adder = Callable[["Draft", Effect, Rig, Sequence[float], FloatArray], None]
 

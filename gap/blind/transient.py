@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gap.blind.machine import Machine
-from gap.blind.rig import ComplexArray, FloatArray
+from rigtwin.gap.blind.machine import Machine
+from rigtwin.gap.blind.rig import ComplexArray, FloatArray
 
 
 def swept(machine: Machine, frequency_hz: FloatArray, dwell: float, drift: FloatArray) -> ComplexArray:

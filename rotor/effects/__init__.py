@@ -17,7 +17,7 @@ A new effect is one class in one of these modules, and its name here; docs/new-e
 
 from __future__ import annotations
 
-from rotor.effects.chain import (
+from rigtwin.rotor.effects.chain import (
     CoarseGrid,
     FastSweep,
     ForceDropout,
@@ -26,9 +26,9 @@ from rotor.effects.chain import (
     SensorMass,
     SensorPosition,
 )
-from rotor.effects.effect import Effect, Parameter, Place
-from rotor.effects.library import EFFECTS
-from rotor.effects.nonlinear import (
+from rigtwin.rotor.effects.effect import Effect, Parameter, Place
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.effects.nonlinear import (
     BearingClearance,
     BearingCubic,
     BearingFriction,
@@ -36,8 +36,8 @@ from rotor.effects.nonlinear import (
     BilinearSupport,
     Rub,
 )
-from rotor.effects.spinning import Gyroscopic, UnbalanceForce
-from rotor.effects.structure import (
+from rigtwin.rotor.effects.spinning import Gyroscopic, UnbalanceForce
+from rigtwin.rotor.effects.structure import (
     AttachedMass,
     AxialLoad,
     DiskInertia,
@@ -48,7 +48,7 @@ from rotor.effects.structure import (
     ShaftDamping,
     ShaftModulus,
 )
-from rotor.effects.supports import (
+from rigtwin.rotor.effects.supports import (
     BearingAsymmetry,
     BearingDamping,
     BearingOffset,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotor.design import Design
-from rotor.effects.effect import Effect, node, parameter
-from rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.design import Design
+from rigtwin.rotor.effects.effect import Effect, node, parameter
+from rigtwin.rotor.structure import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rotor.effects import chain, nonlinear, spinning, structure, supports
-from rotor.effects.effect import Effect
+from rigtwin.rotor.effects import chain, nonlinear, spinning, structure, supports
+from rigtwin.rotor.effects.effect import Effect
 
 EFFECTS: dict[str, type[Effect]] = {
     effect.id: effect

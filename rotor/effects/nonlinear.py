@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotor.design import Design, JointLaw
-from rotor.effects.effect import Effect, node, parameter
-from rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS
+from rigtwin.rotor.design import Design, JointLaw
+from rigtwin.rotor.effects.effect import Effect, node, parameter
+from rigtwin.rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS
 
 # Length over which a sharp corner of a law is rounded, relative to the law's own length: far below
 # anything a measurement sees, far above round-off.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rotor.design import Design
-from rotor.effects.effect import Effect, node, parameter, position
+from rigtwin.rotor.design import Design
+from rigtwin.rotor.effects.effect import Effect, node, parameter, position
 
 
 @dataclass(frozen=True)

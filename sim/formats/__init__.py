@@ -16,7 +16,7 @@ module          what it holds                                            start h
 ==============  =======================================================  ============================
 """
 
-from sim.formats.run_file import SUFFIXES, read_run, write_run
-from sim.formats.settings import RunSettings
+from rigtwin.sim.formats.run_file import SUFFIXES, read_run, write_run
+from rigtwin.sim.formats.settings import RunSettings
 
 __all__ = ["SUFFIXES", "RunSettings", "read_run", "write_run"]

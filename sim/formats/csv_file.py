@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.campaign import ComplexArray, FloatArray, MeasurementError, Run
-from sim.formats.csv_header import FREQUENCY, Column, Header, parse_header
-from sim.formats.recording import Recording, misplaced
-from sim.formats.settings import RunSettings
+from rigtwin.sim.campaign import ComplexArray, FloatArray, MeasurementError, Run
+from rigtwin.sim.formats.csv_header import FREQUENCY, Column, Header, parse_header
+from rigtwin.sim.formats.recording import Recording, misplaced
+from rigtwin.sim.formats.settings import RunSettings
 
 
 def read(path: Path, given: RunSettings) -> Recording:

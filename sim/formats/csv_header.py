@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
-from sim.campaign import Channel, MeasurementError
+from rigtwin.sim.campaign import Channel, MeasurementError
 
 logger = logging.getLogger(__name__)
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import h5py
 
-from sim.campaign import MeasurementError, Run
-from sim.formats.recording import Recording
-from sim.formats.settings import RunSettings
-from sim.formats.variables import UNITS, arrays_of, known, recording_of, texts_of
+from rigtwin.sim.campaign import MeasurementError, Run
+from rigtwin.sim.formats.recording import Recording
+from rigtwin.sim.formats.settings import RunSettings
+from rigtwin.sim.formats.variables import UNITS, arrays_of, known, recording_of, texts_of
 
 SCHEMA = "rigtwin.run/1"
 

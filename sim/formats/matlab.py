@@ -9,10 +9,10 @@ import h5py
 import numpy as np
 import scipy.io
 
-from sim.campaign import MeasurementError, Run
-from sim.formats.recording import Recording
-from sim.formats.settings import RunSettings
-from sim.formats.variables import arrays_of, recording_of, texts_of
+from rigtwin.sim.campaign import MeasurementError, Run
+from rigtwin.sim.formats.recording import Recording
+from rigtwin.sim.formats.settings import RunSettings
+from rigtwin.sim.formats.variables import arrays_of, recording_of, texts_of
 
 
 def read(path: Path, given: RunSettings) -> Recording:

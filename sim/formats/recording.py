@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.campaign import Channel, ComplexArray, FloatArray, MeasurementError, Run
-from sim.formats.settings import RunSettings, settle
+from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, MeasurementError, Run
+from rigtwin.sim.formats.settings import RunSettings, settle
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Unpack
 
-from sim.campaign import MeasurementError, Run
-from sim.formats import csv_file, hdf5, matlab, uff
-from sim.formats.atomic import replacing
-from sim.formats.recording import Recording, as_run, check_run
-from sim.formats.settings import RunSettings, check_settings, stored_settings
+from rigtwin.sim.campaign import MeasurementError, Run
+from rigtwin.sim.formats import csv_file, hdf5, matlab, uff
+from rigtwin.sim.formats.atomic import replacing
+from rigtwin.sim.formats.recording import Recording, as_run, check_run
+from rigtwin.sim.formats.settings import RunSettings, check_settings, stored_settings
 
 
 class _Format(NamedTuple):

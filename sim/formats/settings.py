@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
 from typing_extensions import TypedDict
 
-from sim.campaign import MeasurementError, Plane, Quantity, Run, SupportKind, SweepDirection
+from rigtwin.sim.campaign import MeasurementError, Plane, Quantity, Run, SupportKind, SweepDirection
 
 logger = logging.getLogger(__name__)
 

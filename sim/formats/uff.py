@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 import pyuff
 
-from sim.campaign import Channel, ComplexArray, FloatArray, MeasurementError, Plane, Quantity, Run
-from sim.formats.recording import Recording
-from sim.formats.settings import RunSettings, check_settings, stored_settings
+from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, MeasurementError, Plane, Quantity, Run
+from rigtwin.sim.formats.recording import Recording
+from rigtwin.sim.formats.settings import RunSettings, check_settings, stored_settings
 
 MARK = "rigtwin"
 RESPONSE, STANDARD_ERROR, HARMONIC = "RESPONSE", "STANDARD ERROR", "HARMONIC"

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.campaign import Channel, MeasurementError, Run
-from sim.formats.recording import Recording
-from sim.formats.settings import SETTING_NAMES, check_settings, stored_settings
+from rigtwin.sim.campaign import Channel, MeasurementError, Run
+from rigtwin.sim.formats.recording import Recording
+from rigtwin.sim.formats.settings import SETTING_NAMES, check_settings, stored_settings
 
 _ARRAYS = ("frequency_Hz", "H", "node", "std")
 _HARMONIC = re.compile(r"h([2-9]|[1-9]\d+)")

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from estimator import dataset
-from estimator.dataset import (
+from rigtwin.estimator import dataset
+from rigtwin.estimator.dataset import (
     FEATURE_PLAN,
     RIG_NAMES,
     Dataset,
@@ -24,12 +24,12 @@ from estimator.dataset import (
     read_dataset,
     write_dataset,
 )
-from estimator.features import FEATURE_NAMES
-from estimator.prior import PRIOR, Rigs
-from estimator.root_finding import StiffnessFinder
-from rotor.condition import Condition
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_system
+from rigtwin.estimator.features import FEATURE_NAMES
+from rigtwin.estimator.prior import PRIOR, Rigs
+from rigtwin.estimator.root_finding import StiffnessFinder
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_system
 from tests.rotor.rigs import paper_structure
 
 # A modal fit takes the neighbouring modes' tails for straight lines; these bearings are damped to 0.5 %.

@@ -9,15 +9,15 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from estimator.features import FEATURE_NAMES, Features, features_of_peaks, features_of_runs
-from estimator.root_finding import StiffnessFinder
-from rotor.condition import Condition
-from rotor.frequency_response import accelerance
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from sim.campaign import Channel, MeasurementError, PeakList, Quantity, Run, SupportKind
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SweepPlan, sweep
+from rigtwin.estimator.features import FEATURE_NAMES, Features, features_of_peaks, features_of_runs
+from rigtwin.estimator.root_finding import StiffnessFinder
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.frequency_response import accelerance
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.sim.campaign import Channel, MeasurementError, PeakList, Quantity, Run, SupportKind
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 from tests.rotor.rigs import paper_structure
 from tests.tolerances import LIGHT_DAMPING
 

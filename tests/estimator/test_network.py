@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from estimator.network import K_REF, Curve, Limits, StiffnessNetwork
+from rigtwin.estimator.network import K_REF, Curve, Limits, StiffnessNetwork
 
 LIMITS = Limits(k_b=(1e6, 1e8), shift_min=(0.2, 1.0), shift_max=(80.0, 500.0), ratio=(0.2, 5.0))
 

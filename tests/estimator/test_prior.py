@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from estimator.prior import PRIOR, Prior, Rigs, prior_for
-from rotor.condition import Condition
-from rotor.model import build_system
-from rotor.structure import Structure
-from rotor.system import undamped_modes
+from rigtwin.estimator.prior import PRIOR, Prior, Rigs, prior_for
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.system import undamped_modes
 from tests.rotor.rigs import paper_structure
 
 N = 512

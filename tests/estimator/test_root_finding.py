@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.features import Features
-from estimator.root_finding import StiffnessFinder
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.frequency_response import accelerance
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from rotor.rig import load_rig
+from rigtwin.estimator.features import Features
+from rigtwin.estimator.root_finding import StiffnessFinder
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.frequency_response import accelerance
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
 from tests.rotor.rigs import paper_structure
 from tests.tolerances import LIGHT_DAMPING
 

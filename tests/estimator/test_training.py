@@ -17,15 +17,15 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from estimator import training
-from estimator.dataset import Dataset
-from estimator.features import FEATURE_NAMES
-from estimator.network import StiffnessNetwork
-from estimator.prior import PRIOR
-from estimator.root_finding import StiffnessFinder
-from estimator.runtime import OUTPUT_NAMES, StiffnessEstimator, shipped_model
-from estimator.training import data_digest, draw_errors, export, train
-from rotor.condition import Condition
+from rigtwin.estimator import training
+from rigtwin.estimator.dataset import Dataset
+from rigtwin.estimator.features import FEATURE_NAMES
+from rigtwin.estimator.network import StiffnessNetwork
+from rigtwin.estimator.prior import PRIOR
+from rigtwin.estimator.root_finding import StiffnessFinder
+from rigtwin.estimator.runtime import OUTPUT_NAMES, StiffnessEstimator, shipped_model
+from rigtwin.estimator.training import data_digest, draw_errors, export, train
+from rigtwin.rotor.condition import Condition
 from tests.rotor.rigs import paper_structure
 
 # Steps of the optimiser: enough for 0.3 % in k_b, a second instead of a minute.

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from rotor.assembly import assemble
-from rotor.rig import Rig, load_rig, parse_rig
-from rotor.structure import Structure
-from sim.session import FmuSession
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.rig import Rig, load_rig, parse_rig
+from rigtwin.rotor.structure import Structure
+from rigtwin.sim.session import FmuSession
 
 
 @pytest.fixture(params=["rotor_fmu", "estimator_fmu"])
@@ -23,14 +23,14 @@ def fmu(request: pytest.FixtureRequest) -> Path:
 @pytest.fixture(scope="session")
 def larger_disks() -> Rig:
     """The shipped rig with 150 mm disks instead of 124 mm."""
-    text = files("rotor").joinpath("rigs", "nit-rourkela.toml").read_text(encoding="utf-8")
+    text = files("rigtwin.rotor").joinpath("rigs", "nit-rourkela.toml").read_text(encoding="utf-8")
     return parse_rig(text.replace("diameter_m = 0.124", "diameter_m = 0.150"))
 
 
 @pytest.fixture(scope="session")
 def larger_disks_fmu(larger_disks: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``RotorRig.fmu`` of another rig: same file name, same class name, other numbers."""
-    from build_fmu import build_rotor_fmu
+    from rigtwin.fmu_src.build import build_rotor_fmu
 
     return build_rotor_fmu(larger_disks, tmp_path_factory.mktemp("larger_disks"))
 

@@ -13,15 +13,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-import build_fmu
-from fmu_src import staging
-from fmu_src.documentation import rotor_pages
-from fmu_src.staging import Bundle
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.modal import elastic_frequencies_hz
-from rotor.model import build_system
-from rotor.rig import load_rig
+from rigtwin.fmu_src import build, staging
+from rigtwin.fmu_src.documentation import rotor_pages
+from rigtwin.fmu_src.staging import Bundle
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.modal import elastic_frequencies_hz
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
 from tests.fmu.child import in_child
 
 
@@ -33,8 +32,8 @@ def guid(fmu: Path) -> str:
 def build_both(folder: str) -> list[str]:
     from pathlib import Path
 
-    from build_fmu import build_estimator_fmu, build_rotor_fmu
-    from rotor.rig import load_rig
+    from rigtwin.fmu_src.build import build_estimator_fmu, build_rotor_fmu
+    from rigtwin.rotor.rig import load_rig
 
     return [str(build_rotor_fmu(load_rig("nit-rourkela"), Path(folder))), str(build_estimator_fmu(Path(folder)))]
 
@@ -58,13 +57,13 @@ def test_rotor_and_estimator_have_different_guids(rotor_fmu, estimator_fmu):
 def bundle_of(monkeypatch, tmp_path) -> Callable[[str], Bundle]:
     """What the build functions put together for an FMU, without building it."""
     staged = []
-    monkeypatch.setattr(build_fmu, "_build", lambda bundle, *rest: staged.append(bundle))
+    monkeypatch.setattr(build, "_build", lambda bundle, *rest: staged.append(bundle))
 
     def bundle(name: str) -> Bundle:
         if name == "rotor_fmu":
-            build_fmu.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path)
+            build.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path)
         else:
-            build_fmu.build_estimator_fmu(tmp_path)
+            build.build_estimator_fmu(tmp_path)
         return staged.pop()
 
     return bundle
@@ -96,8 +95,8 @@ def test_a_change_of_any_bundled_data_changes_the_guid(bundle_of, name):
 
 def test_a_finer_mesh_gives_another_guid(rotor_fmu, monkeypatch, tmp_path):
     staged = []
-    monkeypatch.setattr(build_fmu, "_build", lambda bundle, *rest: staged.append(bundle))
-    build_fmu.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path, elements_between_nodes=2)
+    monkeypatch.setattr(build, "_build", lambda bundle, *rest: staged.append(bundle))
+    build.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path, elements_between_nodes=2)
     assert f"{staged[0].guid}" != guid(rotor_fmu)
 
 
@@ -128,12 +127,12 @@ def test_bundled_sources_import_only_each_other_and_what_the_target_has(name, re
 
 
 def test_a_failed_build_leaves_the_older_file_as_it_was(monkeypatch, tmp_path):
-    older = tmp_path / build_fmu.ROTOR_FMU
+    older = tmp_path / build.ROTOR_FMU
     older.write_bytes(b"older")
-    monkeypatch.setattr(build_fmu, "validate_fmu", lambda path: ["something is wrong"])
-    with pytest.raises(build_fmu.BuildError, match=r"RotorRig\.fmu is not a valid FMU: something is wrong"):
-        build_fmu.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path)
-    assert [p.name for p in tmp_path.iterdir()] == [build_fmu.ROTOR_FMU]
+    monkeypatch.setattr(build, "validate_fmu", lambda path: ["something is wrong"])
+    with pytest.raises(build.BuildError, match=r"RotorRig\.fmu is not a valid FMU: something is wrong"):
+        build.build_rotor_fmu(load_rig("nit-rourkela"), tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [build.ROTOR_FMU]
     assert older.read_bytes() == b"older"
 
 
@@ -150,7 +149,7 @@ def test_a_shaft_on_one_bearing_has_its_pages(node):
     """It swings about the bearing at no frequency; the page names the first one above."""
     rig = load_rig("nit-rourkela")
     one = rig.model_copy(update={"support": [rig.support[0].model_copy(update={"node": node})]})
-    page = rotor_pages(one, build_fmu._facts(one))["documentation/index.html"].decode()
+    page = rotor_pages(one, build._facts(one))["documentation/index.html"].decode()
     first = elastic_frequencies_hz(build_system(assemble(one), Condition(k_b=1e7)), plane=1)[0]
     assert first > 50
     assert f"{first:.1f} Hz" in page
@@ -159,12 +158,12 @@ def test_a_shaft_on_one_bearing_has_its_pages(node):
 def test_of_another_rig_no_estimator_is_built(tmp_path, capsys):
     """Its network would answer, and be wrong."""
     own = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
-    assert build_fmu.main([str(own), "--out", str(tmp_path)]) == 0
-    assert [path.name for path in tmp_path.iterdir()] == [build_fmu.ROTOR_FMU]
+    assert build.main([str(own), "--out", str(tmp_path)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == [build.ROTOR_FMU]
     assert "its network knows the rig nit-rourkela only" in capsys.readouterr().err
 
 
 def test_a_folder_that_cannot_be_written_is_one_message(tmp_path, capsys):
     (tmp_path / "file").touch()
-    assert build_fmu.main(["--out", str(tmp_path / "file")]) == 2
+    assert build.main(["--out", str(tmp_path / "file")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 import pytest
 from fmpy.model_description import ScalarVariable
 
-from rotor.effects.library import EFFECTS
-from sim.session import FmuSession
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.sim.session import FmuSession
 from tests.tolerances import ROUND_OFF
 
 # Two values of everything that can be set, far apart.

@@ -7,10 +7,10 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from rotor.condition import Condition
-from rotor.effects import EFFECTS
-from rotor.simulator import RotorSimulator
-from sim.session import FmuSession
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import EFFECTS
+from rigtwin.rotor.simulator import RotorSimulator
+from rigtwin.sim.session import FmuSession
 from tests.fmu.child import in_child
 
 OUTPUTS = [f"node_{node}.acceleration_{plane}" for plane in "yz" for node in range(1, 8)]
@@ -138,7 +138,7 @@ def test_an_effect_of_the_same_size_may_be_switched_while_the_rotor_runs(rotor_s
 
 def refused(fmu, start: dict, late: dict) -> str:
     """The sentence with which a value is refused; the instance must be able to go on."""
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     with FmuSession(fmu) as session:
         session.start(start)

@@ -14,7 +14,7 @@ def count_exponentials(fmu, jitter, n):
     import random
     import sys
 
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     with FmuSession(fmu) as session:
         session.start({"force_amplitude": 1.0, "spin_speed": 100.0})
@@ -46,7 +46,7 @@ def warned(fmu):
     import sys
     import warnings
 
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     with FmuSession(fmu) as session:
         session.start({"force": 1.0})

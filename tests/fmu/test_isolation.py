@@ -18,7 +18,7 @@ def read_all(fmus, *, steps=20):
     """Readings of FMUs that live and step side by side, loaded in this order."""
     from contextlib import ExitStack
 
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     with ExitStack() as stack:
         sessions = [stack.enter_context(FmuSession(fmu)) for fmu in fmus]
@@ -67,7 +67,7 @@ def side_by_side(fmu, stiffnesses):
     """Readings of instances with different k_b, stepped in turns."""
     from contextlib import ExitStack
 
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     with ExitStack() as stack:
         sessions = [stack.enter_context(FmuSession(fmu)) for _ in stiffnesses]
@@ -88,7 +88,7 @@ def test_instances_of_one_fmu_keep_their_parameters_apart(rotor_fmu):
 
 def one_after_the_other(fmus):
     """Readings of FMUs of which each is freed, its folder deleted, before the next is loaded."""
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     readings = []
     for fmu in fmus:
@@ -110,7 +110,7 @@ def with_sabotaged_host(fmus, names):
     import sys
     from types import ModuleType
 
-    import sim.session
+    import rigtwin.sim.session
 
     class Sabotaged(ModuleType):
         def __getattr__(self, attribute):
@@ -118,15 +118,16 @@ def with_sabotaged_host(fmus, names):
 
     for name in names:
         sys.modules[name] = Sabotaged(name)
-    assert sim.session.FmuSession  # imported before, and used by read_all
+    assert rigtwin.sim.session.FmuSession  # imported before, and used by read_all
     return read_all(fmus)
 
 
 def test_a_hosts_own_modules_of_the_same_names_are_not_used(alone, rotor_fmu, estimator_fmu):
     packages = {
-        "rotor": ("simulator", "stepper", "structure", "system"),
-        "fmu_src": ("slave", "variables", "rotor_slave", "estimator_slave"),
-        "estimator": ("runtime",),
+        "rigtwin": ("rotor", "fmu_src", "estimator"),
+        "rigtwin.rotor": ("simulator", "stepper", "structure", "system"),
+        "rigtwin.fmu_src": ("slave", "variables", "rotor_slave", "estimator_slave"),
+        "rigtwin.estimator": ("runtime",),
         "pythonfmu": ("fmi2slave", "variables", "enums", "default_experiment", "logmsg", "_version"),
     }
     names = [*packages, *(f"{package}.{module}" for package, modules in packages.items() for module in modules)]
@@ -139,18 +140,18 @@ def after_the_hosts_own_imports(fmus):
     """Readings in a host that has imported the real packages first, and has broken them since."""
     import importlib
 
-    import sim.session
+    import rigtwin.sim.session
 
     def broken(*arguments, **options):
         raise AssertionError("the host's own package was used")
 
-    assert sim.session.FmuSession
+    assert rigtwin.sim.session.FmuSession
     for module, name in (
-        ("rotor.stepper", "expm"),
-        ("rotor.system", "eigh"),
-        ("rotor.simulator", "RotorSimulator"),
-        ("estimator.runtime", "StiffnessEstimator"),
-        ("fmu_src.slave", "TableSlave"),
+        ("rigtwin.rotor.stepper", "expm"),
+        ("rigtwin.rotor.system", "eigh"),
+        ("rigtwin.rotor.simulator", "RotorSimulator"),
+        ("rigtwin.estimator.runtime", "StiffnessEstimator"),
+        ("rigtwin.fmu_src.slave", "TableSlave"),
         ("pythonfmu.fmi2slave", "Fmi2Slave"),
     ):
         setattr(importlib.import_module(module), name, broken)
@@ -162,7 +163,14 @@ def test_a_host_that_imported_and_broke_the_real_packages_gets_the_fmus_own(alon
     assert in_child(after_the_hosts_own_imports, fmus, using=[read_all]) == [alone[fmu] for fmu in fmus]
 
 
-HOST_MODULES = ["pythonfmu", "pythonfmu.fmi2slave", "rotor", "rotor.simulator", "fmu_src.slave", "estimator.runtime"]
+HOST_MODULES = [
+    "pythonfmu",
+    "pythonfmu.fmi2slave",
+    "rigtwin.rotor",
+    "rigtwin.rotor.simulator",
+    "rigtwin.fmu_src.slave",
+    "rigtwin.estimator.runtime",
+]
 
 
 def import_afterwards(fmus, still_open, names):
@@ -171,7 +179,7 @@ def import_afterwards(fmus, still_open, names):
     import sys
     from contextlib import ExitStack
 
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     packages = {name.split(".")[0] for name in names}
     with ExitStack() as stack:
@@ -283,7 +291,7 @@ def test_the_fmu_file_itself_may_lie_anywhere(alone, rotor_fmu, tmp_path):
 @pytest.mark.parametrize("name", ["a+b", "Prüfstand", "100%"])
 def test_a_temporary_folder_that_would_crash_the_loader_is_refused_with_one_message(rotor_fmu, tmp_path, name):
     def refusal(fmu):
-        from sim.session import FmuError, FmuSession
+        from rigtwin.sim.session import FmuError, FmuSession
 
         try:
             FmuSession(fmu)
@@ -304,7 +312,7 @@ def leave_nothing_behind(fmus):
     import os
     import tempfile
 
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     for fmu in fmus:
         with FmuSession(fmu) as session:
@@ -333,7 +341,7 @@ def watch_the_end(fmu, instances):
     import json
     from contextlib import ExitStack
 
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     calls = []
 

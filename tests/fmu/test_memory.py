@@ -16,7 +16,7 @@ def resident_after(fmu, cycles):
     import gc
     import os
 
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     def resident():
         gc.collect()
@@ -44,7 +44,7 @@ def states_after(fmu, cycles):
     import gc
     import os
 
-    from sim.session import FmuSession
+    from rigtwin.sim.session import FmuSession
 
     def resident():
         gc.collect()

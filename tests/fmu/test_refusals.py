@@ -73,7 +73,7 @@ BEFORE_INITIALISATION: dict[str, tuple[dict[str, Any], str]] = {
 
 def make_bad_calls(fmu, calls):
     """Of each call: what the session's error says, and whether the run went on as without the call."""
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     outputs = ["node_2.acceleration_y", "node_5.acceleration_z", "force_applied"]
 
@@ -118,7 +118,7 @@ def test_a_bad_call_fails_with_a_sentence_and_has_no_effect(report, name):
 
 def start_badly(fmu, starts):
     """Of each set of start values: what the session's error says, and the reading of a good start after it."""
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     report = {}
     with FmuSession(fmu) as session:
@@ -155,7 +155,7 @@ def test_a_bad_start_value_is_refused_and_a_good_start_follows(bad_starts, rotor
 
 def step_out_of_turn(fmu):
     """What a step says before the initialisation and after the end, and a reading of the run in between."""
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     def refused(session):
         try:
@@ -184,7 +184,7 @@ def test_a_step_is_refused_before_the_initialisation_and_after_the_end(rotor_fmu
 
 def set_several(fmu, cases):
     """Values of all four after each refused call that sets four at once."""
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     names = ["force", "force_amplitude", "k_b", "spin_speed"]
     found = []
@@ -213,7 +213,7 @@ def fail_often(fmu, n):
     """n failing calls of every kind on several instances, with the garbage collector at work in between."""
     import gc
 
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     failed = 0
     for _ in range(4):
@@ -259,7 +259,7 @@ ESTIMATOR_CALLS: dict[str, tuple[str, list[Any], str]] = {
 
 def make_bad_estimator_calls(fmu, calls):
     """Of each call: what the session's error says, and whether the estimate stays what it was."""
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     report = {}
     with FmuSession(fmu) as session:

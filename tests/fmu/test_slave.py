@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from fmu_src.slave import TableSlave
-from fmu_src.variables import Variable
+from rigtwin.fmu_src.slave import TableSlave
+from rigtwin.fmu_src.variables import Variable
 
 
 class Balance(TableSlave):

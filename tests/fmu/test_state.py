@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from sim.session import FmuSession
+from rigtwin.sim.session import FmuSession
 from tests.fmu.child import in_child
 
 OUTPUTS = [f"node_{node}.acceleration_{plane}" for plane in "yz" for node in range(1, 8)] + ["force_applied"]
@@ -82,7 +82,7 @@ def test_a_state_outlives_its_process(rotor_session, rotor_fmu):
     def go_on(fmu, time, content):
         import numpy
 
-        from sim.session import FmuSession, SavedState
+        from rigtwin.sim.session import FmuSession, SavedState
 
         outputs = ["node_2.acceleration_y", "node_3.acceleration_z", "force_applied"]
         with FmuSession(fmu) as session:
@@ -127,7 +127,7 @@ def test_the_estimators_state_is_its_inputs(estimator_session):
 
 def restore(fmu, contents):
     """Of each content: what the session's error says, and whether the run went on as without the attempt."""
-    from sim.session import FmuError, FmuSession, SavedState
+    from rigtwin.sim.session import FmuError, FmuSession, SavedState
 
     outputs = ["node_2.acceleration_y", "force_applied"]
 
@@ -160,7 +160,7 @@ def test_what_is_no_state_of_this_fmu_is_refused_without_harm(rotor_fmu, larger_
 
 def set_fixed_after_restoring(fmu):
     """What the session's error says when a fixed parameter is set after going back to a running state."""
-    from sim.session import FmuError, FmuSession
+    from rigtwin.sim.session import FmuError, FmuSession
 
     with FmuSession(fmu) as session:
         session.start()

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from rotor.condition import Condition
-from rotor.model import build_system
-from rotor.structure import FloatArray, Structure
-from rotor.system import LinearSystem
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.rotor.system import LinearSystem
 
 
 def state_matrix(system: LinearSystem, spin_speed: float = 0.0) -> FloatArray:

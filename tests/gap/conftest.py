@@ -8,20 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap.diagnose import diagnose
-from gap.forward import Forward
-from gap.hypotheses import Hypothesis, candidates
-from gap.likelihood import Problem
-from gap.prepare import structure_of
-from gap.report import Outcome
-from gap.residuals import observe
-from rotor.condition import Condition
-from rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
-from rotor.measured import measured_response
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from rotor.rig import Rig, load_rig
-from sim.campaign import Campaign, Channel, ComplexArray, FloatArray, NominalBelief, Run
+from rigtwin.gap.diagnose import diagnose
+from rigtwin.gap.forward import Forward
+from rigtwin.gap.hypotheses import Hypothesis, candidates
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.prepare import structure_of
+from rigtwin.gap.report import Outcome
+from rigtwin.gap.residuals import observe
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.sim.campaign import Campaign, Channel, ComplexArray, FloatArray, NominalBelief, Run
 
 RIG = "nit-rourkela"
 STRUCTURE = structure_of(RIG)

@@ -13,24 +13,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gap.audit import audit, believed_errors, common_error, estimate_noise, scatter_over, usable
-from gap.audit.geometry import geometry_of
-from gap.audit.noise import mean_square
-from gap.audit.pairs import compare
-from gap.audit.phase import Delays, _drive_sign, check_sign
-from gap.audit.prepared import Prepared, prepare
-from gap.audit.wild import wild_lines, without_wild_lines
-from gap.diagnosis import Finding
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import Gyroscopic, SensorDelay
-from rotor.effects.library import EFFECTS
-from rotor.measured import measured_response
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from rotor.rig import load_rig
-from rotor.system import undamped_modes
-from sim.campaign import Campaign, Channel, NominalBelief, PeakList, Run
+from rigtwin.gap.audit import audit, believed_errors, common_error, estimate_noise, scatter_over, usable
+from rigtwin.gap.audit.geometry import geometry_of
+from rigtwin.gap.audit.noise import mean_square
+from rigtwin.gap.audit.pairs import compare
+from rigtwin.gap.audit.phase import Delays, _drive_sign, check_sign
+from rigtwin.gap.audit.prepared import Prepared, prepare
+from rigtwin.gap.audit.wild import wild_lines, without_wild_lines
+from rigtwin.gap.diagnosis import Finding
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import Gyroscopic, SensorDelay
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.system import undamped_modes
+from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, PeakList, Run
 
 RIG = "nit-rourkela"
 OWN_ROTOR = str(Path(__file__).parents[2] / "examples/own_rotor.toml")

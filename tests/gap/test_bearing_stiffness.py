@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.bearing_stiffness import beside_models, carried, law_starts
-from gap.hypotheses import candidates
-from gap.search import recalibrate
-from rotor.effects import AttachedMass, BearingDamping, PedestalFlexibility, ViscoelasticSupport
-from rotor.model import bearing_stiffness
-from sim.campaign import Channel
+from rigtwin.gap.bearing_stiffness import beside_models, carried, law_starts
+from rigtwin.gap.hypotheses import candidates
+from rigtwin.gap.search import recalibrate
+from rigtwin.rotor.effects import AttachedMass, BearingDamping, PedestalFlexibility, ViscoelasticSupport
+from rigtwin.rotor.model import bearing_stiffness
+from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import K_B, STRUCTURE, all_but, both_supports, condition, measure, of, problem_of
 
 BLOCK = PedestalFlexibility(stiffness=1.8e6, mass=0.7, damping=3.2, block_compliance=0.18, block_mass=6.0)

@@ -13,23 +13,23 @@ import pytest
 from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from gap.adequacy import Adequacy, judge, not_shared, odd_lines
-from gap.audit import common_error, usable
-from gap.audit.prepared import Prepared
-from gap.curves import nrmse
-from gap.diagnose import _library, _not_ruled_out, diagnose
-from gap.diagnosis import FILE_NAME, SCHEMA, Cause, Finding, Location, Where
-from gap.forward import Forward
-from gap.held_out import _figures, _held_out, lines_to_measure
-from gap.hypotheses import candidates
-from gap.predict import predict
-from gap.prepare import prepared
-from gap.ranking import Ranked, of_the_likeliest, verdict_of
-from gap.report import _equivalent, _may_be_the_bearings, _regime
-from gap.residuals import observe
-from gap.search import recalibrate
-from gap.standing import Standing, excess_of
-from rotor.effects import (
+from rigtwin.gap.adequacy import Adequacy, judge, not_shared, odd_lines
+from rigtwin.gap.audit import common_error, usable
+from rigtwin.gap.audit.prepared import Prepared
+from rigtwin.gap.curves import nrmse
+from rigtwin.gap.diagnose import _library, _not_ruled_out, diagnose
+from rigtwin.gap.diagnosis import FILE_NAME, SCHEMA, Cause, Finding, Location, Where
+from rigtwin.gap.forward import Forward
+from rigtwin.gap.held_out import _figures, _held_out, lines_to_measure
+from rigtwin.gap.hypotheses import candidates
+from rigtwin.gap.predict import predict
+from rigtwin.gap.prepare import prepared
+from rigtwin.gap.ranking import Ranked, of_the_likeliest, verdict_of
+from rigtwin.gap.report import _equivalent, _may_be_the_bearings, _regime
+from rigtwin.gap.residuals import observe
+from rigtwin.gap.search import recalibrate
+from rigtwin.gap.standing import Standing, excess_of
+from rigtwin.rotor.effects import (
     AttachedMass,
     BearingCubic,
     BearingOffset,
@@ -42,9 +42,9 @@ from rotor.effects import (
     SensorPosition,
     ViscoelasticSupport,
 )
-from rotor.effects.library import EFFECTS
-from rotor.measured import measured_response
-from sim.campaign import Channel, MeasurementError
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.measured import measured_response
+from rigtwin.sim.campaign import Channel, MeasurementError
 from tests.gap.conftest import (
     BELIEF,
     K_B,
@@ -517,7 +517,7 @@ def test_a_diagnosis_keeps_linear_algebra_on_one_thread(monkeypatch):
         threads.extend(library["num_threads"] for library in threadpool_info())
         raise InterruptedError
 
-    monkeypatch.setattr("gap.diagnose.audit", seen)
+    monkeypatch.setattr("rigtwin.gap.diagnose.audit", seen)
     with threadpool_limits(limits=2), pytest.raises(InterruptedError):
         diagnose(campaign_of())
     assert set(threads) == {1}

@@ -11,11 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from gap.evidence import sample
-from gap.fit import Fit, Sampled
-from gap.hypotheses import NOMINAL
-from gap.search import recalibrate
-from rotor.effects import BearingCubic
+from rigtwin.gap.evidence import sample
+from rigtwin.gap.fit import Fit, Sampled
+from rigtwin.gap.hypotheses import NOMINAL
+from rigtwin.gap.search import recalibrate
+from rigtwin.rotor.effects import BearingCubic
 from tests.gap.conftest import MASS, both_supports, candidate, problem_of
 
 

@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
-from gap.forward import Forward
-from gap.modal import MODES, TOLERANCES
-from rotor.assembly import assemble
-from rotor.effects import (
+from rigtwin.gap.forward import Forward
+from rigtwin.gap.modal import MODES, TOLERANCES
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
     AxialLoad,
@@ -26,11 +26,11 @@ from rotor.effects import (
     SensorGain,
     ViscoelasticSupport,
 )
-from rotor.measured import measured_response
-from rotor.modal import damped_modes
-from rotor.model import build_model, build_system
-from rotor.rig import load_rig
-from sim.campaign import Channel
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_model, build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import BELIEF, K_B, LINEAR, RIG, STRUCTURE, blank, condition, lines, rebuilt, truth
 
 # Resonances are narrow: what they say must be right to this share of a channel's peak.
@@ -375,7 +375,7 @@ def solved(monkeypatch):
         made.append(effects)
         return build_model(structure, condition, effects)
 
-    monkeypatch.setattr("gap.forward.build_model", build)
+    monkeypatch.setattr("rigtwin.gap.forward.build_model", build)
     return made
 
 

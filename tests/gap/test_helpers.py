@@ -8,14 +8,14 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from gap.helpers import each, helped_by
-from gap.hypotheses import candidates
-from gap.nonlinear_search import search_nonlinear
-from gap.robust import anew
-from gap.search import all_polished, recalibrate, search, weak_starts
+from rigtwin.gap.helpers import each, helped_by
+from rigtwin.gap.hypotheses import candidates
+from rigtwin.gap.nonlinear_search import search_nonlinear
+from rigtwin.gap.robust import anew
+from rigtwin.gap.search import all_polished, recalibrate, search, weak_starts
+from rigtwin.rotor.effects import AttachedMass, BearingCubic
+from rigtwin.rotor.rig import load_rig
 from rigtwin.scale_out import executor
-from rotor.effects import AttachedMass, BearingCubic
-from rotor.rig import load_rig
 from tests.gap.conftest import K_B, RIG, STRUCTURE, all_but, both_supports, of, problem_of
 from tests.gap.test_nonlinear import runs_of
 

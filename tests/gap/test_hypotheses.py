@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.hypotheses import NOMINAL, Hypothesis, candidates
-from rotor.effects import EFFECTS
-from sim.campaign import Channel
+from rigtwin.gap.hypotheses import NOMINAL, Hypothesis, candidates
+from rigtwin.rotor.effects import EFFECTS
+from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import STRUCTURE, blank
 
 F_HZ = np.linspace(20.0, 400.0, 5)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.adequacy import judge
-from gap.forward import Forward
-from gap.hypotheses import NOMINAL, Hypothesis
-from gap.likelihood import Problem
-from gap.residuals import Observed, derivatives, expected_magnitude, observe, residual, weighted
-from gap.search import recalibrate
-from rotor.effects import AttachedMass, BearingDamping
-from rotor.rig import load_rig
+from rigtwin.gap.adequacy import judge
+from rigtwin.gap.forward import Forward
+from rigtwin.gap.hypotheses import NOMINAL, Hypothesis
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.residuals import Observed, derivatives, expected_magnitude, observe, residual, weighted
+from rigtwin.gap.search import recalibrate
+from rigtwin.rotor.effects import AttachedMass, BearingDamping
+from rigtwin.rotor.rig import load_rig
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gap.diagnosis import Cause, Location
-from gap.missing_test import missing_test
-from sim.campaign import Campaign
+from rigtwin.gap.diagnosis import Cause, Location
+from rigtwin.gap.missing_test import missing_test
+from rigtwin.sim.campaign import Campaign
 from tests.gap.conftest import blank, lines
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.hypotheses import candidates
-from gap.likelihood import Problem
-from gap.next_test import TOLD_APART, best_next_test, proposals, relative_noise, separations
-from gap.residuals import observe
-from rotor.effects import AttachedMass, BearingCubic
-from sim.campaign import Channel
+from rigtwin.gap.hypotheses import candidates
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.next_test import TOLD_APART, best_next_test, proposals, relative_noise, separations
+from rigtwin.gap.residuals import observe
+from rigtwin.rotor.effects import AttachedMass, BearingCubic
+from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import K_B, NOISE, STRUCTURE, all_but, both_supports, candidate, measure, problem_of
 
 MASS = AttachedMass(mass=0.1, node=3)

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import gap.forward as forward_module
-from gap.curves import nrmse
-from gap.diagnose import LEVEL_SIGMAS
-from gap.diagnosis import SCHEMA
-from gap.forward import Forward
-from gap.hypotheses import NOMINAL, candidates
-from gap.law_grid import Rest, by_distance, points_of, seen_motion
-from gap.likelihood import MODEL_ERROR, Problem
-from gap.modal import MODES, TOLERANCES
-from gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
-from gap.nonlinear_search import (
+import rigtwin.gap.forward as forward_module
+from rigtwin.gap.curves import nrmse
+from rigtwin.gap.diagnose import LEVEL_SIGMAS
+from rigtwin.gap.diagnosis import SCHEMA
+from rigtwin.gap.forward import Forward
+from rigtwin.gap.hypotheses import NOMINAL, candidates
+from rigtwin.gap.law_grid import Rest, by_distance, points_of, seen_motion
+from rigtwin.gap.likelihood import MODEL_ERROR, Problem
+from rigtwin.gap.modal import MODES, TOLERANCES
+from rigtwin.gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
+from rigtwin.gap.nonlinear_search import (
     _FIRST,
     _GRID_LINES,
     _ROUGH_ERROR,
@@ -36,21 +36,21 @@ from gap.nonlinear_search import (
     most_promised,
     search_nonlinear,
 )
-from gap.pair_search import PAIR_GAIN
-from gap.predict import predict
-from gap.residuals import observe
-from gap.robust import descend, robust_fit, robust_misfit, settle, thinned, unfitted
-from gap.score import Score
-from gap.search import recalibrate
-from gap.standing import gains_differ
-from gap.starts import Start
-from gap.transfer import transfer_interval
-from rotor import periodic_force
-from rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
-from rotor.effects.effect import Effect
-from rotor.force_laws import LAWS
-from rotor.printed_laws import SCALAR
-from rotor.rig import load_rig
+from rigtwin.gap.pair_search import PAIR_GAIN
+from rigtwin.gap.predict import predict
+from rigtwin.gap.residuals import observe
+from rigtwin.gap.robust import descend, robust_fit, robust_misfit, settle, thinned, unfitted
+from rigtwin.gap.score import Score
+from rigtwin.gap.search import recalibrate
+from rigtwin.gap.standing import gains_differ
+from rigtwin.gap.starts import Start
+from rigtwin.gap.transfer import transfer_interval
+from rigtwin.rotor import periodic_force
+from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
+from rigtwin.rotor.effects.effect import Effect
+from rigtwin.rotor.force_laws import LAWS
+from rigtwin.rotor.printed_laws import SCALAR
+from rigtwin.rotor.rig import load_rig
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,
@@ -457,7 +457,7 @@ def test_lines_on_the_upper_branch_are_found_by_their_magnitudes(monkeypatch):
         return np.count_nonzero(modal._miss(modal.solved()) > 0.1)
 
     assert lost() == 0
-    monkeypatch.setattr("gap.nonlinear._PHASES", {})
+    monkeypatch.setattr("rigtwin.gap.nonlinear._PHASES", {})
     assert lost() == 4
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-import gap.peaks
-from gap.hypotheses import Hypothesis
-from gap.peaks import Lists, Reading, diagnose_peaks
-from gap.resonances import Rotor
-from rotor.condition import Condition
-from rotor.effects import (
+import rigtwin.gap.peaks
+from rigtwin.gap.hypotheses import Hypothesis
+from rigtwin.gap.peaks import Lists, Reading, diagnose_peaks
+from rigtwin.gap.resonances import Rotor
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import (
     AttachedMass,
     BearingDamping,
     DiskMass,
@@ -23,11 +23,11 @@ from rotor.effects import (
     PlaneAnisotropy,
     ViscoelasticSupport,
 )
-from rotor.frequency_response import accelerance
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from sim.campaign import Campaign, NominalBelief, PeakList
-from sim.campaign_folder import load_campaign
+from rigtwin.rotor.frequency_response import accelerance
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.sim.campaign import Campaign, NominalBelief, PeakList
+from rigtwin.sim.campaign_folder import load_campaign
 from tests.gap.conftest import RIG, STRUCTURE, all_but
 
 K_B = 2e6
@@ -173,7 +173,7 @@ def test_the_grid_is_fine_enough(name, monkeypatch):
     lists = Lists(both_lists(DiskMass(change=0.05)))
     hypothesis = next(h for h in lists.hypotheses if h.ids == (name,))
     coarse = lists.score(hypothesis).log_evidence
-    monkeypatch.setattr(gap.peaks, "_POINTS", {1: 81, 2: 21, 3: 9})
+    monkeypatch.setattr(rigtwin.gap.peaks, "_POINTS", {1: 81, 2: 21, 3: 9})
     assert_allclose(lists.score(hypothesis).log_evidence, coarse, atol=0.3)
 
 

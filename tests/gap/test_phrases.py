@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from gap.diagnosis import Location
-from gap.phrases import effects_at, listed, part, place
+from rigtwin.gap.diagnosis import Location
+from rigtwin.gap.phrases import effects_at, listed, part, place
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap.diagnosis import DAMPING, SCHEMA
-from gap.predict import corrected_rotor, predict
-from rotor.effects import AttachedMass
-from sim.campaign import Channel, MeasurementError, NominalBelief
+from rigtwin.gap.diagnosis import DAMPING, SCHEMA
+from rigtwin.gap.predict import corrected_rotor, predict
+from rigtwin.rotor.effects import AttachedMass
+from rigtwin.sim.campaign import Channel, MeasurementError, NominalBelief
 from tests.gap.conftest import K_B, MASS, blank, campaign_of, lines, truth
 
 SENSORS = (Channel(2), Channel(4), Channel(6))

@@ -9,13 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-import gap.search
-from gap.adequacy import judge
-from gap.dwell import _gains
-from gap.forward import Forward, acting
-from gap.hypotheses import Hypothesis
-from gap.likelihood import Problem
-from gap.pair_search import (
+import rigtwin.gap.search
+from rigtwin.gap.adequacy import judge
+from rigtwin.gap.dwell import _gains
+from rigtwin.gap.forward import Forward, acting
+from rigtwin.gap.hypotheses import Hypothesis
+from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.pair_search import (
     PAIR_GAIN,
     _by_logarithms,
     _leaders,
@@ -27,10 +27,10 @@ from gap.pair_search import (
     pairs,
     straightened,
 )
-from gap.ranking import rank
-from gap.residuals import observe
-from gap.score import Score
-from gap.search import (
+from rigtwin.gap.ranking import rank
+from rigtwin.gap.residuals import observe
+from rigtwin.gap.score import Score
+from rigtwin.gap.search import (
     Search,
     _of_each,
     all_polished,
@@ -42,10 +42,10 @@ from gap.search import (
     strained,
     weak_starts,
 )
-from gap.standing import Standing, adequate, gains_differ
-from gap.starts import Promise, Start
-from rotor.assembly import assemble
-from rotor.effects import (
+from rigtwin.gap.standing import Standing, adequate, gains_differ
+from rigtwin.gap.starts import Promise, Start
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.effects import (
     AttachedMass,
     BearingDamping,
     BearingTiltStiffness,
@@ -61,9 +61,9 @@ from rotor.effects import (
     ShaftDamping,
     ShaftModulus,
 )
-from rotor.measured import measured_response
-from rotor.rig import load_rig
-from sim.campaign import Channel
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
     BELIEF,
     K_B,
@@ -291,7 +291,7 @@ def test_a_grid_that_leaves_plenty_does_not_end_the_search(monkeypatch):
         u = np.append(fit.u[:1], np.log(0.5))
         return [Promise(0.95 * fit.cost, Start(hypothesis, u, fit.nu))]
 
-    monkeypatch.setattr(gap.search, "scanned", much)
+    monkeypatch.setattr(rigtwin.gap.search, "scanned", much)
     found = search(problem, of(problem.runs, "attached_mass", "fast_sweep"), nominal)
     assert names(found.fits)[0] == ("attached_mass",)
     assert ("attached_mass",) in [start.hypothesis.ids for start in found.rough]
@@ -343,7 +343,7 @@ def test_leaders_by_logarithms_are_not_judged_by_far_misfits(monkeypatch):
     hypotheses = of(problem.runs, "shaft_modulus", "sensor_delay", "bearing_damping")
     found = search(problem, hypotheses)
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
-    monkeypatch.setattr("gap.pair_search._NO_LEADER", 1e-9)
+    monkeypatch.setattr("rigtwin.gap.pair_search._NO_LEADER", 1e-9)
     leaders = _leaders(problem, replace(found, fits=others), hypotheses)
     assert "shaft_modulus" in {fit.hypothesis.ids[0] for fit in leaders}
 
@@ -357,7 +357,7 @@ def test_far_from_the_data_a_step_down_brings_a_pair_that_begins_like_others(mon
     for second in of(problem.runs, "attached_mass", "sensor_gain", "sensor_delay", "bearing_damping"):
         pair = _paired(seat, second)
         starts.append(Start(pair, pair.clipped(np.append(lead, second.starts()[0])), np.zeros(problem.nuisances.n)))
-    monkeypatch.setattr("gap.pair_search._BY_ROUGH", 1)
+    monkeypatch.setattr("rigtwin.gap.pair_search._BY_ROUGH", 1)
     few = problem.thinned(5)
     by_start, all_of_them = (_by_logarithms(few, starts, near) for near in (True, False))
     assert (len(by_start), len(all_of_them)) == (2, 3)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.hypotheses import NOMINAL
-from gap.where import _plain, locate
-from rotor.effects import AttachedMass, BearingDamping, ExciterSuspension
-from sim.campaign import Channel
+from rigtwin.gap.hypotheses import NOMINAL
+from rigtwin.gap.where import _plain, locate
+from rigtwin.rotor.effects import AttachedMass, BearingDamping, ExciterSuspension
+from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import K_B, both_supports, measure, problem_of
 
 MASS = AttachedMass(mass=0.1, node=3)

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.blind.generate import Order, make
-from gap.diagnose import diagnose
-from gap.forward import Forward, acting
-from gap.hypotheses import candidates
-from rotor.effects import AttachedMass, BearingDamping, Gyroscopic
-from rotor.measured import measured_response
-from sim.campaign import Channel
-from sim.campaign_folder import load_campaign
-from sim.lines import NotSettledError
-from sim.setup import SetupError
+from rigtwin.gap.blind.generate import Order, make
+from rigtwin.gap.diagnose import diagnose
+from rigtwin.gap.forward import Forward, acting
+from rigtwin.gap.hypotheses import candidates
+from rigtwin.rotor.effects import AttachedMass, BearingDamping, Gyroscopic
+from rigtwin.rotor.measured import measured_response
+from rigtwin.sim.campaign import Channel
+from rigtwin.sim.campaign_folder import load_campaign
+from rigtwin.sim.lines import NotSettledError
+from rigtwin.sim.setup import SetupError
 from tests.gap.conftest import (
     BELIEF,
     CUBIC,

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from gap.diagnosis import Cause, Finding, Location, Shrink
-from gap.wording import sentence
+from rigtwin.gap.diagnosis import Cause, Finding, Location, Shrink
+from rigtwin.gap.wording import sentence
 
 
 def shrink(without: float | None) -> Shrink:

@@ -16,13 +16,13 @@ from numpy.testing import assert_allclose
 from rigtwin.blind import SETS, BlindRequest
 from rigtwin.console import say
 from rigtwin.estimate import answers_of_runs
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from rotor.rig import load_rig
-from sim.campaign import MeasurementError
-from sim.formats import SUFFIXES, read_run, run_file
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.campaign import MeasurementError
+from rigtwin.sim.formats import SUFFIXES, read_run, run_file
 from tests.rigtwin.conftest import run, run_json
 
 OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.diagnosis import SCHEMA, Diagnosis
-from gap.prepare import structure_of
 from rigtwin.diagnose import load_document, measured_on_the_virtual_rig
 from rigtwin.diagnosis_words import VERIFIED
 from rigtwin.exits import UserError
-from rotor.condition import Condition
-from rotor.effects import EFFECTS
-from rotor.measured import measured_response
-from sim.campaign import Campaign, Channel, NominalBelief, Run
-from sim.campaign_folder import save_campaign
-from sim.formats import read_run, run_file
-from sim.setup import SetupError
+from rigtwin.gap.diagnosis import SCHEMA, Diagnosis
+from rigtwin.gap.prepare import structure_of
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import EFFECTS
+from rigtwin.rotor.measured import measured_response
+from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, Run
+from rigtwin.sim.campaign_folder import save_campaign
+from rigtwin.sim.formats import read_run, run_file
+from rigtwin.sim.setup import SetupError
 from tests.gap.conftest import MASS, all_but, both_supports, campaign_of
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_diagnose_page import DIAGNOSIS
@@ -72,7 +72,7 @@ class Asked:
 def asked(monkeypatch) -> Asked:
     """A diagnosis that takes no time."""
     asked = Asked()
-    monkeypatch.setattr("gap.diagnose.diagnose", asked)
+    monkeypatch.setattr("rigtwin.gap.diagnose.diagnose", asked)
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # no helpers for what takes no time
     return asked
 
@@ -156,7 +156,7 @@ def test_an_interrupted_diagnosis_leaves_the_one_before(monkeypatch, campaign, t
         raise KeyboardInterrupt
 
     (tmp_path / "diagnosis.json").write_text("before")
-    monkeypatch.setattr("gap.diagnose.diagnose", interrupted)
+    monkeypatch.setattr("rigtwin.gap.diagnose.diagnose", interrupted)
     assert run("diagnose", campaign, "--out", tmp_path).exit_code == 130
     assert {path.name for path in tmp_path.iterdir()} == {"campaign", "diagnosis.json"}
     assert (tmp_path / "diagnosis.json").read_text() == "before"
@@ -166,7 +166,7 @@ def test_an_interrupted_diagnosis_leaves_no_empty_folder(monkeypatch, campaign, 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gap.diagnose.diagnose", interrupted)
+    monkeypatch.setattr("rigtwin.gap.diagnose.diagnose", interrupted)
     assert run("diagnose", campaign, "--out", tmp_path / "new").exit_code == 130
     assert not (tmp_path / "new").exists()
 
@@ -340,7 +340,7 @@ def predicted(monkeypatch) -> list[dict[str, Any]]:
         documents.append(document)
         return tuple(Predicted(r, replace(r, H=2 * r.H), replace(r, H=3 * r.H)) for r in campaign.runs)
 
-    monkeypatch.setattr("gap.predict.predict", predict)
+    monkeypatch.setattr("rigtwin.gap.predict.predict", predict)
     return documents
 
 

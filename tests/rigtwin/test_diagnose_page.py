@@ -18,21 +18,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.curves import Curve, nrmse
-from gap.diagnosis import (
-    Band,
-    BearingStiffness,
-    Cause,
-    Diagnosis,
-    Estimate,
-    Finding,
-    JointStiffness,
-    Location,
-    NextTest,
-    NodeShare,
-    Shrink,
-    Where,
-)
 from rigtwin.diagnosis_figures import (
     RESPONSE_TRACES,
     bearings_figure,
@@ -47,12 +32,27 @@ from rigtwin.diagnosis_figures import (
 )
 from rigtwin.diagnosis_page import write_diagnosis_page
 from rigtwin.diagnosis_words import parameters, quantity, run_toml, share
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects.supports import PedestalFlexibility
-from rotor.measured import measured_response
-from rotor.rig import load_rig
-from sim.campaign import Campaign, Channel, PeakList, Run
+from rigtwin.gap.curves import Curve, nrmse
+from rigtwin.gap.diagnosis import (
+    Band,
+    BearingStiffness,
+    Cause,
+    Diagnosis,
+    Estimate,
+    Finding,
+    JointStiffness,
+    Location,
+    NextTest,
+    NodeShare,
+    Shrink,
+    Where,
+)
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects.supports import PedestalFlexibility
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.campaign import Campaign, Channel, PeakList, Run
 from tests.rigtwin.test_report import Page, assert_self_contained, rendered
 
 NOISE = 0.01

@@ -12,9 +12,9 @@ from rigtwin.effect_figures import FIGURES, stepped_sine
 from rigtwin.effect_pages import FAMILIES, FOLDER, REFERENCES, latex, main, overview, page, pages, read_references
 from rigtwin.effect_plots import BEARING, NODE, paper_rotor
 from rigtwin.effects import LOCATIONS
-from rotor.effects import EFFECTS, Parameter
-from rotor.force_laws import LAWS
-from rotor.measured import measured_response
+from rigtwin.rotor.effects import EFFECTS, Parameter
+from rigtwin.rotor.force_laws import LAWS
+from rigtwin.rotor.measured import measured_response
 
 CITATIONS = read_references(REFERENCES.read_text(encoding="utf-8"))
 

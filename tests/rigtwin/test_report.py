@@ -14,9 +14,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rigtwin.figures import Curve, frf_figure
-from sim.campaign import Campaign
-from sim.campaign_folder import load_campaign, save_campaign
-from sim.formats import read_run, write_run
+from rigtwin.sim.campaign import Campaign
+from rigtwin.sim.campaign_folder import load_campaign, save_campaign
+from rigtwin.sim.formats import read_run, write_run
 from tests.rigtwin.conftest import run
 
 # How plotly.js begins, whatever its version.

@@ -17,16 +17,16 @@ from typing import Any
 import pytest
 from numpy.testing import assert_array_equal
 
-from estimator import dataset
-from estimator.dataset import measure_rigs
-from estimator.prior import PRIOR
 from rigtwin import scale_out
+from rigtwin.estimator import dataset
+from rigtwin.estimator.dataset import measure_rigs
+from rigtwin.estimator.prior import PRIOR
 from rigtwin.exits import UserError
+from rigtwin.rotor.effects import BearingClearance, FastSweep, ForceDropout
 from rigtwin.scale_out import executor
-from rotor.effects import BearingClearance, FastSweep, ForceDropout
-from sim.runs import sweep_all
-from sim.session import FmuSession
-from sim.stepped_sine import NotSettledError, Rig, SetupError, SweepPlan, sweep
+from rigtwin.sim.runs import sweep_all
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import NotSettledError, Rig, SetupError, SweepPlan, sweep
 from tests.rigtwin.conftest import run
 
 COARSE = SweepPlan(n_lines=96)

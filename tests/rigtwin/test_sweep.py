@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import EFFECTS, AttachedMass, SensorGain
-from rotor.measured import measured_response
-from rotor.rig import load_rig
-from sim.formats import read_run
-from sim.stepped_sine import measure_lines
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import EFFECTS, AttachedMass, SensorGain
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim.formats import read_run
+from rigtwin.sim.stepped_sine import measure_lines
 from tests.rigtwin.conftest import run, run_json
 from tests.tolerances import SETTLED_LINE
 

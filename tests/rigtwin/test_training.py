@@ -10,10 +10,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import rigtwin.training as training
-from estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, read_dataset
-from estimator.prior import PRIOR
-from estimator.runtime import StiffnessEstimator
-from estimator.training import data_digest
+from rigtwin.estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, read_dataset
+from rigtwin.estimator.prior import PRIOR
+from rigtwin.estimator.runtime import StiffnessEstimator
+from rigtwin.estimator.training import data_digest
 from rigtwin.exits import UserError
 from rigtwin.training import TRAINING_CSV, TrainingPlan, shipped_data, train
 from tests.rigtwin.conftest import run
@@ -31,7 +31,7 @@ class InThisProcess(Executor):
 
 
 def test_rigs_that_were_measured_before_an_interrupt_are_not_measured_again(rotor_fmu, tmp_path, monkeypatch):
-    monkeypatch.setattr("estimator.dataset._CHUNK", 1)
+    monkeypatch.setattr("rigtwin.estimator.dataset._CHUNK", 1)
     rigs = PRIOR.draw(4, seed=5)
     with pytest.raises(KeyboardInterrupt):
         measure_rigs(rotor_fmu, rigs, InThisProcess(), store=tmp_path, progress=_interrupt_at(2))

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from rotor.condition import Condition
-from rotor.effects import EFFECTS, Effect, Parameter
-from rotor.frequency_response import ComplexArray, dynamic_stiffness, receptance
-from rotor.model import Change, build_system
-from rotor.structure import FloatArray, Structure
-from rotor.system import LinearSystem
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
+from rigtwin.rotor.frequency_response import ComplexArray, dynamic_stiffness, receptance
+from rigtwin.rotor.model import Change, build_system
+from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.rotor.system import LinearSystem
 from tests.rotor import rigs
 
 OMEGA = 2 * np.pi * np.linspace(20.0, 400.0, 21)

@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from rotor.condition import Condition
-from rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, ForceLaw
-from rotor.harmonic_balance import Balance, Motions
-from rotor.local_force import LocalForce
-from rotor.model import RotorModel
-from rotor.structure import FloatArray
-from rotor.system import LinearSystem
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, ForceLaw
+from rigtwin.rotor.harmonic_balance import Balance, Motions
+from rigtwin.rotor.local_force import LocalForce
+from rigtwin.rotor.model import RotorModel
+from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.system import LinearSystem
 from tests.rotor.rigs import paper_structure
 
 # A kilogram on 1e4 N/m: 100 rad/s, 15.9 Hz.

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.elements import ElementType, FloatArray, Section, timoshenko
-from rotor.model import build_system
-from rotor.rig import Rig, load_rig
-from rotor.structure import Structure
-from rotor.system import LinearSystem
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.elements import ElementType, FloatArray, Section, timoshenko
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.system import LinearSystem
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 PAPER: dict[str, Any] = tomllib.loads((BENCHMARKS / "paper_tables.toml").read_text(encoding="utf-8"))
@@ -113,7 +113,9 @@ def lumped_rotor(density: float, *, clamped: bool = True) -> Rig:
         elements_between_nodes=4,
         excitation_node=2,
         segment=[round_shaft(0.3, 0.02, STEEL | {"density_kg_per_m3": density})],
-        disk=[{"node": 2, "mass_kg": 5.0, "diametral_inertia_kg_m2": 0.02, "polar_inertia_kg_m2": 0.04, "inertia": True}],
+        disk=[
+            {"node": 2, "mass_kg": 5.0, "diametral_inertia_kg_m2": 0.02, "polar_inertia_kg_m2": 0.04, "inertia": True}
+        ],
         support=[{"node": 1, "stiffness": "k_b", **tilt}],
     )
 

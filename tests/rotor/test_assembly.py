@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import DiskInertia, Gyroscopic
-from rotor.elements import euler_bernoulli
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from rotor.rig import Rig, load_rig
-from rotor.structure import DOF_PER_NODE
-from rotor.whirl import campbell
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import DiskInertia, Gyroscopic
+from rigtwin.rotor.elements import euler_bernoulli
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.structure import DOF_PER_NODE
+from rigtwin.rotor.whirl import campbell
 from tests.rotor import rigs
 from tests.tolerances import FINE_MESH, NEARLY_MASSLESS, ROUND_OFF
 

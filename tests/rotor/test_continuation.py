@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from rotor import continuation, harmonic_balance
-from rotor.condition import Condition
-from rotor.continuation import Curve, from_rest, trace
-from rotor.effects import (
+from rigtwin.rotor import continuation, harmonic_balance
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.continuation import Curve, from_rest, trace
+from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
     BearingFriction,
@@ -19,9 +19,9 @@ from rotor.effects import (
     Effect,
     Rub,
 )
-from rotor.frequency_response import accelerance
-from rotor.harmonic_balance import Balance
-from rotor.model import build_model
+from rigtwin.rotor.frequency_response import accelerance
+from rigtwin.rotor.harmonic_balance import Balance
+from rigtwin.rotor.model import build_model
 from tests import tolerances as tol
 from tests.rotor.oscillators import CONDITION, MASS, OMEGA_0, STIFFNESS, cubic, oscillator
 from tests.rotor.rigs import paper_structure

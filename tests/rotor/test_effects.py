@@ -11,17 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from rotor.condition import Condition
-from rotor.effects import EFFECTS, BearingFriction, CompliantRigidSupport, Effect, OpenCrack, PlaneAnisotropy
-from rotor.effects.nonlinear import SEAT_PARTS
-from rotor.local_force import LocalForce
-from rotor.modal import damped_modes
-from rotor.model import build_model
-from rotor.printed_laws import SCALAR
-from rotor.simulator import RotorSimulator
-from rotor.state_space import StateSpace
-from rotor.structure import FloatArray
-from rotor.system import LinearSystem
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import EFFECTS, BearingFriction, CompliantRigidSupport, Effect, OpenCrack, PlaneAnisotropy
+from rigtwin.rotor.effects.nonlinear import SEAT_PARTS
+from rigtwin.rotor.local_force import LocalForce
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_model
+from rigtwin.rotor.printed_laws import SCALAR
+from rigtwin.rotor.simulator import RotorSimulator
+from rigtwin.rotor.state_space import StateSpace
+from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.system import LinearSystem
 from tests.rotor.effect_cases import (
     BEARING,
     IN_BEARINGS,

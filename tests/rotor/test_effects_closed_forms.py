@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rotor import model
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import (
+from rigtwin.rotor import model
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import (
     AttachedMass,
     AxialLoad,
     BearingAsymmetry,
@@ -35,13 +35,13 @@ from rotor.effects import (
     ShaftModulus,
     ViscoelasticSupport,
 )
-from rotor.elements import euler_bernoulli, timoshenko
-from rotor.frequency_response import ComplexArray, dynamic_stiffness
-from rotor.modal import damped_modes, natural_frequencies_hz
-from rotor.model import build_system
-from rotor.rig import Rig, load_rig
-from rotor.structure import FloatArray
-from rotor.system import LinearSystem
+from rigtwin.rotor.elements import euler_bernoulli, timoshenko
+from rigtwin.rotor.frequency_response import ComplexArray, dynamic_stiffness
+from rigtwin.rotor.modal import damped_modes, natural_frequencies_hz
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.system import LinearSystem
 from tests.rotor import rigs
 from tests.rotor.effect_cases import BEARING, OMEGA, RIGID, node_receptance, paper, paper_with, sensed
 from tests.tolerances import NEARLY_CLAMPED, NEARLY_MASSLESS, ROUND_OFF, hermite_error

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import (
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
     CoarseGrid,
@@ -26,12 +26,12 @@ from rotor.effects import (
     SensorPosition,
     UnbalanceForce,
 )
-from rotor.elements import FloatArray, euler_bernoulli
-from rotor.frequency_response import ComplexArray, dynamic_stiffness
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_model, build_system
-from rotor.rig import Rig
-from rotor.simulator import RotorSimulator
+from rigtwin.rotor.elements import FloatArray, euler_bernoulli
+from rigtwin.rotor.frequency_response import ComplexArray, dynamic_stiffness
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_model, build_system
+from rigtwin.rotor.rig import Rig
+from rigtwin.rotor.simulator import RotorSimulator
 from tests.rotor import rigs
 from tests.rotor.effect_cases import BEARING, OMEGA, by_family, node_receptance, paper, paper_with, sensed
 from tests.tolerances import NEARLY_MASSLESS, ROUND_OFF, STEPPER

@@ -8,14 +8,23 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import AxialLoad, BearingOffset, Effect, HubStiffening, OpenCrack, Rub, SensorPosition, ShaftModulus
-from rotor.frequency_response import dynamic_stiffness, receptance
-from rotor.modal import natural_frequencies_hz
-from rotor.model import build_model, build_system
-from rotor.rig import load_rig
-from rotor.structure import FloatArray
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import (
+    AxialLoad,
+    BearingOffset,
+    Effect,
+    HubStiffening,
+    OpenCrack,
+    Rub,
+    SensorPosition,
+    ShaftModulus,
+)
+from rigtwin.rotor.frequency_response import dynamic_stiffness, receptance
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.model import build_model, build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.structure import FloatArray
 from tests.rotor.effect_cases import RIGID, node_receptance, paper, paper_with, sensed
 from tests.tolerances import CONVERGENCE_ORDER, FINE_MESH, ROUND_OFF
 

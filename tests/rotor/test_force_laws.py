@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-import build_laws
-from rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, LAWS, ForceLaw
-from rotor.local_force import LocalForce
-from rotor.printed_laws import ARRAY, SCALAR
-from rotor.structure import FloatArray
+from rigtwin.fmu_src import print_laws
+from rigtwin.rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, LAWS, ForceLaw
+from rigtwin.rotor.local_force import LocalForce
+from rigtwin.rotor.printed_laws import ARRAY, SCALAR
+from rigtwin.rotor.structure import FloatArray
 from tests.tolerances import DIFFERENCE_QUOTIENT, LAW_ROUND_OFF
 
 WITHOUT_MEMORY = [law for law in LAWS if not law.memory]
@@ -81,9 +82,9 @@ def sharp(law: ForceLaw, x: float, coefficients: Sequence[float]) -> float:
 # --- printed ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("file", build_laws.printed(), ids=lambda file: file.name)
+@pytest.mark.parametrize("file", print_laws.printed(), ids=lambda file: file.name)
 def test_the_printed_laws_are_those_of_the_expressions(file):
-    assert build_laws.printed()[file] == file.read_text(encoding="utf-8"), "run python build_laws.py"
+    assert print_laws.printed()[file] == file.read_text(encoding="utf-8"), "run python print_laws.py"
 
 
 def test_every_law_is_printed_for_floats_and_every_law_without_memory_for_arrays():
@@ -307,7 +308,8 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     """The printed laws as a shared library, compiled with all warnings as errors."""
     compiler = shutil.which("gcc")
     assert compiler, "gcc is not installed; the printed C cannot be checked without a compiler: apt install gcc"
-    source, library = build_laws.ROOT / "fmu_src" / "native" / "laws.c", tmp_path_factory.mktemp("laws") / "laws.so"
+    source = Path(print_laws.__file__).with_name("native") / "laws.c"
+    library = tmp_path_factory.mktemp("laws") / "laws.so"
     options = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-shared", "-fPIC"]
     run = subprocess.run([compiler, *options, str(source), "-o", str(library), "-lm"], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from rotor.condition import Condition
-from rotor.continuation import Curve, trace
-from rotor.effects import (
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.continuation import Curve, trace
+from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
     BearingFriction,
@@ -19,14 +19,14 @@ from rotor.effects import (
     PlaneAnisotropy,
     Rub,
 )
-from rotor.force_laws import CUBIC
-from rotor.frequency_response import accelerance
-from rotor.harmonic_balance import Balance, Motions
-from rotor.local_force import LocalForce
-from rotor.model import Change, build_model
-from rotor.periodic_force import complex_form, real_form
-from rotor.printed_laws import SCALAR
-from rotor.structure import FloatArray
+from rigtwin.rotor.force_laws import CUBIC
+from rigtwin.rotor.frequency_response import accelerance
+from rigtwin.rotor.harmonic_balance import Balance, Motions
+from rigtwin.rotor.local_force import LocalForce
+from rigtwin.rotor.model import Change, build_model
+from rigtwin.rotor.periodic_force import complex_form, real_form
+from rigtwin.rotor.printed_laws import SCALAR
+from rigtwin.rotor.structure import FloatArray
 from tests import tolerances as tol
 from tests.rotor.oscillators import (
     CONDITION,

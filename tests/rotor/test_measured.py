@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rotor.condition import Condition
-from rotor.effects import (
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import (
     AttachedMass,
     BearingCubic,
     CoarseGrid,
@@ -22,9 +22,9 @@ from rotor.effects import (
     SensorMass,
     SensorPosition,
 )
-from rotor.frequency_response import accelerance
-from rotor.measured import ChannelGroup, channel_groups, measured_response
-from rotor.model import build_system
+from rigtwin.rotor.frequency_response import accelerance
+from rigtwin.rotor.measured import ChannelGroup, channel_groups, measured_response
+from rigtwin.rotor.model import build_system
 from tests.rotor.rigs import paper_structure
 from tests.tolerances import ROUND_OFF
 

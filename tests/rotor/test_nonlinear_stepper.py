@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.drive import Drive, Tone
-from rotor.effects import (
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.drive import Drive, Tone
+from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
     BearingFriction,
@@ -27,15 +27,15 @@ from rotor.effects import (
     Rub,
     ViscoelasticSupport,
 )
-from rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, JENKINS, ForceLaw
-from rotor.local_force import LocalForce
-from rotor.model import RotorModel, build_model
-from rotor.nonlinear_stepper import NoBalanceError, NonlinearStepper
-from rotor.simulator import RotorSimulator
-from rotor.state_space import StateSpace
-from rotor.stepper import ModalStepper
-from rotor.structure import FloatArray, Structure
-from rotor.system import LinearSystem
+from rigtwin.rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, JENKINS, ForceLaw
+from rigtwin.rotor.local_force import LocalForce
+from rigtwin.rotor.model import RotorModel, build_model
+from rigtwin.rotor.nonlinear_stepper import NoBalanceError, NonlinearStepper
+from rigtwin.rotor.simulator import RotorSimulator
+from rigtwin.rotor.state_space import StateSpace
+from rigtwin.rotor.stepper import ModalStepper
+from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.rotor.system import LinearSystem
 from tests.rotor import rigs
 from tests.tolerances import CONVERGENCE_ORDER, ENERGY_PER_PERIOD, NONLINEAR_STEPPER, ROUND_OFF, SLIDING, STEPPER
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rotor.assembly import assemble
-from rotor.elements import euler_bernoulli
-from rotor.modal import natural_frequencies_hz
-from rotor.rig import Rig, RigError, load_rig, parse_rig, shipped_rigs
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.elements import euler_bernoulli
+from rigtwin.rotor.modal import natural_frequencies_hz
+from rigtwin.rotor.rig import Rig, RigError, load_rig, parse_rig, shipped_rigs
 from tests.rotor import rigs
 from tests.tolerances import FINE_MESH, ROUND_OFF, hermite_error
 
@@ -159,7 +159,7 @@ def test_a_rig_is_loaded_from_a_path(tmp_path):
 
 
 def test_another_rotor_under_a_shipped_name_is_refused(tmp_path):
-    text = (files("rotor") / "rigs" / "nit-rourkela.toml").read_text(encoding="utf-8")
+    text = (files("rigtwin.rotor") / "rigs" / "nit-rourkela.toml").read_text(encoding="utf-8")
     path = tmp_path / "copy.toml"
     path.write_text(text.replace("elements_between_nodes = 1", "elements_between_nodes = 4"), encoding="utf-8")
     assert load_rig(path).elements_between_nodes == 4

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import DiskInertia, Gyroscopic, PlaneAnisotropy, UnbalanceForce, ViscoelasticSupport
-from rotor.elements import euler_bernoulli
-from rotor.model import build_model, build_system
-from rotor.simulator import RotorSimulator
-from rotor.whirl import campbell, critical_speeds, unbalance_response, whirl_direction
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import DiskInertia, Gyroscopic, PlaneAnisotropy, UnbalanceForce, ViscoelasticSupport
+from rigtwin.rotor.elements import euler_bernoulli
+from rigtwin.rotor.model import build_model, build_system
+from rigtwin.rotor.simulator import RotorSimulator
+from rigtwin.rotor.whirl import campbell, critical_speeds, unbalance_response, whirl_direction
 from tests.rotor import rigs
 from tests.rotor.test_assembly import UNDAMPED, overhung
 from tests.tolerances import EIGENVALUE_ROUND_OFF, NEARLY_MASSLESS, SPECTRAL

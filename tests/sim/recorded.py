@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sim.campaign import Channel, Run
+from rigtwin.sim.campaign import Channel, Run
 
 ANY_NUMBER = st.floats(allow_nan=False, allow_infinity=False)
 NOT_NEGATIVE = st.floats(min_value=0.0, allow_nan=False, allow_infinity=False)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.session import FmuSession
+from rigtwin.sim.session import FmuSession
 
 
 class StandIn:

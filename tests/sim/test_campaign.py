@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sim.campaign import Campaign, Channel, MeasurementError, NominalBelief, Run
+from rigtwin.sim.campaign import Campaign, Channel, MeasurementError, NominalBelief, Run
 from tests.sim.recorded import a_run
 
 

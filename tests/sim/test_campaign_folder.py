@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotor.rig import load_rig
-from sim import campaign_folder
-from sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList
-from sim.campaign_folder import load_campaign, save_campaign
-from sim.formats import RunSettings, read_run
+from rigtwin.rotor.rig import load_rig
+from rigtwin.sim import campaign_folder
+from rigtwin.sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList
+from rigtwin.sim.campaign_folder import load_campaign, save_campaign
+from rigtwin.sim.formats import RunSettings, read_run
 from tests.sim.recorded import a_run, assert_same_run, runs
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from sim.detection import HARMONICS, detect
+from rigtwin.sim.detection import HARMONICS, detect
 from tests.tolerances import ROUND_OFF
 
 # A statistic with a fixed seed is rejected where its null distribution gives it less than this.

@@ -16,9 +16,9 @@ import pyuff
 import scipy.io
 from hypothesis import given, settings
 
-from sim.campaign import Channel, MeasurementError
-from sim.formats import SUFFIXES, read_run, write_run
-from sim.formats.settings import settings_of
+from rigtwin.sim.campaign import Channel, MeasurementError
+from rigtwin.sim.formats import SUFFIXES, read_run, write_run
+from rigtwin.sim.formats.settings import settings_of
 from tests.sim.recorded import a_run, assert_same_run, runs
 
 FEW = settings(max_examples=40, deadline=None)
@@ -101,7 +101,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, suffix, m
         raise OSError("no space left on device")
 
     for place in ("csv_file._columns", "uff._blocks", "hdf5.arrays_of", "matlab.texts_of"):
-        monkeypatch.setattr(f"sim.formats.{place}", disk_full)
+        monkeypatch.setattr(f"rigtwin.sim.formats.{place}", disk_full)
     with pytest.raises(OSError, match="no space left"):
         write_run(a_run(name="other"), path)
     assert path.read_bytes() == before
@@ -109,7 +109,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, suffix, m
 
 
 @pytest.mark.parametrize(
-    ("suffix", "step"), [(".h5", "h5py.Group.create_dataset"), (".uff", "sim.formats.uff._dataset_58")]
+    ("suffix", "step"), [(".h5", "h5py.Group.create_dataset"), (".uff", "rigtwin.sim.formats.uff._dataset_58")]
 )
 def test_a_failure_in_the_middle_of_a_file_leaves_the_old_one(tmp_path, suffix, step, monkeypatch):
     path = tmp_path / f"run{suffix}"

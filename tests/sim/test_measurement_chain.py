@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rotor.condition import Condition
-from rotor.effects import (
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
     BearingCubic,
@@ -25,11 +25,11 @@ from rotor.effects import (
     SensorPosition,
     UnbalanceForce,
 )
-from rotor.measured import measured_response
-from sim.campaign import Run
-from sim.sensors import SensorNoise
-from sim.session import FmuSession
-from sim.stepped_sine import Rig, SetupError, SweepPlan, measure_lines, sweep
+from rigtwin.rotor.measured import measured_response
+from rigtwin.sim.campaign import Run
+from rigtwin.sim.sensors import SensorNoise
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import Rig, SetupError, SweepPlan, measure_lines, sweep
 from tests.rotor.rigs import paper_structure
 from tests.sim.stand_ins import DuffingOscillator
 from tests.tolerances import SAME_LINE, SETTLED_LINE

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from scipy.optimize import curve_fit
 
-from sim.campaign import Channel, MeasurementError, Run
-from sim.modal_fit import ModalFitError, Mode, driving_point, fit_mode, fit_modes, half_power_band, resonances
+from rigtwin.sim.campaign import Channel, MeasurementError, Run
+from rigtwin.sim.modal_fit import ModalFitError, Mode, driving_point, fit_mode, fit_modes, half_power_band, resonances
 
 # Exact data inside the fitted model: what the optimiser's stopping rule leaves.
 EXACT_FREQUENCY, EXACT_DAMPING = 1e-9, 1e-6

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rotor.effects import BearingClearance, BearingCubic, BilinearSupport, FastSweep, Rub
-from sim.detection import detect
-from sim.lines import PERIODIC
-from sim.sensors import SensorNoise
-from sim.session import FmuSession
-from sim.stepped_sine import NotSettledError, Rig, SweepPlan, measure_lines, sweep
+from rigtwin.rotor.effects import BearingClearance, BearingCubic, BilinearSupport, FastSweep, Rub
+from rigtwin.sim.detection import detect
+from rigtwin.sim.lines import PERIODIC
+from rigtwin.sim.sensors import SensorNoise
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import NotSettledError, Rig, SweepPlan, measure_lines, sweep
 from tests.sim.stand_ins import DuffingOscillator, StandIn, SwellingMotion
 from tests.tolerances import SAME_LINE
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sim.detection import detect
-from sim.sensors import SensorNoise
+from rigtwin.sim.detection import detect
+from rigtwin.sim.sensors import SensorNoise
 
 SAMPLES_PER_PERIOD = 16
 PEAKS = np.array([1.0, 250.0, 4e-3])  # [m/s^2]

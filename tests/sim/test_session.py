@@ -16,7 +16,7 @@ import pytest
 from fmpy import platform, platform_tuple
 from numpy.testing import assert_array_equal
 
-from sim.session import FmuError, FmuSession
+from rigtwin.sim.session import FmuError, FmuSession
 
 NODE_2 = "node_2.acceleration_y"
 SINE = {"force_amplitude": 1.0, "force_frequency": 90.0}
@@ -289,7 +289,7 @@ def test_a_closed_session_refuses_calls_and_a_second_close_does_nothing(rotor_fm
     """In a process of its own: the library would answer both with a segmentation fault."""
     script = """
 import sys
-from sim.session import FmuError, FmuSession
+from rigtwin.sim.session import FmuError, FmuSession
 
 session = FmuSession(sys.argv[1])
 session.start()

@@ -10,17 +10,17 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from rotor.condition import Condition
-from rotor.effects import PlaneAnisotropy
-from rotor.frequency_response import accelerance
-from rotor.modal import damped_modes
-from rotor.model import build_system
-from rotor.system import LinearSystem
-from sim.campaign import Channel, Run
-from sim.detection import HARMONICS
-from sim.sensors import SensorNoise
-from sim.session import FmuSession
-from sim.stepped_sine import NotSettledError, Rig, Sweep, SweepPlan, measure_lines, sweep
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import PlaneAnisotropy
+from rigtwin.rotor.frequency_response import accelerance
+from rigtwin.rotor.modal import damped_modes
+from rigtwin.rotor.model import build_system
+from rigtwin.rotor.system import LinearSystem
+from rigtwin.sim.campaign import Channel, Run
+from rigtwin.sim.detection import HARMONICS
+from rigtwin.sim.sensors import SensorNoise
+from rigtwin.sim.session import FmuSession
+from rigtwin.sim.stepped_sine import NotSettledError, Rig, Sweep, SweepPlan, measure_lines, sweep
 from tests.rotor.rigs import paper_structure
 
 # The project's bar for the FMU against the direct response. Rounding the sampling instants to the

@@ -8,7 +8,7 @@ import pytest
 from fmpy.ssp.ssd import read_ssd
 
 from examples import ssp_hammer_test
-from fmu_src.ssp import write_ssp
+from rigtwin.fmu_src.ssp import write_ssp
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
-from fmu_src import compiling
-from fmu_src.compiling import this_machine
-from rotor.rig import Rig, load_rig
-from sim.session import FmuSession
+from rigtwin.fmu_src import compiling
+from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
+from rigtwin.fmu_src.compiling import this_machine
+from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.sim.session import FmuSession
 from tests.fmu.native.sanitizers import SANITIZED, sanitized_compiler
 
 if SANITIZED in os.environ:

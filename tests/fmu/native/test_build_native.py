@@ -15,14 +15,14 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from build_fmu import build_native_estimator_fmu, build_native_rotor_fmu
-from fmu_src import compiling
-from fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
-from fmu_src.native_sources import EFFECT_WORDS
-from fmu_src.network_code import WIDEST, UnknownOperationError, network_code
 from rigtwin import fmus
+from rigtwin.fmu_src import compiling
+from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
+from rigtwin.fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
+from rigtwin.fmu_src.native_sources import EFFECT_WORDS
+from rigtwin.fmu_src.network_code import WIDEST, UnknownOperationError, network_code
 from rigtwin.fmus import manifest
-from rotor.rig import load_rig
+from rigtwin.rotor.rig import load_rig
 
 SEEN = '__attribute__((visibility("default"))) '
 
@@ -62,7 +62,7 @@ def test_another_model_description_has_another_guid(tmp_path, monkeypatch):
     """A binary must not be taken for that of another description."""
     build = partial(build_native_rotor_fmu, load_rig("nit-rourkela"), targets=[this_machine()])
     before = manifest(build(tmp_path / "before"))["guid"]
-    monkeypatch.setattr("build_fmu.ROTOR_MEANING", "another rotor")
+    monkeypatch.setattr("rigtwin.fmu_src.build.ROTOR_MEANING", "another rotor")
     assert manifest(build(tmp_path / "after"))["guid"] != before
 
 

@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
-from fmu_src.native_sources import EFFECT_WORDS
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.effects import (
+from rigtwin.fmu_src.native_sources import EFFECT_WORDS
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
     AxialLoad,
@@ -22,11 +22,11 @@ from rotor.effects import (
     Rub,
     ViscoelasticSupport,
 )
-from rotor.effects.nonlinear import SEAT_PARTS
-from rotor.force_laws import LAWS
-from rotor.model import build_model, build_system
-from rotor.rig import load_rig
-from rotor.simulator import RotorSimulator
+from rigtwin.rotor.effects.nonlinear import SEAT_PARTS
+from rigtwin.rotor.force_laws import LAWS
+from rigtwin.rotor.model import build_model, build_system
+from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.simulator import RotorSimulator
 from tests.fmu.native.core import Core, Rotor, compiled
 from tests.rotor import rigs
 

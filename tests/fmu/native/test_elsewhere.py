@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fmu_src.compiling import this_machine
+from rigtwin.fmu_src.compiling import this_machine
 from tests.fmu.native.elsewhere import SINE, STARTS, STEPS, H, difference, estimator_script, rotor_script, run
 
 

@@ -14,8 +14,8 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from numpy.testing import assert_array_equal
 
-from sim.session import FmuError, FmuSession
-from sim.stepped_sine import Rig, SweepPlan, sweep
+from rigtwin.sim.session import FmuError, FmuSession
+from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 from tests.fmu.test_model_description import fmutool_report
 
 N_NODES = 7

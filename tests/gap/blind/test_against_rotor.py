@@ -8,21 +8,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gap.blind.effects import CHAIN, LINEAR, NONLINEAR, Effect, draw_effect, log_uniform
-from gap.blind.lines import choose_lines, resonances, with_armature
-from gap.blind.machine import Setting
-from gap.blind.nonlinear import bent_peaks, swept_up, telling_levels
-from gap.blind.response import machines, reported
-from gap.blind.rig import read_rig
-from rotor.assembly import assemble
-from rotor.condition import Condition
-from rotor.continuation import trace
-from rotor.effects import AttachedMass
-from rotor.effects.library import EFFECTS
-from rotor.harmonic_balance import Balance
-from rotor.measured import measured_response
-from rotor.model import build_model
-from rotor.rig import load_rig
+from rigtwin.gap.blind.effects import CHAIN, LINEAR, NONLINEAR, Effect, draw_effect, log_uniform
+from rigtwin.gap.blind.lines import choose_lines, resonances, with_armature
+from rigtwin.gap.blind.machine import Setting
+from rigtwin.gap.blind.nonlinear import bent_peaks, swept_up, telling_levels
+from rigtwin.gap.blind.response import machines, reported
+from rigtwin.gap.blind.rig import read_rig
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.continuation import trace
+from rigtwin.rotor.effects import AttachedMass
+from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.harmonic_balance import Balance
+from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.model import build_model
+from rigtwin.rotor.rig import load_rig
 
 RIG = read_rig("nit-rourkela")
 STRUCTURE = assemble(load_rig("nit-rourkela"), elements_between_nodes=16)

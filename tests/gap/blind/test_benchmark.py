@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from gap.blind.bars import bars
-from gap.blind.generate import Order, make, seal
-from gap.blind.results import from_row
 from rigtwin import blind
 from rigtwin.blind import BlindRequest, diagnose_all, in_own_process, run_blind
 from rigtwin.exits import UserError
+from rigtwin.gap.blind.bars import bars
+from rigtwin.gap.blind.generate import Order, make, seal
+from rigtwin.gap.blind.results import from_row
 from rigtwin.scale_out import executor
 
 # Of the tuning split: twice no gap, an artefact, a mass, two rotors of ROSS.
@@ -29,7 +29,7 @@ ORDERS = (
 
 
 def test_right_names_on_a_fixed_part(tmp_path):
-    from gap.blind.score import read_outcomes
+    from rigtwin.gap.blind.score import read_outcomes
 
     campaigns, answers = tmp_path / "campaigns", tmp_path / "answers"
     for order in ORDERS:

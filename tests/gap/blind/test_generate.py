@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.blind import generate
-from gap.blind.case import measure, plan_lines, standard_error
-from gap.blind.detection import THRESHOLD, Distance, PlainRun
-from gap.blind.draw import LIBRARY, draw_campaign, empty_case, library_effect
-from gap.blind.effects import Effect
-from gap.blind.folder import read_csv, write_campaign
-from gap.blind.generate import Order, make, make_all, seal
-from gap.blind.machine import Workshop
-from gap.blind.nonlinear import NotFoundError
-from gap.blind.response import reported
-from gap.blind.rig import read_rig
-from gap.blind.score import read_labels
-from gap.blind.sizes import shown_size, size_ratio
-from sim.campaign_folder import load_campaign
+from rigtwin.gap.blind import generate
+from rigtwin.gap.blind.case import measure, plan_lines, standard_error
+from rigtwin.gap.blind.detection import THRESHOLD, Distance, PlainRun
+from rigtwin.gap.blind.draw import LIBRARY, draw_campaign, empty_case, library_effect
+from rigtwin.gap.blind.effects import Effect
+from rigtwin.gap.blind.folder import read_csv, write_campaign
+from rigtwin.gap.blind.generate import Order, make, make_all, seal
+from rigtwin.gap.blind.machine import Workshop
+from rigtwin.gap.blind.nonlinear import NotFoundError
+from rigtwin.gap.blind.response import reported
+from rigtwin.gap.blind.rig import read_rig
+from rigtwin.gap.blind.score import read_labels
+from rigtwin.gap.blind.sizes import shown_size, size_ratio
+from rigtwin.sim.campaign_folder import load_campaign
 
 RIG = read_rig("nit-rourkela")
 CUBIC = next(i for i in range(len(LIBRARY)) if library_effect(i) == "bearing_cubic")

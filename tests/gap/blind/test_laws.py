@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.blind.case import Case
-from gap.blind.draw import empty_case
-from gap.blind.effects import KINDS, NONLINEAR, draw_effect
-from gap.blind.forms import FORMS, in_form
-from gap.blind.laws import law_of, stop_operator
-from gap.blind.machine import Setting, Workshop
-from gap.blind.response import reported
-from gap.blind.rig import read_rig
+from rigtwin.gap.blind.case import Case
+from rigtwin.gap.blind.draw import empty_case
+from rigtwin.gap.blind.effects import KINDS, NONLINEAR, draw_effect
+from rigtwin.gap.blind.forms import FORMS, in_form
+from rigtwin.gap.blind.laws import law_of, stop_operator
+from rigtwin.gap.blind.machine import Setting, Workshop
+from rigtwin.gap.blind.response import reported
+from rigtwin.gap.blind.rig import read_rig
 
 RIG = read_rig("nit-rourkela")
 T = 2 * np.pi * np.arange(512)[:, None] / 512

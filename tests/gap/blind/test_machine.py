@@ -9,14 +9,14 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from gap.blind import beam
-from gap.blind.beam import build_shaft
-from gap.blind.effects import CHAIN, KINDS, LINEAR, STRANGERS, Effect, draw_effect, faded
-from gap.blind.lines import choose_lines, resonances
-from gap.blind.machine import Setting, build_machine
-from gap.blind.response import N_DRIFTING, reported
-from gap.blind.rig import Segment, read_rig
-from gap.blind.transient import swept
+from rigtwin.gap.blind import beam
+from rigtwin.gap.blind.beam import build_shaft
+from rigtwin.gap.blind.effects import CHAIN, KINDS, LINEAR, STRANGERS, Effect, draw_effect, faded
+from rigtwin.gap.blind.lines import choose_lines, resonances
+from rigtwin.gap.blind.machine import Setting, build_machine
+from rigtwin.gap.blind.response import N_DRIFTING, reported
+from rigtwin.gap.blind.rig import Segment, read_rig
+from rigtwin.gap.blind.transient import swept
 
 RIG = read_rig("nit-rourkela")
 BEARING = Setting(False, 1.3e6, 20.0, 0.002)

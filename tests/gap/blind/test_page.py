@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from gap.blind.bars import bars, detection_curve
-from gap.blind.page import confusions, controls, failures, page, rejected
-from gap.blind.results import from_row, to_row
-from gap.blind.score import Outcome, Shrink, failed, outcome
+from rigtwin.gap.blind.bars import bars, detection_curve
+from rigtwin.gap.blind.page import confusions, controls, failures, page, rejected
+from rigtwin.gap.blind.results import from_row, to_row
+from rigtwin.gap.blind.score import Outcome, Shrink, failed, outcome
 from tests.gap.blind.test_score import MASS, diagnosis, label
 
 RIGHT = diagnosis("cause", ("attached_mass", 0.95))

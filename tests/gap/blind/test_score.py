@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.blind.score import (
+from rigtwin.gap.blind.score import (
     Outcome,
     Shrink,
     failed,
@@ -22,7 +22,7 @@ from gap.blind.score import (
     shuffled,
     unknown_auroc,
 )
-from gap.blind.statistics import auroc, brier, calibration_error, rate
+from rigtwin.gap.blind.statistics import auroc, brier, calibration_error, rate
 
 MASS = {"id": "attached_mass", "parameters": {"mass": 0.1}, "location": {"kind": "node", "node": 3}}
 CRACK = {"id": "open_crack", "parameters": {"reduction": 0.2}, "location": {"kind": "position", "x_m": 0.2}}
@@ -163,7 +163,7 @@ def test_gap_leaves_silent_channels_out():
 
 
 def test_shrink_is_read_from_predicted_files(tmp_path):
-    from gap.blind.folder import write_csv
+    from rigtwin.gap.blind.folder import write_csv
 
     frequency, H = np.linspace(20, 30, 5), np.ones((5, 7), dtype=complex)
     (tmp_path / "truth").mkdir()

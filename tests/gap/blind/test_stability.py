@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gap.blind.case import measure, plan_lines
-from gap.blind.draw import empty_case, with_levels
-from gap.blind.effects import Effect, draw_effect
-from gap.blind.generate import DATA, Order, make, seal, stored_case
-from gap.blind.laws import dead_band
-from gap.blind.machine import build_machine
-from gap.blind.nonlinear import GROWTH, Balance, joints_of, stepped_forces, swept_up
-from gap.blind.response import N_DRIFTING
-from gap.blind.rig import read_rig
-from gap.blind.score import read_labels
-from sim.campaign_folder import load_campaign
+from rigtwin.gap.blind.case import measure, plan_lines
+from rigtwin.gap.blind.draw import empty_case, with_levels
+from rigtwin.gap.blind.effects import Effect, draw_effect
+from rigtwin.gap.blind.generate import DATA, Order, make, seal, stored_case
+from rigtwin.gap.blind.laws import dead_band
+from rigtwin.gap.blind.machine import build_machine
+from rigtwin.gap.blind.nonlinear import GROWTH, Balance, joints_of, stepped_forces, swept_up
+from rigtwin.gap.blind.response import N_DRIFTING
+from rigtwin.gap.blind.rig import read_rig
+from rigtwin.gap.blind.score import read_labels
+from rigtwin.sim.campaign_folder import load_campaign
 
 RIG = read_rig("nit-rourkela")
 
@@ -129,8 +129,8 @@ def test_every_stored_case_takes_its_place_in_w6(tmp_path):
 def test_rosses_rotor_is_the_generators(folder):
     import json
 
-    from gap.blind.machine import Setting, Workshop
-    from gap.blind.response import reported
+    from rigtwin.gap.blind.machine import Setting, Workshop
+    from rigtwin.gap.blind.response import reported
 
     label = json.loads((folder / "truth" / "label.json").read_text(encoding="utf-8"))
     workshop = label["workshop"]

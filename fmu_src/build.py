@@ -1,0 +1,340 @@
+"""Build the FMUs.
+
+Stage the sources, let pythonfmu build, complete the archive (picture, documentation, names that
+cannot clash), validate, and only then put the file in place. With ``--native`` both are built once
+more without Python inside: print what is the rig's own as C, compile it with the core for every
+platform in reach, and pack it for FMI 2.0 (``dist/fmi2``) and FMI 3.0 (``dist/fmi3``).
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from xml.etree.ElementTree import Element, ElementTree, indent, tostring
+
+import fmpy
+import numpy as np
+from fmpy.validation import validate_fmu
+
+from rigtwin.fmu_src.compiling import CompileError, Target, compile_library, reachable_targets
+from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages
+from rigtwin.fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
+from rigtwin.fmu_src.model_description import Model, build_description, fmi2, fmi3
+from rigtwin.fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources
+from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, accelerations_array, rotor_variables
+from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, stage
+from rigtwin.rotor.assembly import assemble
+from rigtwin.rotor.rig import Rig, RigError, load_rig
+from rigtwin.rotor.structure import to_arrays
+
+ROTOR_FMU = "RotorRig.fmu"
+SHIPPED_RIG = "nit-rourkela"
+
+# What both need: a slave that is driven by a variable table.
+_SLAVE_MODULES = ("rigtwin.fmu_src.slave", "rigtwin.fmu_src.variables", "rigtwin.fmu_src.model_description")
+
+# What the rotor needs at run time: everything but geometry, meshing and the frequency domain.
+_ROTOR_MODULES = (
+    *(
+        f"rigtwin.rotor.{name}"
+        for name in ("condition", "design", "drive", "elements", "force_laws", "local_force", "model")
+    ),
+    *(f"rigtwin.rotor.{name}" for name in ("nonlinear_stepper", "printed_laws", "simulator", "state_space", "stepper")),
+    *(f"rigtwin.rotor.{name}" for name in ("structure", "system")),
+    *(f"rigtwin.rotor.effects.{name}" for name in ("chain", "effect", "library", "nonlinear", "spinning", "structure")),
+    "rigtwin.rotor.effects.supports",
+)
+ESTIMATOR_FMU = "StiffnessEstimator.fmu"
+
+# FMI's own C headers come with fmpy.
+FMI_HEADERS = Path(fmpy.__file__).with_name("c-code")
+
+# A fixed time stamp in the archive: the same sources give the same file, byte for byte.
+_ZIP_DATE = (2020, 1, 1, 0, 0, 0)
+
+
+class BuildError(RuntimeError):
+    """pythonfmu failed, or the FMU it made does not pass validation."""
+
+
+def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | None = None) -> Path:
+    """Build ``RotorRig.fmu`` of a rig.
+
+    Parameters
+    ----------
+    rig : the rig
+    folder : where the FMU goes; made if it is not there
+    elements_between_nodes : mesh refinement, default the rig's own
+
+    Returns
+    -------
+    Path of the FMU. Raises BuildError; an older file is then left as it was.
+    """
+    structure = assemble(rig, elements_between_nodes=elements_between_nodes)
+    facts = _facts(rig)
+    bundle = Bundle(
+        script="rigtwin.fmu_src.rotor_slave",
+        modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.rotor_variables", *_ROTOR_MODULES),
+        data={"structure.npz": _npz(to_arrays(structure)), "rig.json": rig.model_dump_json(indent=1).encode()},
+    )
+    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, rotor_pages(rig, facts), folder / ROTOR_FMU)
+
+
+def _facts(rig: Rig) -> RotorFacts:
+    return RotorFacts(
+        n_nodes=len(rig.nodes_m),
+        excitation_node=rig.excitation_node,
+        shaft_damping_ratio=rig.shaft_damping_ratio,
+        bearing_damping=rig.bearing_damping_Ns_per_m,
+        k_b_start=rig.k_b.start_N_per_m,
+        k_b_min=rig.k_b.min_N_per_m,
+        k_b_max=rig.k_b.max_N_per_m,
+        length=rig.length,
+    )
+
+
+def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
+    """Build ``StiffnessEstimator.fmu`` around a trained network, default the shipped one. Raises BuildError."""
+    from rigtwin.estimator.runtime import shipped_model
+
+    model = model or shipped_model()
+    bundle = Bundle(
+        script="rigtwin.fmu_src.estimator_slave",
+        modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.estimator_variables", "rigtwin.estimator.runtime"),
+        data={"estimator.onnx": model.read_bytes()},
+    )
+    return _build(bundle, {}, estimator_pages(model), folder / ESTIMATOR_FMU)
+
+
+def build_native_rotor_fmu(
+    rig: Rig,
+    folder: Path,
+    *,
+    fmi: str = "2.0",
+    targets: Sequence[Target] | None = None,
+    elements_between_nodes: int | None = None,
+    array_output: bool = False,
+) -> Path:
+    """Build ``RotorRig.fmu`` without Python inside.
+
+    Parameters
+    ----------
+    rig, folder, elements_between_nodes : see ``build_rotor_fmu``
+    fmi : version, "2.0" or "3.0"
+    targets : platforms, default all that can be compiled for here
+    array_output : FMI 3.0: all accelerations once more as one array; importers that read one value a reference fail
+
+    Returns
+    -------
+    Path of the FMU. Raises BuildError and CompileError; an older file is then left as it was.
+    """
+    structure, facts = assemble(rig, elements_between_nodes=elements_between_nodes), _facts(rig)
+    arrays = (accelerations_array(facts),) if array_output else ()
+    blank = Model("RotorRig", "", version("rigtwin"), ROTOR_MEANING, ROTOR_STEP, rotor_variables(facts), arrays)
+
+    def sources(model: Model) -> dict[str, str]:
+        return rotor_sources(model, structure, fmi)
+
+    data = {"rig.json": rig.model_dump_json(indent=1).encode()}
+    pages = rotor_pages(rig, facts, needs_python=False)
+    return _build_native(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / ROTOR_FMU)
+
+
+def build_native_estimator_fmu(
+    folder: Path, model: Path | None = None, *, fmi: str = "2.0", targets: Sequence[Target] | None = None
+) -> Path:
+    """Build ``StiffnessEstimator.fmu`` without Python inside; see ``build_native_rotor_fmu``."""
+    from rigtwin.estimator.runtime import StiffnessEstimator, shipped_model
+
+    model = model or shipped_model()
+    table = estimator_variables(StiffnessEstimator(model).card["example_inputs"])
+    blank = Model("StiffnessEstimator", "", version("rigtwin"), ESTIMATOR_MEANING, ESTIMATOR_STEP, table)
+
+    def sources(described: Model) -> dict[str, str]:
+        return estimator_sources(described, model, fmi)
+
+    data, pages = {"estimator.onnx": model.read_bytes()}, estimator_pages(model, needs_python=False)
+    return _build_native(blank, sources, fmi, targets, {}, data, pages, folder / ESTIMATOR_FMU)
+
+
+def _build_native(
+    blank: Model,
+    sources: Callable[[Model], dict[str, str]],
+    fmi: str,
+    targets: Sequence[Target] | None,
+    facts: dict[str, str],
+    data: dict[str, bytes],
+    pages: dict[str, bytes],
+    target: Path,
+) -> Path:
+    """Print, compile, pack."""
+    without_guid = sources(blank)
+    model = replace(blank, sources=c_files(without_guid))
+    model = replace(model, guid=guid(digest(without_guid | _described(model, fmi, facts, data))))
+    manifest = {"guid": model.guid, "version": model.version, **facts}
+    with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
+        unpacked = Path(scratch)
+        written = unpacked / "sources"
+        written.mkdir()
+        for name, text in sources(model).items():
+            (written / name).write_text(text, encoding="utf-8")
+        for header in sorted(FMI_HEADERS.glob(f"fmi{fmi[0]}*.h")):
+            shutil.copy2(header, written)
+        for platform in targets or reachable_targets():
+            library = unpacked / "binaries" / platform.folder(fmi) / f"{model.name}{platform.suffix}"
+            compile_library(written, model.sources, platform, library)
+        if fmi == "3.0":
+            _write_xml(build_description(model), written / "buildDescription.xml")
+        _write_xml(_description(model, fmi), unpacked / "modelDescription.xml")
+        resources = {"manifest.json": json.dumps(manifest, indent=1).encode(), **data}
+        _write_all(unpacked, pages | {f"resources/{name}": content for name, content in resources.items()})
+        _pack(unpacked, target)
+    return target
+
+
+def _description(model: Model, fmi: str) -> Element:
+    return fmi2(model, needs_execution_tool=False) if fmi == "2.0" else fmi3(model)
+
+
+def _described(model: Model, fmi: str, facts: dict[str, str], data: dict[str, bytes]) -> dict[str, str]:
+    """What the GUID stands for beside the sources: the description, the facts, the data."""
+    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in data.items()}
+    return {"modelDescription.xml": tostring(_description(model, fmi), "unicode"), "facts": json.dumps(facts), **hashes}
+
+
+def _write_xml(root: Element, path: Path) -> None:
+    indent(root, "\t")
+    ElementTree(root).write(path, encoding="UTF-8", xml_declaration=True)
+
+
+def _write_all(folder: Path, contents: dict[str, bytes]) -> None:
+    for name, content in contents.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+
+def _build(bundle: Bundle, facts: dict, pages: dict[str, bytes], target: Path) -> Path:
+    """Stage, build, complete, validate, put in place."""
+    manifest = json.dumps({"guid": bundle.guid, "version": version("rigtwin"), **facts}, indent=1)
+    with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
+        stock = _run_pythonfmu(stage(bundle, manifest, _folder(scratch, "stage")), Path(scratch))
+        unpacked = Path(scratch) / "fmu"
+        with zipfile.ZipFile(stock) as archive:
+            archive.extractall(unpacked)
+        hide_pythonfmu(unpacked / "resources", bundle)
+        _write_all(unpacked, pages)
+        _pack(unpacked, target)
+    return target
+
+
+def _pack(unpacked: Path, target: Path) -> None:
+    """Zip beside the target, validate, put in place. Raises BuildError."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    complete = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        _zip(unpacked, complete)
+        problems = validate_fmu(str(complete))
+        if problems:
+            raise BuildError(f"{target.name} is not a valid FMU: " + "; ".join(problems))
+        os.replace(complete, target)
+    finally:
+        complete.unlink(missing_ok=True)
+
+
+def _run_pythonfmu(script: Path, scratch: Path) -> Path:
+    """Build the stock FMU in a process of its own: pythonfmu imports the slave to describe it."""
+    project_files = [str(p) for p in script.parent.iterdir() if p != script]
+    command = [sys.executable, "-m", "pythonfmu", "build", "-f", str(script), "-d", str(_folder(scratch, "stock"))]
+    command += ["--handle-state", "--serialize-state", *project_files]
+    finished = subprocess.run(command, capture_output=True, text=True, cwd=scratch, check=False)
+    built = list((scratch / "stock").glob("*.fmu"))
+    if finished.returncode or len(built) != 1:
+        raise BuildError(f"pythonfmu could not build {script.name}:\n{finished.stderr.strip()}")
+    return built[0]
+
+
+def _folder(parent: str | Path, name: str) -> Path:
+    path = Path(parent) / name
+    path.mkdir()
+    return path
+
+
+def _zip(folder: Path, target: Path) -> None:
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(p for p in folder.rglob("*") if p.is_file() and "__pycache__" not in p.parts):
+            entry = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _ZIP_DATE)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, path.read_bytes())
+
+
+def _npz(arrays: dict) -> bytes:
+    """Arrays as .npz, the same bytes for the same arrays."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in arrays.items():
+            entry = io.BytesIO()
+            np.lib.format.write_array(entry, np.asarray(array), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy", _ZIP_DATE), entry.getvalue())
+    return buffer.getvalue()
+
+
+def build_native(rig: Rig, folder: Path, *, estimator: bool = True, array_output: bool = False) -> Iterator[Path]:
+    """The FMUs for FMI 2.0 and 3.0, for every platform in reach; says which those are. Raises as they do."""
+    names = ", ".join(target.fmi3 for target in reachable_targets())
+    hint = "" if find_spec("ziglang") else "; with ziglang (pip install ziglang) for all others too"
+    print(f"compiling for {names}{hint}", file=sys.stderr)
+    for fmi in ("2.0", "3.0"):
+        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi, array_output=array_output)
+        if estimator:
+            yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi)
+
+
+def is_shipped(rig: Rig) -> bool:
+    """Whether this is the rig that the shipped estimator knows."""
+    return rig == load_rig(SHIPPED_RIG)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line of ``python build_fmu.py``."""
+    parser = argparse.ArgumentParser(description="Build RotorRig.fmu and StiffnessEstimator.fmu.")
+    parser.add_argument("rig", nargs="?", default=SHIPPED_RIG, help="a shipped rig or the path of a rig TOML")
+    parser.add_argument("--out", type=Path, default=Path("dist"), help="folder for the FMUs (default: dist)")
+    parser.add_argument("--native", action="store_true", help="build them once more, without Python inside")
+    parser.add_argument(
+        "--array-output", action="store_true", help="with --native: the accelerations as one array, too"
+    )
+    options = parser.parse_args(arguments)
+    try:
+        for path in _all_of(load_rig(options.rig), options.out, options.native, options.array_output):
+            print(path)
+    except (RigError, BuildError, CompileError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+def _all_of(rig: Rig, folder: Path, native: bool, array_output: bool) -> Iterator[Path]:
+    """All FMUs that there are of a rig."""
+    known = is_shipped(rig)
+    yield build_rotor_fmu(rig, folder)
+    if known:
+        yield build_estimator_fmu(folder)
+    else:
+        print(f"{ESTIMATOR_FMU} is not built: its network knows the rig {SHIPPED_RIG} only", file=sys.stderr)
+    if native:
+        yield from build_native(rig, folder, estimator=known, array_output=array_output)

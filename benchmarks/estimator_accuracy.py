@@ -21,8 +21,8 @@ from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.fmu_src.build import build_estimator_fmu
 from rigtwin.fmus import build_rotor_for_the_rig
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.scale_out import executor
 
 DOC = Path(__file__).resolve().parent.parent / "docs" / "estimator.md"

@@ -25,7 +25,7 @@ from rigtwin.fmu_src.build import (
 from rigtwin.fmu_src.compiling import compile_library, this_machine
 from rigtwin.fmu_src.rotor_variables import effects_in_fmu
 from rigtwin.rotor.effects import EFFECTS
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 

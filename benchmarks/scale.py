@@ -12,7 +12,7 @@ from rigtwin.estimator.prior import PRIOR
 from rigtwin.fmu_src.build import build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import this_machine
 from rigtwin.rotor.effects import EFFECTS, BearingClearance, Effect
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.scale_out import executor
 from rigtwin.sim.campaign import SupportKind
 from rigtwin.sim.runs import sweep_all

@@ -16,12 +16,12 @@ from fmpy import extract, instantiate_fmu, read_model_description, simulate_fmu
 from benchmarks.page import DOCS, bar, best_seconds, table
 from rigtwin.fmu_src.build import build_native_rotor_fmu, build_rotor_fmu
 from rigtwin.fmu_src.compiling import this_machine
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Channel, Run, SupportKind
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan, measure_lines, sweep

@@ -16,10 +16,10 @@ from fmpy import read_model_description
 
 from rigtwin.estimator.features import FEATURE_NAMES, features_of_runs
 from rigtwin.estimator.prior import Prior, Rigs
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import elastic_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.sensors import SensorNoise
 from rigtwin.sim.session import FmuSession

@@ -6,7 +6,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.sim.campaign import MeasurementError, PeakList, Run
 from rigtwin.sim.modal_fit import Mode, driving_point, fit_modes
 

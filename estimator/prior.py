@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import elastic_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rigtwin.estimator.features import Features
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.state_space import StateSpace
-from rigtwin.rotor.structure import Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.state_space import StateSpace
+from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.model.system import LinearSystem
 
 # Bearing damping is looked for in these steps [N s/m]; far beyond, the dampers lock the bearings.
 _BEARING_DAMPING = np.concatenate([[0.0], np.geomspace(0.01, 1e5, 141)])

@@ -20,7 +20,7 @@ from fmpy.validation import validate_fmu
 
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import this_machine
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 
 STOP, STEP = 2.0, 1e-3  # [s]
 MEASURED = {"delta_f1": 25.0, "delta_f2": 130.0, "amplitude_ratio": 0.78}

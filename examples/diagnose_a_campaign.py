@@ -11,7 +11,7 @@ from pathlib import Path
 from rigtwin.fmu_src.build import build_rotor_fmu
 from rigtwin.gap.diagnose import diagnose
 from rigtwin.rotor.effects import EFFECTS, AttachedMass
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Campaign, NominalBelief
 from rigtwin.sim.sensors import SensorNoise
 from rigtwin.sim.session import FmuSession

@@ -20,7 +20,7 @@ from pathlib import Path
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import this_machine
 from rigtwin.fmu_src.ssp import write_ssp
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 
 STOP, STEP = 2.0, 1e-3  # [s]
 SINE = {"force_amplitude": 1.0, "force_frequency": 60.0}

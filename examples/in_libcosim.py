@@ -22,7 +22,7 @@ from libcosimpy.CosimSlave import CosimLocalSlave
 
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import this_machine
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 
 STEP = 1e-3  # [s]
 MEASURED = {"delta_f1": 25.0, "delta_f2": 130.0, "amplitude_ratio": 0.78}

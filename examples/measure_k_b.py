@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rigtwin.estimator.features import FEATURE_NAMES, features_of_runs
 from rigtwin.fmu_src.build import build_estimator_fmu, build_rotor_fmu
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.sensors import SensorNoise
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep

@@ -10,11 +10,11 @@ from pathlib import Path
 from rigtwin.estimator.features import features_of_runs
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.fmu_src.build import build_rotor_fmu
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 

@@ -19,7 +19,7 @@ from fmpy.ssp.simulation import simulate_ssp
 from rigtwin.estimator.features import FEATURE_NAMES, features_of_runs
 from rigtwin.fmu_src.build import build_estimator_fmu, build_rotor_fmu
 from rigtwin.fmu_src.ssp import write_ssp
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Channel, Run
 
 TRUE_K_B = 8e6  # [N/m]

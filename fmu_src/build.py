@@ -35,10 +35,10 @@ from rigtwin.fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STE
 from rigtwin.fmu_src.model_description import Model, build_description, fmi2, fmi3
 from rigtwin.fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources
 from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, accelerations_array, rotor_variables
-from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, stage
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.rig import Rig, RigError, load_rig
-from rigtwin.rotor.structure import to_arrays
+from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, modules_of, stage
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, RigError, load_rig
+from rigtwin.rotor.model.structure import to_arrays
 
 ROTOR_FMU = "RotorRig.fmu"
 SHIPPED_RIG = "nit-rourkela"
@@ -46,17 +46,8 @@ SHIPPED_RIG = "nit-rourkela"
 # What both need: a slave that is driven by a variable table.
 _SLAVE_MODULES = ("rigtwin.fmu_src.slave", "rigtwin.fmu_src.variables", "rigtwin.fmu_src.model_description")
 
-# What the rotor needs at run time: everything but geometry, meshing and the frequency domain.
-_ROTOR_MODULES = (
-    *(
-        f"rigtwin.rotor.{name}"
-        for name in ("condition", "design", "drive", "elements", "force_laws", "local_force", "model")
-    ),
-    *(f"rigtwin.rotor.{name}" for name in ("nonlinear_stepper", "printed_laws", "simulator", "state_space", "stepper")),
-    *(f"rigtwin.rotor.{name}" for name in ("structure", "system")),
-    *(f"rigtwin.rotor.effects.{name}" for name in ("chain", "effect", "library", "nonlinear", "spinning", "structure")),
-    "rigtwin.rotor.effects.supports",
-)
+# What the rotor needs at run time: everything but geometry and the frequency domain.
+_ROTOR_PACKAGES = ("rigtwin.rotor.model", "rigtwin.rotor.effects", "rigtwin.rotor.time")
 ESTIMATOR_FMU = "StiffnessEstimator.fmu"
 
 # FMI's own C headers come with fmpy.
@@ -87,7 +78,7 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
     facts = _facts(rig)
     bundle = Bundle(
         script="rigtwin.fmu_src.rotor_slave",
-        modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.rotor_variables", *_ROTOR_MODULES),
+        modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.rotor_variables", *modules_of(_ROTOR_PACKAGES)),
         data={"structure.npz": _npz(to_arrays(structure)), "rig.json": rig.model_dump_json(indent=1).encode()},
     )
     return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, rotor_pages(rig, facts), folder / ROTOR_FMU)

@@ -19,11 +19,11 @@ from rigtwin.fmu_src.estimator_variables import estimator_variables
 from rigtwin.fmu_src.model_description import variability
 from rigtwin.fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
 from rigtwin.fmu_src.variables import Variable
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import elastic_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig
+from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 
 _PAGES = Environment(
     loader=PackageLoader("rigtwin.fmu_src", "templates"), autoescape=select_autoescape(), undefined=StrictUndefined

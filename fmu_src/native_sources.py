@@ -19,10 +19,11 @@ from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmu_src.model_description import Model, variability
 from rigtwin.fmu_src.rotor_variables import effects_in_fmu
 from rigtwin.fmu_src.variables import Variable
-from rigtwin.rotor import design, nonlinear_stepper, simulator, stepper, system
 from rigtwin.rotor.effects import nonlinear, supports
 from rigtwin.rotor.effects.effect import SWITCH
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.model import design, system
+from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.time import nonlinear_stepper, simulator, stepper
 
 NATIVE = Path(__file__).with_name("native")
 

@@ -17,8 +17,8 @@ from sympy.printing.c import C99CodePrinter
 from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.pycode import PythonCodePrinter
 
-from rigtwin.rotor import force_laws
-from rigtwin.rotor.force_laws import LAWS, ForceLaw
+from rigtwin.rotor.model import force_laws
+from rigtwin.rotor.model.force_laws import LAWS, ForceLaw
 
 _HEADER = '''"""Printed by ``python build_laws.py`` from ``force_laws.py``; do not edit.
 

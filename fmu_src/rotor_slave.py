@@ -12,10 +12,10 @@ import numpy as np
 from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, effects_in_fmu, rotor_variables
 from rigtwin.fmu_src.slave import TableSlave, read_manifest
 from rigtwin.fmu_src.variables import Variable
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects.effect import SWITCH, Effect
-from rigtwin.rotor.simulator import RotorSimulator
-from rigtwin.rotor.structure import from_arrays
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import from_arrays
+from rigtwin.rotor.time.simulator import RotorSimulator
 
 _CONDITION = tuple(f.name for f in fields(Condition))
 _FORCE = ("force", "force_amplitude", "force_frequency")

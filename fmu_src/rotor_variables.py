@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from rigtwin.fmu_src.variables import ArrayOutput, Variable
-from rigtwin.rotor.condition import MOST_BEARING_DAMPING
 from rigtwin.rotor.effects.effect import SWITCH, Effect, Parameter
 from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING
 
 ROTOR_MEANING = "Finite-element rotor on its bearings: sine force in, node accelerations out"
 ROTOR_STEP = 1e-4  # of the default experiment [s]

@@ -12,9 +12,11 @@ import re
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import iter_modules
 from uuid import UUID, uuid5
 
 # Any fixed UUID: it keeps rigtwin's GUIDs apart from other tools' version-5 UUIDs.
@@ -34,7 +36,7 @@ def guid(digest: str) -> str:
 class Bundle:
     """What goes into one FMU.
 
-    ``script`` is the slave's module, ``modules`` the modules it needs ("rigtwin.rotor.system"), ``data``
+    ``script`` is the slave's module, ``modules`` the modules it needs ("rigtwin.rotor.model.system"), ``data``
     the resource files by name.
     """
 
@@ -60,6 +62,16 @@ class Bundle:
     def rename(self, package: str) -> str:
         """Name of a package inside this FMU."""
         return f"{package}_{self.digest[:8]}"
+
+
+def modules_of(packages: Sequence[str]) -> tuple[str, ...]:
+    """Names of all modules of some packages."""
+    return tuple(
+        f"{package}.{module.name}"
+        for package in packages
+        for module in iter_modules(import_module(package).__path__)
+        if not module.ispkg
+    )
 
 
 def stage(bundle: Bundle, manifest: str, folder: Path) -> Path:

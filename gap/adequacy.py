@@ -12,7 +12,7 @@ from rigtwin.gap.fit import Fit
 from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.nonlinear import BoolArray
 from rigtwin.gap.residuals import Observed, residual
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
 _TRIMMED = 0.95

@@ -27,8 +27,8 @@ from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.modal import over_receptance
 from rigtwin.gap.residuals import Observed
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.model import bearing_stiffness
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.rotor_model import bearing_stiffness
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 # Relative error of the shaft's model, added to the data's; and of D, added to what that makes of it.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rigtwin.gap.diagnosis import Cause, Estimate, Location
 from rigtwin.gap.hypotheses import Hypothesis
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.model.structure import FloatArray
 
 
 def locations(hypothesis: Hypothesis, u: FloatArray) -> tuple[Location, ...]:

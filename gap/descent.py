@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rigtwin.gap.nonlinear import BoolArray
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.model.structure import FloatArray
 
 
 def softened(residual: FloatArray) -> FloatArray:

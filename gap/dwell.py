@@ -21,7 +21,7 @@ from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.modal import MODES, Modal
 from rigtwin.gap.score import Score
 from rigtwin.gap.transients import as_read, transients
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Beyond this dwell next to nothing is left of any transient [s].
 _LONGEST = 15.0

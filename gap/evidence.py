@@ -15,7 +15,7 @@ import numpy as np
 from rigtwin.gap.fit import Fit, Sampled
 from rigtwin.gap.forward import nonlinear
 from rigtwin.gap.likelihood import Problem
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.model.structure import FloatArray
 
 # Draws, and more of them as long as too few count: most then lie outside the ranges, and cost nothing.
 DRAWS = (64, 256, 1024)

@@ -9,7 +9,7 @@ import numpy as np
 from rigtwin.gap.hypotheses import K_B, Hypothesis
 from rigtwin.gap.nonlinear import BoolArray
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.model.structure import FloatArray
 
 # Effective draws from which a sampled evidence is believed.
 _TRUSTED = 8.0

@@ -17,15 +17,15 @@ import numpy as np
 from rigtwin.gap.modal import MODES, TOLERANCES, Group, Modal, chain_factors, over_receptance, resonance_numbers
 from rigtwin.gap.nonlinear import CORNER, FINE, Known, NonlinearModal, Resolution
 from rigtwin.gap.tolerances import STEP, Bend, bend_of, bent_for, sensitivity_of, variants_of
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import Effect, HubStiffening, OpenCrack
-from rigtwin.rotor.harmonic_balance import Balance
-from rigtwin.rotor.measured import channel_groups
-from rigtwin.rotor.model import build_model
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.state_space import StateSpace, UpperResidual
-from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray, Structure
+from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.frequency.measured import channel_groups
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_model
+from rigtwin.rotor.model.state_space import StateSpace, UpperResidual
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
 from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 T = TypeVar("T")

@@ -16,7 +16,7 @@ from rigtwin.gap.nonlinear import BoolArray
 from rigtwin.gap.robust import robust_fit
 from rigtwin.gap.transfer import transfer_interval
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.structure import ComplexArray
+from rigtwin.rotor.model.structure import ComplexArray
 from rigtwin.sim.campaign import Run
 from rigtwin.sim.lines import NotSettledError
 from rigtwin.sim.setup import SetupError

@@ -20,8 +20,8 @@ from rigtwin.gap.modal import over_receptance
 from rigtwin.gap.robust import robust_misfit, unfitted
 from rigtwin.gap.score import Score
 from rigtwin.gap.starts import Start
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.model.structure import FloatArray
 
 # Points along the range of each number of an effect, first number first.
 _POINTS = {

@@ -23,7 +23,7 @@ from rigtwin.gap.modal import Modal
 from rigtwin.gap.nonlinear import NonlinearModal
 from rigtwin.gap.residuals import Observed
 from rigtwin.gap.starts import Start
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Laws that are read. Of them points along the stiffness, and gaps as shares of the node's largest motion: a soft
 # contact is gone far beyond.

@@ -27,8 +27,8 @@ from rigtwin.gap.modal import MODES, TOLERANCE, TOLERANCES, Modal
 from rigtwin.gap.nonlinear import BoolArray, NonlinearModal
 from rigtwin.gap.residuals import Observed, derivatives, misfit, weighted
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 # Values below this share of the run's largest say nothing about a logarithm.

@@ -11,7 +11,7 @@ from typing import Any
 from rigtwin.gap.diagnosis import Cause, NextTest, Verdict
 from rigtwin.gap.phrases import supports
 from rigtwin.gap.wording import named
-from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.sim.campaign import SUPPORTS, Campaign, Run
 
 # Accelerometers that tell most places apart.

@@ -17,8 +17,8 @@ import numpy as np
 
 from rigtwin.gap.transients import as_read, transients
 from rigtwin.rotor.effects import Effect, FastSweep
-from rigtwin.rotor.measured import DERIVATIVE_ORDER, channel_factor, force_factor
-from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER, channel_factor, force_factor
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Run
 
 # Resonances of a run that may drift, at most.

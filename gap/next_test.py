@@ -28,7 +28,7 @@ from rigtwin.gap.modal import MODES
 from rigtwin.gap.phrases import effects_at, supports
 from rigtwin.gap.residuals import as_real
 from rigtwin.rotor.effects import AttachedMass, Effect
-from rigtwin.rotor.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, Structure
 from rigtwin.sim.campaign import Channel, Run, SupportKind
 
 # Chi-squared from which two members count as told apart.

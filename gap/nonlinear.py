@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.harmonic_balance import Balance, jacobian
-from rigtwin.rotor.measured import DERIVATIVE_ORDER
-from rigtwin.rotor.periodic_force import real_form
-from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.frequency.harmonic_balance import Balance, jacobian
+from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.frequency.periodic_force import real_form
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Run
 
 BoolArray = NDArray[np.bool_]

@@ -31,7 +31,7 @@ from rigtwin.gap.robust import (
 from rigtwin.gap.score import Score
 from rigtwin.gap.search import NEAR, Progress, Search, best_first, first_of_each, recalibrate
 from rigtwin.gap.starts import Start
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.model.structure import FloatArray
 
 # Every so many lines: of the grid, of the descents, of the fits; where the gap is small all, as one line may hold it.
 _GRID_LINES, _DESCENT_LINES, _FIT_LINES, _ALL_LINES = 8, 6, 4, 1

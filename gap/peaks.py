@@ -30,8 +30,8 @@ from rigtwin.gap.diagnosis import Band, Diagnosis, Estimate, Finding, NextTest, 
 from rigtwin.gap.hypotheses import K_B, NO_GAP_PRIOR, SURE, Hypothesis, candidates
 from rigtwin.gap.prepare import structure_of
 from rigtwin.gap.resonances import Resonances, Rotor
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.structure import FloatArray
 from rigtwin.sim.campaign import Campaign, Channel, PeakList, Run
 
 # Level of the test whether the residuals of matched peaks are those of their standard errors.

@@ -13,11 +13,11 @@ from rigtwin.gap.forward import acting, nonlinear
 from rigtwin.gap.modal import TOLERANCES
 from rigtwin.gap.nonlinear import FINAL
 from rigtwin.gap.prepare import forward_of
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Campaign, MeasurementError, Run
 
 

@@ -8,9 +8,9 @@ from rigtwin.gap.forward import Forward
 from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.residuals import Observed, observe
 from rigtwin.gap.search import recalibrate
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Campaign, Run
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import i0e, i1e
 
 from rigtwin.gap.nonlinear import BoolArray
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 Values = ComplexArray | FloatArray  # responses, or magnitudes alone

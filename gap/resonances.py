@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rigtwin.gap.forward import acting
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.state_space import StateSpace
-from rigtwin.rotor.structure import FloatArray, Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.state_space import StateSpace
+from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.sim.campaign import NominalBelief, SupportKind
 
 # Resonances that are kept, the lowest ones.

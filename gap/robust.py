@@ -18,7 +18,7 @@ from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.residuals import residual
 from rigtwin.gap.search import first_of_each
 from rigtwin.gap.starts import Start
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.model.structure import FloatArray
 
 # Misfit of a line, in standard errors, beyond which it counts as an outlier.
 OUTLIER = 3.0

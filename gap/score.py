@@ -11,9 +11,9 @@ from rigtwin.gap.fit import Fit
 from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.modal import Modal
 from rigtwin.gap.residuals import derivatives, weighted
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Share of an effect's change that nuisances must leave, for the change to tell anything.
 _UNTOLD = 1e-9

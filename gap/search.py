@@ -37,7 +37,7 @@ from rigtwin.gap.starts import (
     scanned,
     several,
 )
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.model.structure import FloatArray
 
 T = TypeVar("T")
 

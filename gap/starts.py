@@ -19,8 +19,8 @@ from rigtwin.gap.fit import Fit
 from rigtwin.gap.hypotheses import NOMINAL, Free, Hypothesis, Term
 from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.score import Score
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import FloatArray
 
 # Starts of one candidate that run on.
 RIVALS = 2

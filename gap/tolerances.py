@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigtwin.gap.modal import MODES, TOLERANCES, Group, Modal
-from rigtwin.rotor.rig import Disk, Rig
-from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray, Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.geometry.rig import Disk, Rig
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
+from rigtwin.rotor.model.system import LinearSystem
 
 # A mode whose residues are below this share of the largest is not reached by the exciter: tolerances change it in
 # proportion to that share.

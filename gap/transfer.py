@@ -23,7 +23,7 @@ from rigtwin.gap.hypotheses import K_B
 from rigtwin.gap.likelihood import Problem, middle_level
 from rigtwin.gap.modal import Modal
 from rigtwin.gap.nonlinear import FINE, NonlinearModal
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 _DRAWS = 60

@@ -23,7 +23,7 @@ from rigtwin.gap.forward import Forward
 from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.phrases import ten_to
 from rigtwin.gap.residuals import Observed
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 # Laws a joint stiffness is compared with: name, unit of its size, what it looks like, and shape over omega.

@@ -10,7 +10,7 @@ from rigtwin.exits import UserError
 from rigtwin.fmu_src.build import ESTIMATOR_FMU, build_estimator_fmu, build_native
 from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmus import SHIPPED_RIG, build_rotor, is_shipped
-from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.sim.formats.atomic import replacing
 
 

@@ -18,9 +18,9 @@ from rigtwin.gap.phrases import listed
 from rigtwin.page import write_page
 from rigtwin.paper import PaperReading, read_paper, table_1, table_2_largest_difference, verdict
 from rigtwin.provenance import provenance
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Campaign, Channel, Run
 from rigtwin.sim.campaign_folder import save_campaign
 from rigtwin.sim.formats.atomic import check_writable, replacing

@@ -38,9 +38,9 @@ from rigtwin.fmus import existing, rotor_fmu
 from rigtwin.gap.diagnosis import FILE_NAME as DIAGNOSIS_FILE
 from rigtwin.gap.diagnosis import SCHEMA, Cause, Diagnosis, Shrink
 from rigtwin.gap.phrases import part
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import Effect, ForceDropout
-from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.model.condition import Condition
 from rigtwin.scale_out import executor
 from rigtwin.sim.campaign import Campaign, ComplexArray, Run
 from rigtwin.sim.campaign_folder import load_campaign

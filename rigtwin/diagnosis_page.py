@@ -53,7 +53,7 @@ from rigtwin.gap.diagnosis import Cause, Diagnosis, Finding, Shrink, Where
 from rigtwin.gap.phrases import part
 from rigtwin.page import write_page
 from rigtwin.provenance import provenance
-from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.sim.campaign import Campaign
 from rigtwin.wording import stiffness, with_error
 

@@ -60,14 +60,14 @@ from rigtwin.rotor.effects import (
     UnbalanceForce,
     ViscoelasticSupport,
 )
-from rigtwin.rotor.frequency_response import dynamic_stiffness
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_model, build_system
-from rigtwin.rotor.printed_laws import SCALAR
-from rigtwin.rotor.simulator import RotorSimulator
-from rigtwin.rotor.structure import ComplexArray, FloatArray
-from rigtwin.rotor.whirl import campbell, unbalance_response
+from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.frequency.whirl import campbell, unbalance_response
+from rigtwin.rotor.model.printed_laws import SCALAR
+from rigtwin.rotor.model.rotor_model import build_model, build_system
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.time.simulator import RotorSimulator
 
 
 @dataclass(frozen=True)

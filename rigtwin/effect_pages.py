@@ -14,10 +14,10 @@ from typing import Any
 
 from rigtwin.effects import LOCATIONS, limits, number, parameters_of, places_of, unit
 from rigtwin.gap.phrases import lowered
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
-from rigtwin.rotor.force_laws import ForceLaw
-from rigtwin.rotor.model import build_model
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.force_laws import ForceLaw
+from rigtwin.rotor.model.rotor_model import build_model
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "effects"
 REFERENCES = FOLDER.parent / "references.bib"

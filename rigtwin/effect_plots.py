@@ -16,16 +16,16 @@ from matplotlib.ticker import NullFormatter
 from PIL import Image
 
 from rigtwin.figures import BLUE, GREEN, GRID, INK, ORANGE, PURPLE, VERMILION
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.continuation import trace
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.harmonic_balance import Balance
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_model, build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.rotor.frequency.continuation import trace
+from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_model, build_system
+from rigtwin.rotor.model.structure import FloatArray, Structure
 
 # Draws one panel of a figure.
 Panel = Callable[[Axes], None]

@@ -157,7 +157,7 @@ def _check_rig(rig: str, card: dict[str, Any]) -> None:
 
 
 def _rig_name(rig: str) -> str:
-    from rigtwin.rotor.rig import load_rig
+    from rigtwin.rotor.geometry.rig import load_rig
 
     return load_rig(rig).name
 

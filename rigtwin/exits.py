@@ -20,7 +20,7 @@ OUR_FAULT, WRONG_INPUT, GATE_FAILED, INTERRUPTED = 1, 2, 3, 130
 # Errors that say in a sentence what is wrong with the input. An exception of one of these classes
 # can only be there when its module has been loaded, so none is loaded for asking.
 _SENTENCES = {
-    "rigtwin.rotor.rig": ("RigError",),
+    "rigtwin.rotor.geometry.rig": ("RigError",),
     "rigtwin.sim.campaign": ("MeasurementError",),
     "rigtwin.sim.session": ("FmuError",),
     "rigtwin.sim.setup": ("SetupError",),

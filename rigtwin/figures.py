@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Channel, FloatArray, Run
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.

@@ -24,7 +24,7 @@ from rigtwin.fmu_src.build import (
     is_shipped,
 )
 from rigtwin.fmu_src.compiling import CompileError, can_compile, this_machine
-from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.sim.session import FmuError, FmuSession
 
 Estimator = Callable[[Features], Estimate]

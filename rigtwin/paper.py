@@ -18,12 +18,12 @@ from rigtwin.estimator.runtime import Estimate
 from rigtwin.estimator.validity import objections
 from rigtwin.exits import UserError
 from rigtwin.fmus import Estimator
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import FloatArray
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.wording import interval, percent, stiffness

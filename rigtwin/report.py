@@ -17,7 +17,7 @@ from rigtwin.figures import Curve, frf_figure, rotor_picture
 from rigtwin.fmus import SHIPPED_RIG, existing
 from rigtwin.page import write_page
 from rigtwin.provenance import provenance
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Campaign, Channel, MeasurementError, Run
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.sim.formats import read_run

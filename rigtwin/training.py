@@ -17,8 +17,8 @@ from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.exits import UserError
 from rigtwin.fmu_src.build import build_estimator_fmu
 from rigtwin.fmus import SHIPPED_RIG, build_rotor, build_rotor_for_the_rig, is_shipped, trained_rig
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.scale_out import executor
 from rigtwin.sim.campaign import MeasurementError
 

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.measured import Quantity
+from rigtwin.rotor.frequency.measured import Quantity
+from rigtwin.rotor.model.condition import Condition
 
 FloatArray = NDArray[np.floating[Any]]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]

@@ -24,7 +24,7 @@ from pydantic import (
     with_config,
 )
 
-from rigtwin.rotor.rig import Rig, load_rig, shipped_rigs
+from rigtwin.rotor.geometry.rig import Rig, load_rig, shipped_rigs
 from rigtwin.sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
 from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.formats.run_file import SUFFIXES, read_run, write_beside

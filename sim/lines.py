@@ -12,7 +12,7 @@ import numpy as np
 
 from rigtwin.rotor.effects.chain import SensorPosition
 from rigtwin.rotor.effects.spinning import UnbalanceForce
-from rigtwin.rotor.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
+from rigtwin.rotor.frequency.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
 from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray
 from rigtwin.sim.detection import HARMONICS, Phasors, detect, harmonics
 from rigtwin.sim.session import FmuSession, SavedState

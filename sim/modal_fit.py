@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
-from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.sim.campaign import ComplexArray, FloatArray, MeasurementError, Plane, Run
 
 # A resonance stands out from its surroundings by at least this factor.

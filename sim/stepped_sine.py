@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigtwin.rotor.measured import ChannelGroup, channel_groups, check_nodes
+from rigtwin.rotor.frequency.measured import ChannelGroup, channel_groups, check_nodes
 from rigtwin.sim.campaign import Channel, FloatArray, Run
 from rigtwin.sim.detection import HARMONICS
 from rigtwin.sim.lines import Line, LineReader, NotSettledError, ReaderState, channels_of

@@ -44,7 +44,7 @@ def _process_state_is_left_alone() -> Iterator[None]:
 def rotor_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``RotorRig.fmu`` of the shipped rig, built once for all tests."""
     from rigtwin.fmu_src.build import build_rotor_fmu
-    from rigtwin.rotor.rig import load_rig
+    from rigtwin.rotor.geometry.rig import load_rig
 
     return build_rotor_fmu(load_rig("nit-rourkela"), tmp_path_factory.mktemp("rotor_fmu"))
 

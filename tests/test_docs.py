@@ -15,7 +15,7 @@ from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.gap.blind.page import page
 from rigtwin.gap.blind.results import from_row
-from rigtwin.rotor.rig import Disk, Mass, Rig, Segment, SupportTable
+from rigtwin.rotor.geometry.rig import Disk, Mass, Rig, Segment, SupportTable
 
 ROOT = Path(__file__).resolve().parent.parent
 CONTRACTS = (ROOT / "docs" / "contracts.md").read_text(encoding="utf-8")

@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "estimator": ("rotor", "sim"),
     "gap": ("rotor", "sim"),
     "fmu_src": ("rotor", "rigtwin.estimator.runtime"),
-    "build_laws": ("rigtwin.rotor.force_laws",),
+    "build_laws": ("rigtwin.rotor.model.force_laws",),
     "build_fmu": ("fmu_src", "rotor", "rigtwin.estimator.runtime"),  # stages what fmu_src runs on
     "rigtwin": ("rotor", "sim", "estimator", "gap", "fmu_src", "build_fmu"),
 }

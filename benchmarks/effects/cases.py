@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
@@ -17,8 +15,10 @@ from rigtwin.rotor.effects import (
     Effect,
     Rub,
 )
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import FloatArray, Structure
 
 K_B, BEARING_DAMPING, SHAFT_DAMPING = 1.3e6, 50.0, 0.005
 

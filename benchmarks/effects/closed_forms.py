@@ -9,9 +9,6 @@ import numpy as np
 from scipy.special import ellipk
 
 from benchmarks.page import bar, table
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.continuation import Curve, trace
 from rigtwin.rotor.effects import (
     AxialLoad,
     BearingClearance,
@@ -21,13 +18,16 @@ from rigtwin.rotor.effects import (
     Effect,
     PedestalFlexibility,
 )
-from rigtwin.rotor.elements import euler_bernoulli
-from rigtwin.rotor.frequency_response import dynamic_stiffness, receptance
-from rigtwin.rotor.harmonic_balance import Balance
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_model, build_system
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.frequency.continuation import Curve, trace
+from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness, receptance
+from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import euler_bernoulli
+from rigtwin.rotor.model.rotor_model import build_model, build_system
+from rigtwin.rotor.model.structure import Structure
 
 MASS, K_B = 2.0, 1e5  # kg on two bearings of that stiffness, N/m
 OMEGA_0 = math.sqrt(2 * K_B / MASS)  # rad/s

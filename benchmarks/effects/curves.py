@@ -9,7 +9,6 @@ import numpy as np
 
 from benchmarks.effects.cases import Case, condition, structure
 from benchmarks.page import bar, table
-from rigtwin.rotor.continuation import Curve, Sweep, trace
 from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
@@ -19,11 +18,12 @@ from rigtwin.rotor.effects import (
     Effect,
     Rub,
 )
-from rigtwin.rotor.harmonic_balance import CORNER, SAMPLES, SAMPLES_OF_CORNERS, Balance
-from rigtwin.rotor.model import build_model
-from rigtwin.rotor.periodic_force import TRAVEL
-from rigtwin.rotor.stability import floquet_multipliers
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.frequency.continuation import Curve, Sweep, trace
+from rigtwin.rotor.frequency.harmonic_balance import CORNER, SAMPLES, SAMPLES_OF_CORNERS, Balance
+from rigtwin.rotor.frequency.periodic_force import TRAVEL
+from rigtwin.rotor.frequency.stability import floquet_multipliers
+from rigtwin.rotor.model.rotor_model import build_model
+from rigtwin.rotor.model.structure import FloatArray
 
 LINES_HZ: FloatArray = np.linspace(40.0, 320.0, 280)
 HARMONICS, RUNS = 7, 3

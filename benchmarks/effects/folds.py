@@ -12,11 +12,11 @@ import numpy as np
 from benchmarks.effects.cases import Case, condition, fmu_parameters, structure
 from benchmarks.page import bar, table
 from rigtwin.fmu_src.build import build_rotor_fmu
-from rigtwin.rotor.continuation import trace
 from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingHertz, Rub
-from rigtwin.rotor.harmonic_balance import Balance
-from rigtwin.rotor.model import build_model
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.continuation import trace
+from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.rotor_model import build_model
 from rigtwin.sim.campaign import SweepDirection
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines

@@ -14,15 +14,15 @@ import numpy as np
 
 from benchmarks.page import bar, table
 from rigtwin.fmu_src.build import build_rotor_fmu
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import EFFECTS, Effect, FastSweep
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.measured import channel_groups, measured_response
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import FloatArray, Structure
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.measured import channel_groups, measured_response
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import FloatArray, Structure
 from rigtwin.sim.campaign import SupportKind
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines

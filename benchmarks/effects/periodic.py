@@ -14,12 +14,12 @@ import numpy as np
 from benchmarks.effects.cases import CASES, LINES_HZ, Case, condition, fmu_parameters, structure
 from benchmarks.page import bar, table
 from rigtwin.fmu_src.build import build_rotor_fmu
-from rigtwin.rotor.continuation import Sweep as Branches
-from rigtwin.rotor.continuation import trace
-from rigtwin.rotor.harmonic_balance import Balance
-from rigtwin.rotor.model import build_model
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.stability import floquet_multipliers, is_stable
+from rigtwin.rotor.frequency.continuation import Sweep as Branches
+from rigtwin.rotor.frequency.continuation import trace
+from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.frequency.stability import floquet_multipliers, is_stable
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.rotor_model import build_model
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan, measure_lines
 

@@ -13,10 +13,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page import bar, table
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.design import CRACK_LENGTH
-from rigtwin.rotor.drive import Drive, Tone
 from rigtwin.rotor.effects import (
     AttachedMass,
     AxialLoad,
@@ -33,15 +29,19 @@ from rigtwin.rotor.effects import (
     Rub,
     UnbalanceForce,
 )
-from rigtwin.rotor.frequency_response import ComplexArray, dynamic_stiffness, receptance
-from rigtwin.rotor.harmonic_balance import Balance
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import RotorModel, build_model
-from rigtwin.rotor.nonlinear_stepper import NonlinearStepper
-from rigtwin.rotor.rig import Rig, load_rig
-from rigtwin.rotor.structure import FloatArray, Structure
-from rigtwin.rotor.system import LinearSystem
-from rigtwin.rotor.whirl import campbell, critical_speeds, unbalance_response
+from rigtwin.rotor.frequency.frequency_response import ComplexArray, dynamic_stiffness, receptance
+from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.frequency.whirl import campbell, critical_speeds, unbalance_response
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.design import CRACK_LENGTH
+from rigtwin.rotor.model.rotor_model import RotorModel, build_model
+from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.system import LinearSystem
+from rigtwin.rotor.time.drive import Drive, Tone
+from rigtwin.rotor.time.nonlinear_stepper import NonlinearStepper
 
 # A node that moves less than this share of the largest is judged by that share of the largest.
 NODE_FLOOR = 1e-4

@@ -10,10 +10,10 @@ from scipy.optimize import brentq, minimize_scalar
 
 from benchmarks.page import COLOURS, new_figure, power_of_ten, save_figure, table
 from benchmarks.reproduction.nominal import condition, paper, structure
-from rigtwin.rotor.frequency_response import FloatArray, accelerance
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.frequency_response import FloatArray, accelerance
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import LinearSystem
 
 RASTERS_HZ = (0.25, 0.5, 1.0, 2.0, 5.0)
 N_OFFSETS = 400

@@ -6,11 +6,11 @@ import numpy as np
 
 from benchmarks.page import COLOURS, bar, new_figure, save_figure, table
 from benchmarks.reproduction.nominal import condition, structure
-from rigtwin.rotor.elements import ElementType, FloatArray, euler_bernoulli, timoshenko
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import DOF_PER_NODE
-from rigtwin.rotor.system import LinearSystem, undamped_modes
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.elements import ElementType, FloatArray, euler_bernoulli, timoshenko
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import DOF_PER_NODE
+from rigtwin.rotor.model.system import LinearSystem, undamped_modes
 
 RIGID, BEARING = 1e15, 1e7
 SUPPORTS = {RIGID: "rigid", BEARING: "k_b = 1e7 N/m"}

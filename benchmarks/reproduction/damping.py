@@ -6,14 +6,14 @@ import numpy as np
 
 from benchmarks.page import bar, table
 from benchmarks.reproduction.nominal import percent, system, two_frequencies_hz
-from rigtwin.rotor.frequency_response import (
+from rigtwin.rotor.frequency.frequency_response import (
     ComplexArray,
     FloatArray,
     accelerance,
     hysteretic_dynamic_stiffness,
     receptance,
 )
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.model.system import LinearSystem
 
 SUPPORTS = {1e15: "rigid", 1e7: "k_b = 1e7 N/m", 1e6: "k_b = 1e6 N/m"}
 STEP_HZ = 0.05

@@ -7,14 +7,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.elements import ElementType, FloatArray, timoshenko
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import ElementType, FloatArray, timoshenko
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.model.system import LinearSystem
 
 # The paper's "1e15 N/m" is its simply supported rotor. Here such a support removes the degree of
 # freedom: as a spring it moves f1 by round-off, about 1e-7, and by nothing that is physics.

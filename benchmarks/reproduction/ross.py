@@ -10,12 +10,12 @@ import numpy as np
 
 from benchmarks.page import bar, power_of_ten, table
 from benchmarks.reproduction.nominal import condition, percent
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.elements import FloatArray
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig, load_rig
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.elements import FloatArray
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure
 
 ELEMENTS_PER_SPAN = 16
 _ANNULUS = {"diameter_m": 0.124, "bore_m": 0.020, "thickness_m": 0.018, "density_kg_per_m3": 7840.0}

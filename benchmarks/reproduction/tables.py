@@ -6,12 +6,12 @@ import numpy as np
 
 from benchmarks.page import bar, power_of_ten, table
 from benchmarks.reproduction.nominal import condition, paper, percent, system, two_frequencies_hz
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condensation import condense_tilt
-from rigtwin.rotor.elements import euler_bernoulli, linear_timoshenko
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig, load_rig
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.condensation import condense_tilt
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.elements import euler_bernoulli, linear_timoshenko
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import LinearSystem
 
 RIGID = 1e15
 

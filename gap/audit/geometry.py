@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import ComplexArray, Structure
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import ComplexArray, Structure
 from rigtwin.sim.campaign import FloatArray, Run
 
 # Bearing stiffnesses [N/m] from far softer to far stiffer than any shaft of a test rig.

@@ -20,7 +20,7 @@ from rigtwin.gap.audit.one_run import is_only_noise
 from rigtwin.gap.audit.prepared import Prepared
 from rigtwin.gap.diagnosis import Finding
 from rigtwin.gap.phrases import listed
-from rigtwin.rotor.measured import Quantity
+from rigtwin.rotor.frequency.measured import Quantity
 from rigtwin.sim.campaign import FloatArray
 
 # Other names are believed where the run's own leave this much between measurement and drawing, in mean |ln ratio|, and

@@ -11,7 +11,7 @@ import numpy as np
 from rigtwin.gap.audit.noise import USUAL_NOISE, NoiseEstimate, estimate_noise, live_channels, responses
 from rigtwin.gap.audit.resonances import Resonance, find_resonances
 from rigtwin.gap.diagnosis import Finding
-from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
 
 Severity = Literal["ok", "note", "warning", "error"]

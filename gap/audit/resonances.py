@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import find_peaks
 
-from rigtwin.rotor.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.sim.campaign import ComplexArray, FloatArray
 
 # A resonance stands out from its surroundings by half or more, and by more than noise does: lines

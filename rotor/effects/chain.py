@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.rotor.design import Design
 from rigtwin.rotor.effects.effect import Effect, node, parameter
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.design import Design
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.rotor.design import Design, JointLaw
 from rigtwin.rotor.effects.effect import Effect, node, parameter
-from rigtwin.rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS
+from rigtwin.rotor.model.design import Design, JointLaw
+from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS
 
 # Length over which a sharp corner of a law is rounded, relative to the law's own length: far below
 # anything a measurement sees, far above round-off.

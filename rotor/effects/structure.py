@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rigtwin.rotor.design import Design
 from rigtwin.rotor.effects.effect import Effect, node, parameter, position
+from rigtwin.rotor.model.design import Design
 
 
 @dataclass(frozen=True)

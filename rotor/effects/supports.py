@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.rotor.design import WEAKEST_BRANCH, Design, Pedestal
 from rigtwin.rotor.effects.effect import Effect, parameter
+from rigtwin.rotor.model.design import WEAKEST_BRANCH, Design, Pedestal
 
 # Maxwell branches of a bearing's seat whose relaxation times differ: an odd number, the middle ones strongest.
 BRANCHES = 5

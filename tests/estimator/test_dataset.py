@@ -27,9 +27,9 @@ from rigtwin.estimator.dataset import (
 from rigtwin.estimator.features import FEATURE_NAMES
 from rigtwin.estimator.prior import PRIOR, Rigs
 from rigtwin.estimator.root_finding import StiffnessFinder
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_system
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from tests.rotor.rigs import paper_structure
 
 # A modal fit takes the neighbouring modes' tails for straight lines; these bearings are damped to 0.5 %.

@@ -11,10 +11,10 @@ from scipy import stats
 
 from rigtwin.estimator.features import FEATURE_NAMES, Features, features_of_peaks, features_of_runs
 from rigtwin.estimator.root_finding import StiffnessFinder
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.campaign import Channel, MeasurementError, PeakList, Quantity, Run, SupportKind
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from rigtwin.estimator.prior import PRIOR, Prior, Rigs, prior_for
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.structure import Structure
-from rigtwin.rotor.system import undamped_modes
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.model.system import undamped_modes
 from tests.rotor.rigs import paper_structure
 
 N = 512

@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 
 from rigtwin.estimator.features import Features
 from rigtwin.estimator.root_finding import StiffnessFinder
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from tests.rotor.rigs import paper_structure
 from tests.tolerances import LIGHT_DAMPING
 

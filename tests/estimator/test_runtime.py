@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rigtwin.estimator.prior import PRIOR, Rigs
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import Estimate, StiffnessEstimator, shipped_model
-from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.model.condition import Condition
 from tests.rotor.rigs import PAPER, paper_structure
 
 # The project's bars on noise-free rigs; the network is a hundred times better.

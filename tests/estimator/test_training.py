@@ -25,7 +25,7 @@ from rigtwin.estimator.prior import PRIOR
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import OUTPUT_NAMES, StiffnessEstimator, shipped_model
 from rigtwin.estimator.training import data_digest, draw_errors, export, train
-from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.model.condition import Condition
 from tests.rotor.rigs import paper_structure
 
 # Steps of the optimiser: enough for 0.3 % in k_b, a second instead of a minute.

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.rig import Rig, load_rig, parse_rig
-from rigtwin.rotor.structure import Structure
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, load_rig, parse_rig
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.session import FmuSession
 
 

@@ -16,11 +16,11 @@ import pytest
 from rigtwin.fmu_src import build, staging
 from rigtwin.fmu_src.documentation import rotor_pages
 from rigtwin.fmu_src.staging import Bundle
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import elastic_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from tests.fmu.child import in_child
 
 
@@ -33,7 +33,7 @@ def build_both(folder: str) -> list[str]:
     from pathlib import Path
 
     from rigtwin.fmu_src.build import build_estimator_fmu, build_rotor_fmu
-    from rigtwin.rotor.rig import load_rig
+    from rigtwin.rotor.geometry.rig import load_rig
 
     return [str(build_rotor_fmu(load_rig("nit-rourkela"), Path(folder))), str(build_estimator_fmu(Path(folder)))]
 

@@ -7,9 +7,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import EFFECTS
-from rigtwin.rotor.simulator import RotorSimulator
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.time.simulator import RotorSimulator
 from rigtwin.sim.session import FmuSession
 from tests.fmu.child import in_child
 

@@ -147,9 +147,9 @@ def after_the_hosts_own_imports(fmus):
 
     assert rigtwin.sim.session.FmuSession
     for module, name in (
-        ("rigtwin.rotor.stepper", "expm"),
-        ("rigtwin.rotor.system", "eigh"),
-        ("rigtwin.rotor.simulator", "RotorSimulator"),
+        ("rigtwin.rotor.time.stepper", "expm"),
+        ("rigtwin.rotor.model.system", "eigh"),
+        ("rigtwin.rotor.time.simulator", "RotorSimulator"),
         ("rigtwin.estimator.runtime", "StiffnessEstimator"),
         ("rigtwin.fmu_src.slave", "TableSlave"),
         ("pythonfmu.fmi2slave", "Fmi2Slave"),
@@ -167,7 +167,7 @@ HOST_MODULES = [
     "pythonfmu",
     "pythonfmu.fmi2slave",
     "rigtwin.rotor",
-    "rigtwin.rotor.simulator",
+    "rigtwin.rotor.time.simulator",
     "rigtwin.fmu_src.slave",
     "rigtwin.estimator.runtime",
 ]

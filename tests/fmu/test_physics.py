@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.modal import damped_modes, natural_frequencies_hz
-from rigtwin.rotor.model import build_system
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.modal import damped_modes, natural_frequencies_hz
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines
 from tests.fmu.truth import CLOCK, PHYSICAL_COORDINATES, SETTLED, FreshRotor, assert_close, held_force, whole_ticks
 from tests.tolerances import ROUND_OFF, STEPPER

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigtwin.rotor.condition import Condition
+from rigtwin.rotor.model.condition import Condition
 from tests.fmu.child import in_child
 from tests.fmu.truth import CLOCK, FreshRotor, assert_close, whole_ticks
 from tests.tolerances import STEPPER

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.structure import FloatArray, Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.system import LinearSystem
 
 
 def state_matrix(system: LinearSystem, spin_speed: float = 0.0) -> FloatArray:

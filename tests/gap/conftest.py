@@ -15,12 +15,12 @@ from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.prepare import structure_of
 from rigtwin.gap.report import Outcome
 from rigtwin.gap.residuals import observe
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.campaign import Campaign, Channel, ComplexArray, FloatArray, NominalBelief, Run
 
 RIG = "nit-rourkela"

@@ -21,15 +21,15 @@ from rigtwin.gap.audit.phase import Delays, _drive_sign, check_sign
 from rigtwin.gap.audit.prepared import Prepared, prepare
 from rigtwin.gap.audit.wild import wild_lines, without_wild_lines
 from rigtwin.gap.diagnosis import Finding
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import Gyroscopic, SensorDelay
 from rigtwin.rotor.effects.library import EFFECTS
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.system import undamped_modes
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import undamped_modes
 from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, PeakList, Run
 
 RIG = "nit-rourkela"

@@ -12,7 +12,7 @@ from rigtwin.gap.bearing_stiffness import beside_models, carried, law_starts
 from rigtwin.gap.hypotheses import candidates
 from rigtwin.gap.search import recalibrate
 from rigtwin.rotor.effects import AttachedMass, BearingDamping, PedestalFlexibility, ViscoelasticSupport
-from rigtwin.rotor.model import bearing_stiffness
+from rigtwin.rotor.model.rotor_model import bearing_stiffness
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import K_B, STRUCTURE, all_but, both_supports, condition, measure, of, problem_of
 

@@ -43,7 +43,7 @@ from rigtwin.rotor.effects import (
     ViscoelasticSupport,
 )
 from rigtwin.rotor.effects.library import EFFECTS
-from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.sim.campaign import Channel, MeasurementError
 from tests.gap.conftest import (
     BELIEF,

@@ -11,7 +11,6 @@ from scipy.linalg import expm
 
 from rigtwin.gap.forward import Forward
 from rigtwin.gap.modal import MODES, TOLERANCES
-from rigtwin.rotor.assembly import assemble
 from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
@@ -26,10 +25,11 @@ from rigtwin.rotor.effects import (
     SensorGain,
     ViscoelasticSupport,
 )
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_model, build_system
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import BELIEF, K_B, LINEAR, RIG, STRUCTURE, blank, condition, lines, rebuilt, truth
 

@@ -14,7 +14,7 @@ from rigtwin.gap.nonlinear_search import search_nonlinear
 from rigtwin.gap.robust import anew
 from rigtwin.gap.search import all_polished, recalibrate, search, weak_starts
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.scale_out import executor
 from tests.gap.conftest import K_B, RIG, STRUCTURE, all_but, both_supports, of, problem_of
 from tests.gap.test_nonlinear import runs_of

@@ -15,7 +15,7 @@ from rigtwin.gap.likelihood import Problem
 from rigtwin.gap.residuals import Observed, derivatives, expected_magnitude, observe, residual, weighted
 from rigtwin.gap.search import recalibrate
 from rigtwin.rotor.effects import AttachedMass, BearingDamping
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,

@@ -45,12 +45,12 @@ from rigtwin.gap.search import recalibrate
 from rigtwin.gap.standing import gains_differ
 from rigtwin.gap.starts import Start
 from rigtwin.gap.transfer import transfer_interval
-from rigtwin.rotor import periodic_force
 from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
 from rigtwin.rotor.effects.effect import Effect
-from rigtwin.rotor.force_laws import LAWS
-from rigtwin.rotor.printed_laws import SCALAR
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency import periodic_force
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.force_laws import LAWS
+from rigtwin.rotor.model.printed_laws import SCALAR
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,

@@ -13,7 +13,6 @@ import rigtwin.gap.peaks
 from rigtwin.gap.hypotheses import Hypothesis
 from rigtwin.gap.peaks import Lists, Reading, diagnose_peaks
 from rigtwin.gap.resonances import Rotor
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import (
     AttachedMass,
     BearingDamping,
@@ -23,9 +22,10 @@ from rigtwin.rotor.effects import (
     PlaneAnisotropy,
     ViscoelasticSupport,
 )
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.campaign import Campaign, NominalBelief, PeakList
 from rigtwin.sim.campaign_folder import load_campaign
 from tests.gap.conftest import RIG, STRUCTURE, all_but

@@ -44,7 +44,6 @@ from rigtwin.gap.search import (
 )
 from rigtwin.gap.standing import Standing, adequate, gains_differ
 from rigtwin.gap.starts import Promise, Start
-from rigtwin.rotor.assembly import assemble
 from rigtwin.rotor.effects import (
     AttachedMass,
     BearingDamping,
@@ -61,8 +60,9 @@ from rigtwin.rotor.effects import (
     ShaftDamping,
     ShaftModulus,
 )
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
     BELIEF,

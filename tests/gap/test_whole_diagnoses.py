@@ -13,7 +13,7 @@ from rigtwin.gap.diagnose import diagnose
 from rigtwin.gap.forward import Forward, acting
 from rigtwin.gap.hypotheses import candidates
 from rigtwin.rotor.effects import AttachedMass, BearingDamping, Gyroscopic
-from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.sim.campaign import Channel
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.sim.lines import NotSettledError

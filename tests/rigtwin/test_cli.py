@@ -16,11 +16,11 @@ from numpy.testing import assert_allclose
 from rigtwin.blind import SETS, BlindRequest
 from rigtwin.console import say
 from rigtwin.estimate import answers_of_runs
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.campaign import MeasurementError
 from rigtwin.sim.formats import SUFFIXES, read_run, run_file
 from tests.rigtwin.conftest import run, run_json

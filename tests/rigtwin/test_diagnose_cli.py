@@ -20,9 +20,9 @@ from rigtwin.diagnosis_words import VERIFIED
 from rigtwin.exits import UserError
 from rigtwin.gap.diagnosis import SCHEMA, Diagnosis
 from rigtwin.gap.prepare import structure_of
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import EFFECTS
-from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, Run
 from rigtwin.sim.campaign_folder import save_campaign
 from rigtwin.sim.formats import read_run, run_file

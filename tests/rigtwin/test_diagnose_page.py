@@ -47,11 +47,11 @@ from rigtwin.gap.diagnosis import (
     Shrink,
     Where,
 )
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects.supports import PedestalFlexibility
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.campaign import Campaign, Channel, PeakList, Run
 from tests.rigtwin.test_report import Page, assert_self_contained, rendered
 

@@ -13,8 +13,8 @@ from rigtwin.effect_pages import FAMILIES, FOLDER, REFERENCES, latex, main, over
 from rigtwin.effect_plots import BEARING, NODE, paper_rotor
 from rigtwin.effects import LOCATIONS
 from rigtwin.rotor.effects import EFFECTS, Parameter
-from rigtwin.rotor.force_laws import LAWS
-from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.model.force_laws import LAWS
 
 CITATIONS = read_references(REFERENCES.read_text(encoding="utf-8"))
 

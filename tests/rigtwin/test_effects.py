@@ -7,8 +7,8 @@ import math
 import pytest
 
 from rigtwin.effects import LOCATIONS, limits, number, prior, record, unit, zero
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import EFFECTS, Parameter
+from rigtwin.rotor.model.condition import Condition
 from tests.rigtwin.conftest import run, run_json
 
 KEYS = {

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import EFFECTS, AttachedMass, SensorGain
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.formats import read_run
 from rigtwin.sim.stepped_sine import measure_lines
 from tests.rigtwin.conftest import run, run_json

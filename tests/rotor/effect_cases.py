@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
-from rigtwin.rotor.frequency_response import ComplexArray, dynamic_stiffness, receptance
-from rigtwin.rotor.model import Change, build_system
-from rigtwin.rotor.structure import FloatArray, Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.frequency_response import ComplexArray, dynamic_stiffness, receptance
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import Change, build_system
+from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.system import LinearSystem
 from tests.rotor import rigs
 
 OMEGA = 2 * np.pi * np.linspace(20.0, 400.0, 21)

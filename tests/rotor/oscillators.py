@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, ForceLaw
-from rigtwin.rotor.harmonic_balance import Balance, Motions
-from rigtwin.rotor.local_force import LocalForce
-from rigtwin.rotor.model import RotorModel
-from rigtwin.rotor.structure import FloatArray
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.harmonic_balance import Balance, Motions
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, ForceLaw
+from rigtwin.rotor.model.local_force import LocalForce
+from rigtwin.rotor.model.rotor_model import RotorModel
+from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.system import LinearSystem
 from tests.rotor.rigs import paper_structure
 
 # A kilogram on 1e4 N/m: 100 rad/s, 15.9 Hz.

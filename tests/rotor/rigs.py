@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.elements import ElementType, FloatArray, Section, timoshenko
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig, load_rig
-from rigtwin.rotor.structure import Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import ElementType, FloatArray, Section, timoshenko
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.model.system import LinearSystem
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 PAPER: dict[str, Any] = tomllib.loads((BENCHMARKS / "paper_tables.toml").read_text(encoding="utf-8"))

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import DiskInertia, Gyroscopic
-from rigtwin.rotor.elements import euler_bernoulli
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig, load_rig
-from rigtwin.rotor.structure import DOF_PER_NODE
-from rigtwin.rotor.whirl import campbell
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.frequency.whirl import campbell
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import euler_bernoulli
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import DOF_PER_NODE
 from tests.rotor import rigs
 from tests.tolerances import FINE_MESH, NEARLY_MASSLESS, ROUND_OFF
 

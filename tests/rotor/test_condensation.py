@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.condensation import condense_tilt
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import damped_modes, natural_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.structure import DOF_PER_NODE
+from rigtwin.rotor.frequency.condensation import condense_tilt
+from rigtwin.rotor.frequency.modal import damped_modes, natural_frequencies_hz
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import DOF_PER_NODE
 from tests.rotor import rigs
 from tests.tolerances import EIGENVALUE_ROUND_OFF, NEARLY_MASSLESS, ROUND_OFF, TABLE_1_PROGRAM
 

@@ -7,9 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from rigtwin.rotor import continuation, harmonic_balance
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.continuation import Curve, from_rest, trace
 from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
@@ -19,9 +16,12 @@ from rigtwin.rotor.effects import (
     Effect,
     Rub,
 )
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.harmonic_balance import Balance
-from rigtwin.rotor.model import build_model
+from rigtwin.rotor.frequency import continuation, harmonic_balance
+from rigtwin.rotor.frequency.continuation import Curve, from_rest, trace
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_model
 from tests import tolerances as tol
 from tests.rotor.oscillators import CONDITION, MASS, OMEGA_0, STIFFNESS, cubic, oscillator
 from tests.rotor.rigs import paper_structure

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.system import LinearSystem, shaft_damping, undamped_modes
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import LinearSystem, shaft_damping, undamped_modes
 from tests.rotor import rigs
 from tests.tolerances import EIGENVALUE_ROUND_OFF, LIGHT_DAMPING, ROUND_OFF
 

@@ -11,9 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rigtwin.rotor import model
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import (
     AttachedMass,
     AxialLoad,
@@ -35,13 +32,16 @@ from rigtwin.rotor.effects import (
     ShaftModulus,
     ViscoelasticSupport,
 )
-from rigtwin.rotor.elements import euler_bernoulli, timoshenko
-from rigtwin.rotor.frequency_response import ComplexArray, dynamic_stiffness
-from rigtwin.rotor.modal import damped_modes, natural_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig, load_rig
-from rigtwin.rotor.structure import FloatArray
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.frequency_response import ComplexArray, dynamic_stiffness
+from rigtwin.rotor.frequency.modal import damped_modes, natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model import rotor_model as model
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import euler_bernoulli, timoshenko
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.system import LinearSystem
 from tests.rotor import rigs
 from tests.rotor.effect_cases import BEARING, OMEGA, RIGID, node_receptance, paper, paper_with, sensed
 from tests.tolerances import NEARLY_CLAMPED, NEARLY_MASSLESS, ROUND_OFF, hermite_error

@@ -10,8 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
@@ -26,12 +24,14 @@ from rigtwin.rotor.effects import (
     SensorPosition,
     UnbalanceForce,
 )
-from rigtwin.rotor.elements import FloatArray, euler_bernoulli
-from rigtwin.rotor.frequency_response import ComplexArray, dynamic_stiffness
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_model, build_system
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.simulator import RotorSimulator
+from rigtwin.rotor.frequency.frequency_response import ComplexArray, dynamic_stiffness
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import FloatArray, euler_bernoulli
+from rigtwin.rotor.model.rotor_model import build_model, build_system
+from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.rotor import rigs
 from tests.rotor.effect_cases import BEARING, OMEGA, by_family, node_receptance, paper, paper_with, sensed
 from tests.tolerances import NEARLY_MASSLESS, ROUND_OFF, STEPPER

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import (
     AxialLoad,
     BearingOffset,
@@ -20,11 +18,13 @@ from rigtwin.rotor.effects import (
     SensorPosition,
     ShaftModulus,
 )
-from rigtwin.rotor.frequency_response import dynamic_stiffness, receptance
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.model import build_model, build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness, receptance
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_model, build_system
+from rigtwin.rotor.model.structure import FloatArray
 from tests.rotor.effect_cases import RIGID, node_receptance, paper, paper_with, sensed
 from tests.tolerances import CONVERGENCE_ORDER, FINE_MESH, ROUND_OFF
 

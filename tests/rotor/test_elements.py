@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.elements import (
+from rigtwin.rotor.model.elements import (
     Section,
     cowper_shear_factor,
     euler_bernoulli,

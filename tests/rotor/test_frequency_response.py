@@ -6,12 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.frequency_response import accelerance, dynamic_stiffness, hysteretic_dynamic_stiffness, receptance
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.system import LinearSystem, undamped_modes
+from rigtwin.rotor.frequency.frequency_response import (
+    accelerance,
+    dynamic_stiffness,
+    hysteretic_dynamic_stiffness,
+    receptance,
+)
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import LinearSystem, undamped_modes
 from tests.rotor import rigs
 from tests.tolerances import LIGHT_DAMPING, ROUND_OFF, SPECTRAL
 

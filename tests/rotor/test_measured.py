@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import (
     AttachedMass,
     BearingCubic,
@@ -22,9 +21,10 @@ from rigtwin.rotor.effects import (
     SensorMass,
     SensorPosition,
 )
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.measured import ChannelGroup, channel_groups, measured_response
-from rigtwin.rotor.model import build_system
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.measured import ChannelGroup, channel_groups, measured_response
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
 from tests.rotor.rigs import paper_structure
 from tests.tolerances import ROUND_OFF
 

@@ -7,14 +7,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import eigh
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.elements import ElementType, euler_bernoulli, linear_timoshenko, timoshenko
-from rigtwin.rotor.modal import damped_modes, elastic_frequencies_hz, natural_frequencies_hz
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.system import undamped_modes
-from rigtwin.rotor.whirl import campbell
+from rigtwin.rotor.frequency.modal import damped_modes, elastic_frequencies_hz, natural_frequencies_hz
+from rigtwin.rotor.frequency.whirl import campbell
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import ElementType, euler_bernoulli, linear_timoshenko, timoshenko
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import undamped_modes
 from tests.rotor import rigs
 from tests.tolerances import (
     CONVERGENCE_ORDER,

@@ -11,9 +11,6 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.drive import Drive, Tone
 from rigtwin.rotor.effects import (
     BearingClearance,
     BearingCubic,
@@ -27,15 +24,18 @@ from rigtwin.rotor.effects import (
     Rub,
     ViscoelasticSupport,
 )
-from rigtwin.rotor.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, JENKINS, ForceLaw
-from rigtwin.rotor.local_force import LocalForce
-from rigtwin.rotor.model import RotorModel, build_model
-from rigtwin.rotor.nonlinear_stepper import NoBalanceError, NonlinearStepper
-from rigtwin.rotor.simulator import RotorSimulator
-from rigtwin.rotor.state_space import StateSpace
-from rigtwin.rotor.stepper import ModalStepper
-from rigtwin.rotor.structure import FloatArray, Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, JENKINS, ForceLaw
+from rigtwin.rotor.model.local_force import LocalForce
+from rigtwin.rotor.model.rotor_model import RotorModel, build_model
+from rigtwin.rotor.model.state_space import StateSpace
+from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.system import LinearSystem
+from rigtwin.rotor.time.drive import Drive, Tone
+from rigtwin.rotor.time.nonlinear_stepper import NoBalanceError, NonlinearStepper
+from rigtwin.rotor.time.simulator import RotorSimulator
+from rigtwin.rotor.time.stepper import ModalStepper
 from tests.rotor import rigs
 from tests.tolerances import CONVERGENCE_ORDER, ENERGY_PER_PERIOD, NONLINEAR_STEPPER, ROUND_OFF, SLIDING, STEPPER
 

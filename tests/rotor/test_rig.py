@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.elements import euler_bernoulli
-from rigtwin.rotor.modal import natural_frequencies_hz
-from rigtwin.rotor.rig import Rig, RigError, load_rig, parse_rig, shipped_rigs
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig, RigError, load_rig, parse_rig, shipped_rigs
+from rigtwin.rotor.model.elements import euler_bernoulli
 from tests.rotor import rigs
 from tests.tolerances import FINE_MESH, ROUND_OFF, hermite_error
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.continuation import Curve, trace
 from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingFriction, BilinearSupport
-from rigtwin.rotor.harmonic_balance import Balance, Motions
-from rigtwin.rotor.model import build_model
-from rigtwin.rotor.stability import floquet_multipliers, is_stable
-from rigtwin.rotor.structure import FloatArray
+from rigtwin.rotor.frequency.continuation import Curve, trace
+from rigtwin.rotor.frequency.harmonic_balance import Balance, Motions
+from rigtwin.rotor.frequency.stability import floquet_multipliers, is_stable
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_model
+from rigtwin.rotor.model.structure import FloatArray
 from tests import tolerances as tol
 from tests.rotor.oscillators import CONDITION, MASS, OMEGA_0, STIFFNESS, bilinear, cubic, jenkins, oscillator
 from tests.rotor.rigs import paper_structure

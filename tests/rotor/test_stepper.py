@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.drive import Drive, Tone
-from rigtwin.rotor.frequency_response import dynamic_stiffness, receptance
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.rig import Rig
-from rigtwin.rotor.stepper import ModalStepper
-from rigtwin.rotor.system import LinearSystem, undamped_modes
+from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness, receptance
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import LinearSystem, undamped_modes
+from rigtwin.rotor.time.drive import Drive, Tone
+from rigtwin.rotor.time.stepper import ModalStepper
 from tests.rotor import rigs
 from tests.tolerances import ROUND_OFF, STEPPER
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import DiskInertia, Gyroscopic, PlaneAnisotropy, UnbalanceForce, ViscoelasticSupport
-from rigtwin.rotor.elements import euler_bernoulli
-from rigtwin.rotor.model import build_model, build_system
-from rigtwin.rotor.simulator import RotorSimulator
-from rigtwin.rotor.whirl import campbell, critical_speeds, unbalance_response, whirl_direction
+from rigtwin.rotor.frequency.whirl import campbell, critical_speeds, unbalance_response, whirl_direction
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import euler_bernoulli
+from rigtwin.rotor.model.rotor_model import build_model, build_system
+from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.rotor import rigs
 from tests.rotor.test_assembly import UNDAMPED, overhung
 from tests.tolerances import EIGENVALUE_ROUND_OFF, NEARLY_MASSLESS, SPECTRAL

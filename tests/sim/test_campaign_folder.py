@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim import campaign_folder
 from rigtwin.sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList
 from rigtwin.sim.campaign_folder import load_campaign, save_campaign

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
@@ -25,7 +24,8 @@ from rigtwin.rotor.effects import (
     SensorPosition,
     UnbalanceForce,
 )
-from rigtwin.rotor.measured import measured_response
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.campaign import Run
 from rigtwin.sim.sensors import SensorNoise
 from rigtwin.sim.session import FmuSession

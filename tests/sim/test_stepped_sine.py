@@ -10,12 +10,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import PlaneAnisotropy
-from rigtwin.rotor.frequency_response import accelerance
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import build_system
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.sim.campaign import Channel, Run
 from rigtwin.sim.detection import HARMONICS
 from rigtwin.sim.sensors import SensorNoise

@@ -11,7 +11,7 @@ import pytest
 from rigtwin.fmu_src import compiling
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import this_machine
-from rigtwin.rotor.rig import Rig, load_rig
+from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.sim.session import FmuSession
 from tests.fmu.native.sanitizers import SANITIZED, sanitized_compiler
 

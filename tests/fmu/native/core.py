@@ -12,11 +12,11 @@ import numpy as np
 
 from rigtwin.fmu_src.compiling import compiler, this_machine
 from rigtwin.fmu_src.native_sources import CONDITION_WORDS, EFFECT_WORDS, NATIVE, ROTOR_CORE, constants_code
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.effect import SWITCH
-from rigtwin.rotor.structure import FloatArray, IntArray
-from rigtwin.rotor.structure import Structure as PythonStructure
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import FloatArray, IntArray
+from rigtwin.rotor.model.structure import Structure as PythonStructure
 
 DOUBLES, INTS = ct.POINTER(ct.c_double), ct.POINTER(ct.c_int)
 

@@ -20,7 +20,7 @@ from fmpy import read_model_description
 
 from rigtwin.fmu_src.build import FMI_HEADERS, build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import TARGETS, Target, compiler, this_machine
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 
 HOST = Path(__file__).with_name("host.c")
 H, STEPS = 1e-3, 40

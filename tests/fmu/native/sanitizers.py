@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rigtwin.fmu_src.build import FMI_HEADERS, build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import this_machine
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 
 HERE = Path(__file__).parent
 FLAGS = ("-std=c99", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined,float-cast-overflow")

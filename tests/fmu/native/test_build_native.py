@@ -22,7 +22,7 @@ from rigtwin.fmu_src.compiling import TARGETS, CompileError, compiler, this_mach
 from rigtwin.fmu_src.native_sources import EFFECT_WORDS
 from rigtwin.fmu_src.network_code import WIDEST, UnknownOperationError, network_code
 from rigtwin.fmus import manifest
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.geometry.rig import load_rig
 
 SEEN = '__attribute__((visibility("default"))) '
 

@@ -10,8 +10,6 @@ from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
 from rigtwin.fmu_src.native_sources import EFFECT_WORDS
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
@@ -23,10 +21,12 @@ from rigtwin.rotor.effects import (
     ViscoelasticSupport,
 )
 from rigtwin.rotor.effects.nonlinear import SEAT_PARTS
-from rigtwin.rotor.force_laws import LAWS
-from rigtwin.rotor.model import build_model, build_system
-from rigtwin.rotor.rig import load_rig
-from rigtwin.rotor.simulator import RotorSimulator
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.force_laws import LAWS
+from rigtwin.rotor.model.rotor_model import build_model, build_system
+from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.fmu.native.core import Core, Rotor, compiled
 from tests.rotor import rigs
 

@@ -14,15 +14,15 @@ from rigtwin.gap.blind.machine import Setting
 from rigtwin.gap.blind.nonlinear import bent_peaks, swept_up, telling_levels
 from rigtwin.gap.blind.response import machines, reported
 from rigtwin.gap.blind.rig import read_rig
-from rigtwin.rotor.assembly import assemble
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.continuation import trace
 from rigtwin.rotor.effects import AttachedMass
 from rigtwin.rotor.effects.library import EFFECTS
-from rigtwin.rotor.harmonic_balance import Balance
-from rigtwin.rotor.measured import measured_response
-from rigtwin.rotor.model import build_model
-from rigtwin.rotor.rig import load_rig
+from rigtwin.rotor.frequency.continuation import trace
+from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.frequency.measured import measured_response
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_model
 
 RIG = read_rig("nit-rourkela")
 STRUCTURE = assemble(load_rig("nit-rourkela"), elements_between_nodes=16)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigtwin.rotor.structure import DOF_PER_NODE
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.model.structure import DOF_PER_NODE
+from rigtwin.rotor.model.system import LinearSystem
 
 
 def condense_tilt(system: LinearSystem) -> LinearSystem:

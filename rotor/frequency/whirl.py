@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from rigtwin.rotor.frequency_response import dynamic_stiffness
-from rigtwin.rotor.modal import damped_modes
-from rigtwin.rotor.model import RotorModel
-from rigtwin.rotor.structure import ComplexArray, FloatArray
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness
+from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.rotor_model import RotorModel
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.system import LinearSystem
 
 # A mode whose orbits enclose less than this share of the area of circles has no direction: it
 # moves in a plane, or its two planes are alike and the choice between the two whirls is arbitrary.

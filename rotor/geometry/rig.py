@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rigtwin.rotor.condition import MOST_BEARING_DAMPING
-from rigtwin.rotor.elements import Section, cowper_shear_factor
+from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING
+from rigtwin.rotor.model.elements import Section, cowper_shear_factor
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

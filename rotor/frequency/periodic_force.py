@@ -19,9 +19,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from rigtwin.rotor.force_laws import LAWS
-from rigtwin.rotor.local_force import LocalForce
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.force_laws import LAWS
+from rigtwin.rotor.model.local_force import LocalForce
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Rounding of a corner, relative to the way that the joint makes between two samples. With less, curves of lightly
 # damped rotors break into small folds that closer sampling moves about.

@@ -11,12 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from rigtwin.rotor.condition import Condition
 from rigtwin.rotor.effects.chain import SensorMass
 from rigtwin.rotor.effects.effect import Effect
-from rigtwin.rotor.frequency_response import driven_receptance
-from rigtwin.rotor.model import build_model
-from rigtwin.rotor.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.frequency.frequency_response import driven_receptance
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_model
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, Structure
 
 Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
 

@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigtwin.rotor.harmonic_balance import Motions
-from rigtwin.rotor.periodic_force import Memory
-from rigtwin.rotor.structure import ComplexArray, FloatArray
+from rigtwin.rotor.frequency.harmonic_balance import Motions
+from rigtwin.rotor.frequency.periodic_force import Memory
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Eigenvalues beyond this multiple of the highest harmonic's frequency follow statically.
 _STATIC = 4.0

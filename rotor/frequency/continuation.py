@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from rigtwin.rotor.harmonic_balance import Balance, Motions, jacobian
-from rigtwin.rotor.periodic_force import complex_form, real_form
-from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.frequency.harmonic_balance import Balance, Motions, jacobian
+from rigtwin.rotor.frequency.periodic_force import complex_form, real_form
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 
 Direction = Literal["up", "down"]
 Varied = Literal["omega", "force_amplitude"]

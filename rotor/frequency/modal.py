@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigtwin.rotor.state_space import StateSpace
-from rigtwin.rotor.structure import ComplexArray, FloatArray
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.model.state_space import StateSpace
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.system import LinearSystem
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.elements import shape_functions
-from rigtwin.rotor.force_laws import ForceLaw
-from rigtwin.rotor.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, FloatArray, IntArray, Structure
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import shape_functions
+from rigtwin.rotor.model.force_laws import ForceLaw
+from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, FloatArray, IntArray, Structure
 
 # A round bar's length, in diameters, over which a crack counts as reduced bending stiffness.
 CRACK_LENGTH = 0.8

@@ -19,10 +19,10 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 
-from rigtwin.rotor.drive import Drive, Tone
-from rigtwin.rotor.state_space import StateSpace
-from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.model.state_space import StateSpace
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.system import LinearSystem
+from rigtwin.rotor.time.drive import Drive, Tone
 
 # Steady response above which the rotor counts as undamped at a resonance, in units of b / omega:
 # subtracting a steady state so much larger than the motion would cost its digits.

@@ -45,13 +45,13 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 
-from rigtwin.rotor.drive import Drive
-from rigtwin.rotor.local_force import LocalForce
-from rigtwin.rotor.model import RotorModel
-from rigtwin.rotor.printed_laws import SCALAR
-from rigtwin.rotor.state_space import StateSpace
-from rigtwin.rotor.stepper import CACHE_SIZE, Block, add_tone
-from rigtwin.rotor.structure import FloatArray, IntArray
+from rigtwin.rotor.model.local_force import LocalForce
+from rigtwin.rotor.model.printed_laws import SCALAR
+from rigtwin.rotor.model.rotor_model import RotorModel
+from rigtwin.rotor.model.state_space import StateSpace
+from rigtwin.rotor.model.structure import FloatArray, IntArray
+from rigtwin.rotor.time.drive import Drive
+from rigtwin.rotor.time.stepper import CACHE_SIZE, Block, add_tone
 
 # Error of a joint's pull within a substep, relative to the pull's scale.
 FORCE_ERROR = 3e-5

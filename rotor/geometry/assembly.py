@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from rigtwin.rotor.elements import ElementType, FloatArray, Section, euler_bernoulli, timoshenko
-from rigtwin.rotor.rig import SAME_PLACE_M, Rig
-from rigtwin.rotor.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
+from rigtwin.rotor.geometry.rig import SAME_PLACE_M, Rig
+from rigtwin.rotor.model.elements import ElementType, FloatArray, Section, euler_bernoulli, timoshenko
+from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 
 
 def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_nodes: int | None = None) -> Structure:

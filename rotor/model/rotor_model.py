@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.design import (
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.design import (
     Bearing,
     Design,
     JointLaw,
@@ -19,9 +19,9 @@ from rigtwin.rotor.design import (
     shaft_point,
     shaft_stiffness,
 )
-from rigtwin.rotor.local_force import LocalForce
-from rigtwin.rotor.structure import DOF_PER_NODE, ComplexArray, FloatArray, Structure
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.model.local_force import LocalForce
+from rigtwin.rotor.model.structure import DOF_PER_NODE, ComplexArray, FloatArray, Structure
+from rigtwin.rotor.model.system import LinearSystem
 
 
 class Change(Protocol):

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.rotor.condition import Condition
-from rigtwin.rotor.design import Unbalance
-from rigtwin.rotor.drive import Drive, Tone
-from rigtwin.rotor.model import Change, build_model
-from rigtwin.rotor.nonlinear_stepper import NonlinearStepper
-from rigtwin.rotor.stepper import ModalStepper
-from rigtwin.rotor.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.design import Unbalance
+from rigtwin.rotor.model.rotor_model import Change, build_model
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.time.drive import Drive, Tone
+from rigtwin.rotor.time.nonlinear_stepper import NonlinearStepper
+from rigtwin.rotor.time.stepper import ModalStepper
 
 # A phase at the start and at the end of a step.
 Span = tuple[float, float]

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rigtwin.rotor.structure import ComplexArray, FloatArray
-from rigtwin.rotor.system import LinearSystem, Modes
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.system import LinearSystem, Modes
 
 # Condition of the eigenvectors (Frobenius) beyond which the spectral form loses more than half the digits.
 _DEFECTIVE = 1e7

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, qr, solve_triangular
 
-from rigtwin.rotor.structure import ComplexArray, FloatArray, IntArray, Structure
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
 
 # Strain energy that is round-off: this share of the energies that add up to it. So little is that of a rigid-body
 # motion; a negative one of more is that of a rotor that buckles. The first mode of a beam of n elements has 2 / n^4.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigtwin.rotor.state_space import StateSpace
-from rigtwin.rotor.structure import ComplexArray, FloatArray
-from rigtwin.rotor.system import LinearSystem
+from rigtwin.rotor.model.state_space import StateSpace
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.system import LinearSystem
 
 
 def dynamic_stiffness(system: LinearSystem, omega: FloatArray, spin_speed: float = 0.0) -> ComplexArray:

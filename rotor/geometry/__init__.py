@@ -1,0 +1,9 @@
+"""From a rig file to finite elements.
+
+============  =================================  ============
+module        what it holds                      start here
+============  =================================  ============
+``rig``       the rig TOML and the shipped rigs  ``load_rig``
+``assembly``  rig to matrices                    ``assemble``
+============  =================================  ============
+"""

@@ -87,7 +87,7 @@ laws: $(VENV)/installed
 	$(PYTHON) build_laws.py
 
 effect-pages: $(VENV)/installed
-	$(PYTHON) -m rigtwin.effect_pages
+	$(PYTHON) -m benchmarks.effect_pages
 
 clean:
 	rm -rf dist build runs

@@ -6,11 +6,11 @@ import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
-from rigtwin.gap.blind.draw import library_effect
-from rigtwin.gap.blind.effects import NONLINEAR
-from rigtwin.gap.blind.folder import MEASURED
-from rigtwin.gap.blind.generate import Order, make
-from rigtwin.gap.blind.score import Label, label_from
+from rigtwin.blind.generate.campaigns import Order, make
+from rigtwin.blind.generate.draw import library_effect
+from rigtwin.blind.generate.effects import NONLINEAR
+from rigtwin.blind.generate.folder import MEASURED
+from rigtwin.blind.judge.score import Label, label_from
 
 
 def tuning_campaigns(name: str, seed: int, folder: Path, nonlinear: bool = False) -> Iterator[tuple[Path, Label]]:

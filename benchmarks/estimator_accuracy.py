@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from fmpy import extract, instantiate_fmu, read_model_description
 
+from rigtwin.commands.fmus import build_rotor_for_the_rig
 from rigtwin.estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, noisy
 from rigtwin.estimator.features import FEATURE_NAMES, Features
 from rigtwin.estimator.prior import PRIOR
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.fmu_src.build import build_estimator_fmu
-from rigtwin.fmus import build_rotor_for_the_rig
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.scale_out import executor

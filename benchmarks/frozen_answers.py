@@ -18,10 +18,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from rigtwin.gap.blind.folder import MEASURED
-from rigtwin.gap.blind.generate import DATA, Order, make
+from rigtwin.blind.generate.campaigns import DATA, Order, make
+from rigtwin.blind.generate.folder import MEASURED
 from rigtwin.gap.diagnose import diagnose
-from rigtwin.gap.diagnosis import Cause, Diagnosis
+from rigtwin.gap.document import Cause, Diagnosis
 from rigtwin.sim.campaign_folder import load_campaign
 
 FROZEN = Path(__file__).with_name("frozen_answers.json")

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.campaigns import tuning_campaigns
 from benchmarks.page import DOCS, machine, table
-from rigtwin.gap.blind.score import Label, Outcome, outcome
+from rigtwin.blind.judge.score import Label, Outcome, outcome
 from rigtwin.gap.diagnose import diagnose
 from rigtwin.scale_out import executor
 from rigtwin.sim.campaign import Run

@@ -9,11 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.page import COLOURS, DOCS, new_figure, save_figure, table
-from rigtwin.diagnosis_words import at_edge, cause_title, k_b_words, parameters, places
-from rigtwin.gap.forward import Forward
-from rigtwin.gap.hypotheses import Hypothesis
-from rigtwin.gap.peaks import Lists, Ranking, Reading, Scored, diagnosis_of
+from rigtwin.gap.inference.hypotheses import Hypothesis
+from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.peaks.lists import Lists, Ranking, Reading, Scored, diagnosis_of
 from rigtwin.gap.phrases import part
+from rigtwin.pages.diagnosis_words import at_edge, cause_title, k_b_words, parameters, places
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign import Campaign, Channel, Run
 from rigtwin.sim.campaign_folder import load_campaign

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page import DOCS, machine, table
-from rigtwin.diagnose import shared_among
-from rigtwin.gap.blind.folder import HELD_OUT, MEASURED, TRUTH
-from rigtwin.gap.blind.generate import Order, make
-from rigtwin.gap.blind.score import gap
+from rigtwin.blind.generate.campaigns import Order, make
+from rigtwin.blind.generate.folder import HELD_OUT, MEASURED, TRUTH
+from rigtwin.blind.judge.score import gap
+from rigtwin.commands.diagnose import shared_among
 from rigtwin.gap.diagnose import diagnose
-from rigtwin.gap.diagnosis import Location
-from rigtwin.gap.modal import TOLERANCES
+from rigtwin.gap.document import Location
+from rigtwin.gap.model.linear import TOLERANCES
 from rigtwin.gap.phrases import effects_at, place
 from rigtwin.gap.predict import predict
 from rigtwin.rotor.model.structure import ComplexArray

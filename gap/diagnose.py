@@ -9,26 +9,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from rigtwin.gap.adequacy import judge, not_shared, odd_lines
-from rigtwin.gap.audit import amplitude_dependent, audit, usable
-from rigtwin.gap.audit.prepared import prepare
+from rigtwin.gap.answer.held_out import Confirm
+from rigtwin.gap.answer.report import Answer, Clock, Outcome, report
+from rigtwin.gap.audit.checked_run import prepare
+from rigtwin.gap.audit.findings import amplitude_dependent, audit, usable
 from rigtwin.gap.audit.wild import left_out, silenced
-from rigtwin.gap.diagnosis import Finding
-from rigtwin.gap.fit import Fit
-from rigtwin.gap.forward import nonlinear
-from rigtwin.gap.held_out import Confirm
-from rigtwin.gap.helpers import helped_by
-from rigtwin.gap.hypotheses import Hypothesis, candidates
-from rigtwin.gap.likelihood import Problem
-from rigtwin.gap.nonlinear_search import most_promised, search_nonlinear
-from rigtwin.gap.pair_search import PAIR_GAIN, each_alone, exchanged, most_left, pairs, straightened
-from rigtwin.gap.peaks import diagnose_peaks
+from rigtwin.gap.document import Finding
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.inference.score_test import Score
+from rigtwin.gap.model.forward import nonlinear
+from rigtwin.gap.peaks.lists import diagnose_peaks
 from rigtwin.gap.prepare import prepared
-from rigtwin.gap.ranking import of_the_likeliest, rank, verdict_of
-from rigtwin.gap.report import Answer, Clock, Outcome, report
-from rigtwin.gap.robust import robust_fit
-from rigtwin.gap.score import Score
-from rigtwin.gap.search import (
+from rigtwin.gap.search.laws.robust import robust_fit
+from rigtwin.gap.search.laws.search import most_promised, search_nonlinear
+from rigtwin.gap.search.linear import (
     POLISHED,
     Progress,
     Search,
@@ -41,7 +37,11 @@ from rigtwin.gap.search import (
     search,
     with_bent,
 )
-from rigtwin.gap.standing import adequate, excess_of, gains_differ, scale_of, standing_of
+from rigtwin.gap.search.pairs import PAIR_GAIN, each_alone, exchanged, most_left, pairs, straightened
+from rigtwin.gap.search.workers import helped_by
+from rigtwin.gap.verdict.adequacy import judge, not_shared, odd_lines
+from rigtwin.gap.verdict.ranking import of_the_likeliest, rank, verdict_of
+from rigtwin.gap.verdict.standing import adequate, excess_of, gains_differ, scale_of, standing_of
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign import Campaign, Run
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from rigtwin.gap.diagnosis import Location
+from rigtwin.gap.document import Location
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign import SupportKind
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from rigtwin.gap.audit import believed_errors, common_error, scatter_over
-from rigtwin.gap.fit import Fit
-from rigtwin.gap.forward import Forward
-from rigtwin.gap.likelihood import Problem
-from rigtwin.gap.residuals import Observed, observe
-from rigtwin.gap.search import recalibrate
+from rigtwin.gap.audit.findings import believed_errors, common_error, scatter_over
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.observed import Observed, observe
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.search.linear import recalibrate
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.structure import Structure

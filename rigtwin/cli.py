@@ -86,7 +86,7 @@ def demo(
     fmus: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("dist"),
 ) -> None:
     """Everything from nothing: both FMUs, virtual tests, the paper's own numbers, one result page."""
-    from rigtwin.demo import run_demo
+    from rigtwin.commands.demo import run_demo
 
     run_demo(out, fmus)
 
@@ -106,7 +106,7 @@ def build(
     ] = False,
 ) -> None:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
-    from rigtwin.build import build_fmus
+    from rigtwin.commands.build import build_fmus
 
     build_fmus(rig, out, train=train, native=native, array_output=array_output)
 
@@ -146,7 +146,7 @@ def sweep(
     as_json: JSON = False,
 ) -> None:
     """Measure stepped-sine runs on the virtual rig, with effects, and fit their modes."""
-    from rigtwin.sweep import SweepRequest, levels_of, plan_of, run_sweep
+    from rigtwin.commands.sweep import SweepRequest, levels_of, plan_of, run_sweep
 
     run_sweep(
         SweepRequest(
@@ -181,7 +181,7 @@ def train(
     executor: ExecutorOption = None,
 ) -> None:
     """Measure rigs through the FMU and train the estimator; started again, it goes on where it stopped."""
-    from rigtwin.training import TrainingPlan, print_trained, train, train_from_data
+    from rigtwin.commands.training import TrainingPlan, print_trained, train, train_from_data
 
     plan = TrainingPlan(rig=rig, rigs=rigs, seed=seed, calibration_rigs=calibration_rigs, out=out, executor=executor)
     if from_data and (rig, rigs, seed, calibration_rigs, executor) != (RIG, 512, 1, 128, None):
@@ -211,8 +211,8 @@ def estimate(
     as_json: JSON = False,
 ) -> None:
     """Bearing stiffness from two measured runs, a campaign folder, or numbers."""
-    from rigtwin.estimate import Numbers, print_answers, run_settings
-    from rigtwin.estimate import estimate as answer
+    from rigtwin.commands.estimate import Numbers, print_answers, run_settings
+    from rigtwin.commands.estimate import estimate as answer
 
     numbers = Numbers(delta_f1, delta_f2, amplitude_ratio, delta_f1_std, delta_f2_std, amplitude_ratio_std)
     settings = run_settings(excitation_node, quantity.value if quantity else None)
@@ -230,7 +230,7 @@ def check(
     as_json: JSON = False,
 ) -> None:
     """Gate for CI: does the FMU comply, replay, refuse, and give back a known stiffness? Exit 3 when not."""
-    from rigtwin.check import Expectation, check_fmu
+    from rigtwin.commands.check import Expectation, check_fmu
 
     options = (("--expect-k-b", expect_k_b), ("--tolerance", tolerance), ("--time-limit", time_limit))
     for option, value in options:
@@ -269,7 +269,7 @@ def diagnose(
     as_json: JSON = False,
 ) -> None:
     """Where the gap between a campaign and the nominal model lies, which effect causes it, how far it shrinks."""
-    from rigtwin.diagnose import DiagnosisRequest, run_diagnose
+    from rigtwin.commands.diagnose import DiagnosisRequest, run_diagnose
 
     excluded = tuple(name.strip() for names in exclude or () for name in names.rstrip(", ").split(","))
     run_diagnose(DiagnosisRequest(campaign, out, excluded, fmu=not no_fmu, as_json=as_json, workers=workers))
@@ -282,7 +282,7 @@ def predict(
     out: Annotated[Path, typer.Option(help="Folder for nominal/ and corrected/.")],
 ) -> None:
     """Each run of a campaign as the nominal and as the corrected model compute it, on the run's own lines."""
-    from rigtwin.diagnose import run_predict
+    from rigtwin.commands.diagnose import run_predict
 
     run_predict(diagnosis, campaign, out)
 
@@ -304,7 +304,8 @@ def blind(
     ] = False,
 ) -> None:
     """Make sealed campaigns with a generator of its own, diagnose them, score the answers. What exists is kept."""
-    from rigtwin.blind import SETS, BlindRequest, run_blind
+    from rigtwin.blind import SETS
+    from rigtwin.commands.blind import BlindRequest, run_blind
 
     if split not in ("tuning", "report"):
         raise UserError(f"--split {split}: give tuning or report")
@@ -329,7 +330,7 @@ def effects(
     as_json: JSON = False,
 ) -> None:
     """The effect library: what each effect adds, with its parameters, prior ranges and places."""
-    from rigtwin.effects import print_effect, print_effects
+    from rigtwin.commands.effects import print_effect, print_effects
 
     if effect_id is None:
         print_effects(as_json=as_json)
@@ -348,7 +349,7 @@ def report(
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
 ) -> None:
     """One HTML page of measured runs: responses, fitted modes, and k_b where both supports are there."""
-    from rigtwin.report import Sources, write_report
+    from rigtwin.commands.report import Sources, write_report
 
     write_report(Sources(tuple(paths or ()), tuple(rigid or ()), tuple(bearing or ())), out, estimator)
 

@@ -8,6 +8,8 @@ import re
 _NO_BREAK = "\u00a0"
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|Hz|mm|MN/m|N)\b|%|±)|(?<=±) |(?<=N) (?=s/m)")
 
+_UNITS = {"1": "", "N.s/m": "N s/m", "N/m3": "N/m³", "N.m/rad": "N m/rad", "kg.m": "kg m"}
+
 # A standard error below this share of its value is round-off, not noise, and is not printed.
 _EXACT = 1e-8
 
@@ -59,3 +61,16 @@ def unbroken(text: str) -> str:
 def yes_no(flag: bool) -> str:
     """'yes' or 'no'."""
     return "yes" if flag else "no"
+
+
+def number(value: float) -> str:
+    """'0.02', '30000', '1e7', '∞'."""
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    text = f"{value:g}" if value == 0 or 1e-3 <= abs(value) < 1e5 else exponent(value)
+    return text.replace("-", "−") if value < 0 else text
+
+
+def unit(text: str) -> str:
+    """'N s/m' of 'N.s/m'; empty for a number without a unit."""
+    return _UNITS.get(text, text)

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from rigtwin.blind.judge.page import page
+from rigtwin.blind.judge.results import from_row
 from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.fmu_src.documentation import _rows
 from rigtwin.fmu_src.estimator_variables import estimator_variables
 from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
 from rigtwin.fmu_src.variables import Variable
-from rigtwin.gap.blind.page import page
-from rigtwin.gap.blind.results import from_row
 from rigtwin.rotor.geometry.rig import Disk, Mass, Rig, Segment, SupportTable
 
 ROOT = Path(__file__).resolve().parent.parent

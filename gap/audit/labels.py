@@ -15,10 +15,10 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from rigtwin.gap.audit.checked_run import Prepared
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.audit.one_run import is_only_noise
-from rigtwin.gap.audit.prepared import Prepared
-from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.rotor.frequency.measured import Quantity
 from rigtwin.sim.campaign import FloatArray

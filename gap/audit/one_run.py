@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from rigtwin.gap.audit.checked_run import Prepared, Severity
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.audit.noise import (
     CONTRADICTED,
@@ -18,9 +19,8 @@ from rigtwin.gap.audit.noise import (
     responses,
     weigh_errors,
 )
-from rigtwin.gap.audit.prepared import Prepared, Severity
 from rigtwin.gap.audit.resonances import Resonance
-from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, NominalBelief, Run
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.gap.audit.checked_run import Prepared
 from rigtwin.gap.audit.noise import mean_square
-from rigtwin.gap.audit.prepared import Prepared
 from rigtwin.gap.audit.resonances import Resonance
-from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.document import Finding
 from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
 
 # Standard deviations beyond which a gain or a resonance has changed.

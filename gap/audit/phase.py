@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.gap.audit.checked_run import Prepared
 from rigtwin.gap.audit.geometry import Geometry
-from rigtwin.gap.audit.prepared import Prepared
-from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.sim.campaign import FloatArray
 

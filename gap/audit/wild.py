@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rigtwin.gap.audit.checked_run import Prepared
 from rigtwin.gap.audit.noise import estimate_noise, responses
-from rigtwin.gap.audit.prepared import Prepared
-from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.document import Finding
 from rigtwin.sim.campaign import FloatArray, Run
 
 # Error of a line from which it is wild: in standard errors, and relative to its own and its neighbours' size.

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rigtwin.gap.answer.report import Outcome
 from rigtwin.gap.diagnose import diagnose
-from rigtwin.gap.forward import Forward
-from rigtwin.gap.hypotheses import Hypothesis, candidates
-from rigtwin.gap.likelihood import Problem
+from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
+from rigtwin.gap.inference.observed import observe
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.prepare import structure_of
-from rigtwin.gap.report import Outcome
-from rigtwin.gap.residuals import observe
 from rigtwin.rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes

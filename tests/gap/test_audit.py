@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rigtwin.gap.audit import audit, believed_errors, common_error, estimate_noise, scatter_over, usable
+from rigtwin.gap.audit.checked_run import Prepared, prepare
+from rigtwin.gap.audit.findings import audit, believed_errors, common_error, estimate_noise, scatter_over, usable
 from rigtwin.gap.audit.geometry import geometry_of
 from rigtwin.gap.audit.noise import mean_square
 from rigtwin.gap.audit.pairs import compare
 from rigtwin.gap.audit.phase import Delays, _drive_sign, check_sign
-from rigtwin.gap.audit.prepared import Prepared, prepare
 from rigtwin.gap.audit.wild import wild_lines, without_wild_lines
-from rigtwin.gap.diagnosis import Finding
+from rigtwin.gap.document import Finding
 from rigtwin.rotor.effects import Gyroscopic, SensorDelay
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.frequency.measured import measured_response

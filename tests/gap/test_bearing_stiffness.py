@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.gap.bearing_stiffness import beside_models, carried, law_starts
-from rigtwin.gap.hypotheses import candidates
-from rigtwin.gap.search import recalibrate
+from rigtwin.gap.inference.hypotheses import candidates
+from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.search.strategies.bearing_stiffness import beside_models, carried, law_starts
 from rigtwin.rotor.effects import AttachedMass, BearingDamping, PedestalFlexibility, ViscoelasticSupport
 from rigtwin.rotor.model.rotor_model import bearing_stiffness
 from rigtwin.sim.campaign import Channel

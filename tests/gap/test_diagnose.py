@@ -13,22 +13,22 @@ import pytest
 from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from rigtwin.gap.adequacy import Adequacy, judge, not_shared, odd_lines
-from rigtwin.gap.audit import common_error, usable
-from rigtwin.gap.audit.prepared import Prepared
+from rigtwin.gap.answer.held_out import _figures, _held_out, lines_to_measure
+from rigtwin.gap.answer.report import _equivalent, _may_be_the_bearings, _regime
+from rigtwin.gap.audit.checked_run import Prepared
+from rigtwin.gap.audit.findings import common_error, usable
 from rigtwin.gap.curves import nrmse
 from rigtwin.gap.diagnose import _library, _not_ruled_out, diagnose
-from rigtwin.gap.diagnosis import FILE_NAME, SCHEMA, Cause, Finding, Location, Where
-from rigtwin.gap.forward import Forward
-from rigtwin.gap.held_out import _figures, _held_out, lines_to_measure
-from rigtwin.gap.hypotheses import candidates
+from rigtwin.gap.document import FILE_NAME, SCHEMA, Cause, Finding, Location, Where
+from rigtwin.gap.inference.hypotheses import candidates
+from rigtwin.gap.inference.observed import observe
+from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.predict import predict
 from rigtwin.gap.prepare import prepared
-from rigtwin.gap.ranking import Ranked, of_the_likeliest, verdict_of
-from rigtwin.gap.report import _equivalent, _may_be_the_bearings, _regime
-from rigtwin.gap.residuals import observe
-from rigtwin.gap.search import recalibrate
-from rigtwin.gap.standing import Standing, excess_of
+from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.verdict.adequacy import Adequacy, judge, not_shared, odd_lines
+from rigtwin.gap.verdict.ranking import Ranked, of_the_likeliest, verdict_of
+from rigtwin.gap.verdict.standing import Standing, excess_of
 from rigtwin.rotor.effects import (
     AttachedMass,
     BearingCubic,

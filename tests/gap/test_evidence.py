@@ -11,10 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from rigtwin.gap.evidence import sample
-from rigtwin.gap.fit import Fit, Sampled
-from rigtwin.gap.hypotheses import NOMINAL
-from rigtwin.gap.search import recalibrate
+from rigtwin.gap.inference.evidence import sample
+from rigtwin.gap.inference.fit import Fit, Sampled
+from rigtwin.gap.inference.hypotheses import NOMINAL
+from rigtwin.gap.search.linear import recalibrate
 from rigtwin.rotor.effects import BearingCubic
 from tests.gap.conftest import MASS, both_supports, candidate, problem_of
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
-from rigtwin.gap.forward import Forward
-from rigtwin.gap.modal import MODES, TOLERANCES
+from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.model.linear import MODES, TOLERANCES
 from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
@@ -375,7 +375,7 @@ def solved(monkeypatch):
         made.append(effects)
         return build_model(structure, condition, effects)
 
-    monkeypatch.setattr("rigtwin.gap.forward.build_model", build)
+    monkeypatch.setattr("rigtwin.gap.model.forward.build_model", build)
     return made
 
 

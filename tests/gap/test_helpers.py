@@ -8,11 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from rigtwin.gap.helpers import each, helped_by
-from rigtwin.gap.hypotheses import candidates
-from rigtwin.gap.nonlinear_search import search_nonlinear
-from rigtwin.gap.robust import anew
-from rigtwin.gap.search import all_polished, recalibrate, search, weak_starts
+from rigtwin.gap.inference.hypotheses import candidates
+from rigtwin.gap.search.laws.robust import anew
+from rigtwin.gap.search.laws.search import search_nonlinear
+from rigtwin.gap.search.linear import all_polished, recalibrate, search, weak_starts
+from rigtwin.gap.search.workers import each, helped_by
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.scale_out import executor

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.gap.hypotheses import NOMINAL, Hypothesis, candidates
+from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis, candidates
 from rigtwin.rotor.effects import EFFECTS
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import STRUCTURE, blank

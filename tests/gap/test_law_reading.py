@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigtwin.gap.hypotheses import NOMINAL, candidates
-from rigtwin.gap.law_grid import Rest, by_distance, seen_motion
-from rigtwin.gap.law_reading import read
-from rigtwin.gap.nonlinear import ROUGH
-from rigtwin.gap.robust import robust_misfit, thinned, unfitted
+from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
+from rigtwin.gap.model.nonlinear import ROUGH
+from rigtwin.gap.search.laws.grid import Rest, by_distance, seen_motion
+from rigtwin.gap.search.laws.reading import read
+from rigtwin.gap.search.laws.robust import robust_misfit, thinned, unfitted
 from rigtwin.rotor.effects import Rub
 from tests.gap.conftest import K_B, STRUCTURE, all_but
 from tests.gap.test_nonlinear import problem_of, swept

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.gap.adequacy import judge
-from rigtwin.gap.forward import Forward
-from rigtwin.gap.hypotheses import NOMINAL, Hypothesis
-from rigtwin.gap.likelihood import Problem
-from rigtwin.gap.residuals import Observed, derivatives, expected_magnitude, observe, residual, weighted
-from rigtwin.gap.search import recalibrate
+from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis
+from rigtwin.gap.inference.observed import Observed, derivatives, expected_magnitude, observe, residual, weighted
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.verdict.adequacy import judge
 from rigtwin.rotor.effects import AttachedMass, BearingDamping
 from rigtwin.rotor.geometry.rig import load_rig
 from tests.gap.conftest import (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rigtwin.gap.diagnosis import Cause, Location
-from rigtwin.gap.missing_test import missing_test
+from rigtwin.gap.answer.missing_test import missing_test
+from rigtwin.gap.document import Cause, Location
 from rigtwin.sim.campaign import Campaign
 from tests.gap.conftest import blank, lines
 

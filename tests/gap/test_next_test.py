@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.gap.hypotheses import candidates
-from rigtwin.gap.likelihood import Problem
-from rigtwin.gap.next_test import TOLD_APART, best_next_test, proposals, relative_noise, separations
-from rigtwin.gap.residuals import observe
+from rigtwin.gap.answer.next_run import TOLD_APART, best_next_test, proposals, relative_noise, separations
+from rigtwin.gap.inference.hypotheses import candidates
+from rigtwin.gap.inference.observed import observe
+from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import K_B, NOISE, STRUCTURE, all_but, both_supports, candidate, measure, problem_of

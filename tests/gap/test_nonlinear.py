@@ -7,17 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import rigtwin.gap.forward as forward_module
+import rigtwin.gap.model.forward as forward_module
+from rigtwin.gap.answer.transfer import transfer_interval
 from rigtwin.gap.curves import nrmse
 from rigtwin.gap.diagnose import LEVEL_SIGMAS
-from rigtwin.gap.diagnosis import SCHEMA
-from rigtwin.gap.forward import Forward
-from rigtwin.gap.hypotheses import NOMINAL, candidates
-from rigtwin.gap.law_grid import Rest, by_distance, points_of, seen_motion
-from rigtwin.gap.likelihood import MODEL_ERROR, Problem
-from rigtwin.gap.modal import MODES, TOLERANCES
-from rigtwin.gap.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
-from rigtwin.gap.nonlinear_search import (
+from rigtwin.gap.document import SCHEMA
+from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
+from rigtwin.gap.inference.observed import observe
+from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
+from rigtwin.gap.inference.score_test import Score
+from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.model.linear import MODES, TOLERANCES
+from rigtwin.gap.model.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
+from rigtwin.gap.predict import predict
+from rigtwin.gap.search.laws.grid import Rest, by_distance, points_of, seen_motion
+from rigtwin.gap.search.laws.robust import descend, robust_fit, robust_misfit, settle, thinned, unfitted
+from rigtwin.gap.search.laws.search import (
     _FIRST,
     _GRID_LINES,
     _ROUGH_ERROR,
@@ -36,15 +41,10 @@ from rigtwin.gap.nonlinear_search import (
     most_promised,
     search_nonlinear,
 )
-from rigtwin.gap.pair_search import PAIR_GAIN
-from rigtwin.gap.predict import predict
-from rigtwin.gap.residuals import observe
-from rigtwin.gap.robust import descend, robust_fit, robust_misfit, settle, thinned, unfitted
-from rigtwin.gap.score import Score
-from rigtwin.gap.search import recalibrate
-from rigtwin.gap.standing import gains_differ
-from rigtwin.gap.starts import Start
-from rigtwin.gap.transfer import transfer_interval
+from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.search.pairs import PAIR_GAIN
+from rigtwin.gap.search.starts import Start
+from rigtwin.gap.verdict.standing import gains_differ
 from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
 from rigtwin.rotor.effects.effect import Effect
 from rigtwin.rotor.frequency import periodic_force
@@ -457,7 +457,7 @@ def test_lines_on_the_upper_branch_are_found_by_their_magnitudes(monkeypatch):
         return np.count_nonzero(modal._miss(modal.solved()) > 0.1)
 
     assert lost() == 0
-    monkeypatch.setattr("rigtwin.gap.nonlinear._PHASES", {})
+    monkeypatch.setattr("rigtwin.gap.model.nonlinear._PHASES", {})
     assert lost() == 4
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-import rigtwin.gap.peaks
-from rigtwin.gap.hypotheses import Hypothesis
-from rigtwin.gap.peaks import Lists, Reading, diagnose_peaks
-from rigtwin.gap.resonances import Rotor
+import rigtwin.gap.peaks.lists
+from rigtwin.gap.inference.hypotheses import Hypothesis
+from rigtwin.gap.peaks.lists import Lists, Reading, diagnose_peaks
+from rigtwin.gap.peaks.resonances import Rotor
 from rigtwin.rotor.effects import (
     AttachedMass,
     BearingDamping,
@@ -173,7 +173,7 @@ def test_the_grid_is_fine_enough(name, monkeypatch):
     lists = Lists(both_lists(DiskMass(change=0.05)))
     hypothesis = next(h for h in lists.hypotheses if h.ids == (name,))
     coarse = lists.score(hypothesis).log_evidence
-    monkeypatch.setattr(rigtwin.gap.peaks, "_POINTS", {1: 81, 2: 21, 3: 9})
+    monkeypatch.setattr(rigtwin.gap.peaks.lists, "_POINTS", {1: 81, 2: 21, 3: 9})
     assert_allclose(lists.score(hypothesis).log_evidence, coarse, atol=0.3)
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rigtwin.gap.diagnosis import Location
+from rigtwin.gap.document import Location
 from rigtwin.gap.phrases import effects_at, listed, part, place
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigtwin.gap.diagnosis import DAMPING, SCHEMA
+from rigtwin.gap.document import DAMPING, SCHEMA
 from rigtwin.gap.predict import corrected_rotor, predict
 from rigtwin.rotor.effects import AttachedMass
 from rigtwin.sim.campaign import Channel, MeasurementError, NominalBelief

@@ -9,28 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-import rigtwin.gap.search
-from rigtwin.gap.adequacy import judge
-from rigtwin.gap.dwell import _gains
-from rigtwin.gap.forward import Forward, acting
-from rigtwin.gap.hypotheses import Hypothesis
-from rigtwin.gap.likelihood import Problem
-from rigtwin.gap.pair_search import (
-    PAIR_GAIN,
-    _by_logarithms,
-    _leaders,
-    _paired,
-    each_alone,
-    exchanged,
-    most_left,
-    pair_starts,
-    pairs,
-    straightened,
-)
-from rigtwin.gap.ranking import rank
-from rigtwin.gap.residuals import observe
-from rigtwin.gap.score import Score
-from rigtwin.gap.search import (
+import rigtwin.gap.search.linear
+from rigtwin.gap.inference.hypotheses import Hypothesis
+from rigtwin.gap.inference.observed import observe
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.inference.score_test import Score
+from rigtwin.gap.model.forward import Forward, acting
+from rigtwin.gap.search.linear import (
     Search,
     _of_each,
     all_polished,
@@ -42,8 +27,23 @@ from rigtwin.gap.search import (
     strained,
     weak_starts,
 )
-from rigtwin.gap.standing import Standing, adequate, gains_differ
-from rigtwin.gap.starts import Promise, Start
+from rigtwin.gap.search.pairs import (
+    PAIR_GAIN,
+    _by_logarithms,
+    _leaders,
+    _paired,
+    each_alone,
+    exchanged,
+    most_left,
+    pair_starts,
+    pairs,
+    straightened,
+)
+from rigtwin.gap.search.starts import Promise, Start
+from rigtwin.gap.search.strategies.dwell import _gains
+from rigtwin.gap.verdict.adequacy import judge
+from rigtwin.gap.verdict.ranking import rank
+from rigtwin.gap.verdict.standing import Standing, adequate, gains_differ
 from rigtwin.rotor.effects import (
     AttachedMass,
     BearingDamping,
@@ -291,7 +291,7 @@ def test_a_grid_that_leaves_plenty_does_not_end_the_search(monkeypatch):
         u = np.append(fit.u[:1], np.log(0.5))
         return [Promise(0.95 * fit.cost, Start(hypothesis, u, fit.nu))]
 
-    monkeypatch.setattr(rigtwin.gap.search, "scanned", much)
+    monkeypatch.setattr(rigtwin.gap.search.linear, "scanned", much)
     found = search(problem, of(problem.runs, "attached_mass", "fast_sweep"), nominal)
     assert names(found.fits)[0] == ("attached_mass",)
     assert ("attached_mass",) in [start.hypothesis.ids for start in found.rough]
@@ -343,7 +343,7 @@ def test_leaders_by_logarithms_are_not_judged_by_far_misfits(monkeypatch):
     hypotheses = of(problem.runs, "shaft_modulus", "sensor_delay", "bearing_damping")
     found = search(problem, hypotheses)
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
-    monkeypatch.setattr("rigtwin.gap.pair_search._NO_LEADER", 1e-9)
+    monkeypatch.setattr("rigtwin.gap.search.pairs._NO_LEADER", 1e-9)
     leaders = _leaders(problem, replace(found, fits=others), hypotheses)
     assert "shaft_modulus" in {fit.hypothesis.ids[0] for fit in leaders}
 
@@ -357,7 +357,7 @@ def test_far_from_the_data_a_step_down_brings_a_pair_that_begins_like_others(mon
     for second in of(problem.runs, "attached_mass", "sensor_gain", "sensor_delay", "bearing_damping"):
         pair = _paired(seat, second)
         starts.append(Start(pair, pair.clipped(np.append(lead, second.starts()[0])), np.zeros(problem.nuisances.n)))
-    monkeypatch.setattr("rigtwin.gap.pair_search._BY_ROUGH", 1)
+    monkeypatch.setattr("rigtwin.gap.search.pairs._BY_ROUGH", 1)
     few = problem.thinned(5)
     by_start, all_of_them = (_by_logarithms(few, starts, near) for near in (True, False))
     assert (len(by_start), len(all_of_them)) == (2, 3)

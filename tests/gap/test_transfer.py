@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import rigtwin.gap.transfer
-from rigtwin.gap.forward import Forward
-from rigtwin.gap.hypotheses import NOMINAL, candidates
-from rigtwin.gap.search import recalibrate
-from rigtwin.gap.transfer import _Test, transfer_interval
+import rigtwin.gap.answer.transfer
+from rigtwin.gap.answer.transfer import _Test, transfer_interval
+from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
+from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.search.linear import recalibrate
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
@@ -43,8 +43,8 @@ def test_the_interval_is_one_of_what_the_correction_explains(heavy):
 
 def test_what_is_left_of_the_gap_is_stretched_both_ways(heavy, monkeypatch):
     """A single rig at a single node: what is left is known, and the interval is the stretch alone."""
-    monkeypatch.setattr(rigtwin.gap.transfer, "_other_nodes", lambda problem: [4])
-    monkeypatch.setattr(rigtwin.gap.transfer, "_draws", lambda best, *_: [(best.u, best.nu)])
+    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_other_nodes", lambda problem: [4])
+    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_draws", lambda best, *_: [(best.u, best.nu)])
     low, high = transfer_interval(*heavy, 1.0)
     assert (1 - low) / (1 - high) == pytest.approx(1.05**2)
 
@@ -53,12 +53,12 @@ def test_a_model_without_any_motion_there_has_no_interval(heavy, monkeypatch):
     def no_motion(*_):
         raise ValueError("no line has a motion")
 
-    monkeypatch.setattr(rigtwin.gap.transfer, "_Test", no_motion)
+    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_Test", no_motion)
     assert np.isnan(transfer_interval(*heavy, 1.0)).all()
 
 
 def test_no_node_left_to_drive_has_no_interval(heavy, monkeypatch):
-    monkeypatch.setattr(rigtwin.gap.transfer, "_other_nodes", lambda problem: [])
+    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_other_nodes", lambda problem: [])
     assert np.isnan(transfer_interval(*heavy, 1.0)).all()
 
 
@@ -82,7 +82,7 @@ def test_a_rig_of_the_fitted_numbers_is_the_corrected_model(channels):
 def test_what_a_nonlinear_cause_leaves_is_stretched_further(monkeypatch):
     problem, nominal, best = swept_law(20.0, (Channel(2),))
     off = best.u + np.array([1e-3, 0.0])
-    monkeypatch.setattr(rigtwin.gap.transfer, "_draws", lambda best, *_: [(off, best.nu)])
+    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_draws", lambda best, *_: [(off, best.nu)])
     low, high = transfer_interval(problem, nominal, best, 1.0)
     assert low < high < 1
     assert (1 - low) / (1 - high) == pytest.approx(1.75**2)

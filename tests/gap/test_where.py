@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.gap.hypotheses import NOMINAL
-from rigtwin.gap.where import _plain, locate
+from rigtwin.gap.answer.where import _plain, locate
+from rigtwin.gap.inference.hypotheses import NOMINAL
 from rigtwin.rotor.effects import AttachedMass, BearingDamping, ExciterSuspension
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import K_B, both_supports, measure, problem_of

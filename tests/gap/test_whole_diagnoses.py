@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.gap.blind.generate import Order, make
+from rigtwin.blind.generate.campaigns import Order, make
 from rigtwin.gap.diagnose import diagnose
-from rigtwin.gap.forward import Forward, acting
-from rigtwin.gap.hypotheses import candidates
+from rigtwin.gap.inference.hypotheses import candidates
+from rigtwin.gap.model.forward import Forward, acting
 from rigtwin.rotor.effects import AttachedMass, BearingDamping, Gyroscopic
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.sim.campaign import Channel

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from rigtwin.gap.diagnosis import Cause, Finding, Location, Shrink
-from rigtwin.gap.wording import sentence
+from rigtwin.gap.answer.sentence import sentence
+from rigtwin.gap.document import Cause, Finding, Location, Shrink
 
 
 def shrink(without: float | None) -> Shrink:

@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.blind import SETS, BlindRequest
+from rigtwin.blind import SETS
+from rigtwin.commands.blind import BlindRequest
+from rigtwin.commands.estimate import answers_of_runs
 from rigtwin.console import say
-from rigtwin.estimate import answers_of_runs
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
@@ -349,7 +350,7 @@ def test_training_without_torch_says_what_to_install(refused, monkeypatch):
 
 def test_the_blind_benchmark_is_asked_for_what_the_options_say(monkeypatch, tmp_path):
     asked = []
-    monkeypatch.setattr("rigtwin.blind.run_blind", asked.append)
+    monkeypatch.setattr("rigtwin.commands.blind.run_blind", asked.append)
     options = ("--split", "report", "--count", 7, "--seed", 9, "--workers", 3, "--executor", "dask://here:1")
     assert run("blind", "W3", "W1", *options, "--out", tmp_path, "--page", "p.md", "--render-only").exit_code == 0
     assert run("blind").exit_code == 0
@@ -378,7 +379,7 @@ def test_a_fault_of_our_own_shows_its_traceback(monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError("the planted fault")
 
-    monkeypatch.setattr("rigtwin.build.build_fmus", broken)
+    monkeypatch.setattr("rigtwin.commands.build.build_fmus", broken)
     result = run("build")
     assert result.exit_code == 1
     assert "Traceback" in result.stderr
@@ -390,7 +391,7 @@ def test_an_interrupted_command_exits_with_130(monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rigtwin.build.build_fmus", interrupted)
+    monkeypatch.setattr("rigtwin.commands.build.build_fmus", interrupted)
     result = run("build")
     assert (result.exit_code, result.stderr) == (130, "rigtwin: interrupted\n")
 

@@ -18,22 +18,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.diagnosis_figures import (
-    RESPONSE_TRACES,
-    bearings_figure,
-    candidate_figure,
-    gap_map,
-    gap_map_figure,
-    joint_figure,
-    peaks_figure,
-    response_figure,
-    responses,
-    shrink_figure,
-)
-from rigtwin.diagnosis_page import write_diagnosis_page
-from rigtwin.diagnosis_words import parameters, quantity, run_toml, share
 from rigtwin.gap.curves import Curve, nrmse
-from rigtwin.gap.diagnosis import (
+from rigtwin.gap.document import (
     Band,
     BearingStiffness,
     Cause,
@@ -47,6 +33,20 @@ from rigtwin.gap.diagnosis import (
     Shrink,
     Where,
 )
+from rigtwin.pages.diagnosis_figures import (
+    RESPONSE_TRACES,
+    bearings_figure,
+    candidate_figure,
+    gap_map,
+    gap_map_figure,
+    joint_figure,
+    peaks_figure,
+    response_figure,
+    responses,
+    shrink_figure,
+)
+from rigtwin.pages.diagnosis_page import write_diagnosis_page
+from rigtwin.pages.diagnosis_words import parameters, quantity, run_toml, share
 from rigtwin.rotor.effects.supports import PedestalFlexibility
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble

@@ -8,10 +8,20 @@ import struct
 import numpy as np
 import pytest
 
-from rigtwin.effect_figures import FIGURES, stepped_sine
-from rigtwin.effect_pages import FAMILIES, FOLDER, REFERENCES, latex, main, overview, page, pages, read_references
-from rigtwin.effect_plots import BEARING, NODE, paper_rotor
-from rigtwin.effects import LOCATIONS
+from benchmarks.effect_pages.__main__ import (
+    FAMILIES,
+    FOLDER,
+    REFERENCES,
+    latex,
+    main,
+    overview,
+    page,
+    pages,
+    read_references,
+)
+from benchmarks.effect_pages.figures import FIGURES, stepped_sine
+from benchmarks.effect_pages.plots import BEARING, NODE, paper_rotor
+from rigtwin.commands.effects import LOCATIONS
 from rigtwin.rotor.effects import EFFECTS, Parameter
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.model.force_laws import LAWS

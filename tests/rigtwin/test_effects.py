@@ -6,9 +6,10 @@ import math
 
 import pytest
 
-from rigtwin.effects import LOCATIONS, limits, number, prior, record, unit, zero
+from rigtwin.commands.effects import LOCATIONS, limits, prior, record, zero
 from rigtwin.rotor.effects import EFFECTS, Parameter
 from rigtwin.rotor.model.condition import Condition
+from rigtwin.wording import number, unit
 from tests.rigtwin.conftest import run, run_json
 
 KEYS = {

@@ -53,13 +53,13 @@ def passing_on(call, done, module):
 @pytest.mark.parametrize(
     ("modules", "finished"),
     [
-        (["rigtwin.sweep", "rigtwin.cli"], 0),
+        (["rigtwin.commands.sweep", "rigtwin.cli"], 0),
         (
-            ["fmpy.fmi2", "rigtwin.sim.session", "rigtwin.sweep"],
+            ["fmpy.fmi2", "rigtwin.sim.session", "rigtwin.commands.sweep"],
             1,
         ),  # a call into the FMU, whose glue may hold the signal
-        (["rigtwin.sim.instances", "rigtwin.sim.session", "rigtwin.sweep"], 1),
-        (["rotor_rig", "fmpy.fmi2", "rigtwin.sim.session", "rigtwin.sweep"], 2),  # the FMU's own Python runs
+        (["rigtwin.sim.instances", "rigtwin.sim.session", "rigtwin.commands.sweep"], 1),
+        (["rotor_rig", "fmpy.fmi2", "rigtwin.sim.session", "rigtwin.commands.sweep"], 2),  # the FMU's own Python runs
         (["numpy", "rotor_rig", "fmpy.fmi2", "rigtwin.sim.instances", "rigtwin.sim.session"], 4),
         (["abc", "importlib._bootstrap", "fmpy.model_description"], 2),
         (["shutil", "rigtwin.sim.session"], 1),

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.fmus import open_estimator
-from rigtwin.paper import PaperReading, printed, read_paper, verdict
+from rigtwin.commands.fmus import open_estimator
+from rigtwin.commands.paper import PaperReading, printed, read_paper, verdict
 
 PAPER_TABLES = Path(__file__).resolve().parents[2] / "benchmarks" / "paper_tables.toml"
 

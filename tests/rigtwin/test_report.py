@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.figures import Curve, frf_figure
+from rigtwin.pages.figures import Curve, frf_figure
 from rigtwin.sim.campaign import Campaign
 from rigtwin.sim.campaign_folder import load_campaign, save_campaign
 from rigtwin.sim.formats import read_run, write_run

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-import rigtwin.training as training
+import rigtwin.commands.training as training
+from rigtwin.commands.training import TRAINING_CSV, TrainingPlan, shipped_data, train
 from rigtwin.estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, read_dataset
 from rigtwin.estimator.prior import PRIOR
 from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.estimator.training import data_digest
 from rigtwin.exits import UserError
-from rigtwin.training import TRAINING_CSV, TrainingPlan, shipped_data, train
 from tests.rigtwin.conftest import run
 
 OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"

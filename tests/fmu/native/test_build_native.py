@@ -15,13 +15,13 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from rigtwin import fmus
+from rigtwin.commands import fmus
+from rigtwin.commands.fmus import manifest
 from rigtwin.fmu_src import compiling
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
 from rigtwin.fmu_src.native_sources import EFFECT_WORDS
 from rigtwin.fmu_src.network_code import WIDEST, UnknownOperationError, network_code
-from rigtwin.fmus import manifest
 from rigtwin.rotor.geometry.rig import load_rig
 
 SEEN = '__attribute__((visibility("default"))) '

@@ -1,0 +1,1 @@
+"""Writes docs/effects, text and figures: ``python -m benchmarks.effect_pages``."""

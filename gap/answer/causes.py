@@ -1,0 +1,64 @@
+"""A fitted candidate as ``diagnosis.json`` names it: its effects, their places, and their numbers with errors."""
+
+from __future__ import annotations
+
+from rigtwin.gap.document import Cause, Estimate, Location
+from rigtwin.gap.inference.hypotheses import Hypothesis
+from rigtwin.rotor.model.structure import FloatArray
+
+
+def locations(hypothesis: Hypothesis, u: FloatArray) -> tuple[Location, ...]:
+    """Where each effect is, for coordinates (1 + n_free,)."""
+    found = []
+    for term, own in zip(hypothesis.terms, hypothesis.split(u[1:]), strict=True):
+        numbers = zip(term.free, own, strict=True)
+        position = next((free.value(x) for free, x in numbers if free.name == "position"), None)
+        node = next((int(value) for name, value in term.fixed if name == "node" and value), None)
+        found.append(Location(term.effect.location, node, position))  # type: ignore[arg-type]
+    return tuple(found)
+
+
+def cause_of(
+    hypothesis: Hypothesis,
+    u: FloatArray,
+    std: FloatArray,
+    probability: float,
+    k_b: Estimate | None,
+    log_evidence: float,
+) -> Cause:
+    """A candidate as a cause.
+
+    Parameters
+    ----------
+    u, std : (1 + n_free,) coordinates, k_b the first, and their standard errors
+    probability, k_b, log_evidence : as in ``Cause``
+    """
+    parameters: dict[str, Estimate] = {}
+    places: dict[str, float] = {}
+    edge: list[str] = []
+    parts = (hypothesis.split(values[1:]) for values in (u, std, hypothesis.at_edge(u).max(axis=1)))
+    for term, *numbers in zip(hypothesis.terms, *parts, strict=True):
+        prefix = "" if len(hypothesis.terms) == 1 else f"{term.effect.id}."
+        places |= {f"{term.effect.id}.{name}": value for name, value in term.fixed}
+        for free, x, error, at_end in zip(term.free, *numbers, strict=True):
+            value = free.value(x)
+            spread = float(error * value if free.log else error)
+            if free.name == "position":
+                places[f"{term.effect.id}.position"] = value
+                parameters[f"{prefix}position"] = Estimate(value, spread, "m")
+                continue
+            parameters[f"{prefix}{free.name}"] = Estimate(value, spread, term.effect.parameters()[free.name].unit)
+            if at_end:
+                edge.append(f"{prefix}{free.name}")
+    where = locations(hypothesis, u)
+    return Cause(
+        effects=hypothesis.ids,
+        location=where[0],
+        probability=probability,
+        parameters=parameters,
+        k_b=k_b,
+        log_evidence=log_evidence,
+        locations=where,
+        places=places,
+        at_prior_edge=tuple(edge),
+    )

@@ -1,0 +1,162 @@
+"""How far the gap shrinks on data that took no part in the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rigtwin.gap.answer.transfer import transfer_interval
+from rigtwin.gap.curves import nrmse
+from rigtwin.gap.document import Shrink, explainable
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.forward import acting, nonlinear
+from rigtwin.gap.model.nonlinear import BoolArray
+from rigtwin.gap.search.laws.robust import robust_fit
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model.structure import ComplexArray
+from rigtwin.sim.campaign import Run
+from rigtwin.sim.lines import NotSettledError
+from rigtwin.sim.setup import SetupError
+
+# Measures a run with effects and k_b on the virtual rig: (runs, effects, k_b) -> responses, and what measured.
+Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[ComplexArray], str]]
+
+_BLOCKS = 10  # stretches of lines of every run; every second one is held out
+
+# Held-out lines of a nonlinear run that the virtual rig reads: settling takes four times as long as passing a line.
+_INTEGRATED = 8
+
+
+def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:
+    """Hold out every second stretch of lines, fit the rest, and compare the models on what was held out.
+
+    Parameters
+    ----------
+    problem : all runs
+    nominal, best : fits to all of them, where the new fits start
+    scale : true over believed standard error
+    confirm : measures on the virtual rig
+    """
+    masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
+    training = problem.on(
+        [
+            replace(o, std=np.where(mask[:, None], np.inf, o.std))
+            for o, mask in zip(problem.observed, masks, strict=True)
+        ]
+    )
+    without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
+    with_it = _refitted(training, best)
+    before = problem.bare(without)  # strained drifts would follow any gap between the lines that they were fitted to
+    after = problem.predict(with_it)
+    model_after, verified = after, "model"
+    if confirm is not None:
+        after, masks, verified = _measured(problem, with_it, after, masks, confirm)
+    numbers = _figures(problem, masks, before, after, scale)
+    stretches = max(_stretches(len(run.frequency_hz)) for run in problem.runs)
+    return Shrink(
+        held_out=f"every second of {stretches} stretches of lines of every run (interpolation)",
+        before=numbers[0],
+        after=numbers[1],
+        floor=numbers[2],
+        shrink=1 - numbers[1] / numbers[0],
+        explainable=explainable(*numbers),
+        ci90=transfer_interval(problem, nominal, best, scale),
+        verified_by=verified,  # type: ignore[arg-type]
+        after_model=_figures(problem, masks, before, model_after, scale)[1],
+        without_effect=_figures(problem, masks, before, problem.calibrated(without), scale)[1],
+    )
+
+
+def _refitted(training: Problem, best: Fit) -> Fit:
+    """The corrected model's numbers by the lines that were not held out; of a nonlinear one as robustly as before."""
+    if nonlinear(best.effects):
+        return robust_fit(training, best.hypothesis, best.u, best.nu) or best
+    return training.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
+
+
+def _held_out(n: int) -> BoolArray:
+    return (np.arange(n) * _stretches(n) // n) % 2 == 1
+
+
+def _stretches(n: int) -> int:
+    """Into how many n lines are parted."""
+    return min(_BLOCKS, n)
+
+
+def _measured(
+    problem: Problem, fit: Fit, after: Sequence[ComplexArray], masks: Sequence[BoolArray], confirm: Confirm
+) -> tuple[Sequence[ComplexArray], Sequence[BoolArray], str]:
+    """The corrected runs as the virtual rig measures them, held-out lines that it measured, and what measured."""
+    held_out = zip(problem.runs, masks, strict=True)
+    lines = [lines_to_measure(mask, acting(fit.effects, run.support)) for run, mask in held_out]
+    levels = np.exp(fit.nu[problem.nuisances.level])
+    some = [
+        _driven(run.on_lines(chosen), float(level))
+        for run, chosen, level in zip(problem.runs, lines, levels, strict=True)
+    ]
+    try:
+        measured, verified = confirm(some, fit.effects, fit.k_b)
+    except (NotSettledError, SetupError):  # the virtual rig has no figure
+        return after, masks, "model"
+    if not len(measured):
+        return after, masks, verified
+    whole = [_in_place(H, chosen) for H, chosen in zip(measured, lines, strict=True)]
+    whole = [
+        H / level if run.quantity == "acceleration" else H
+        for run, H, level in zip(problem.runs, whole, levels, strict=True)
+    ]
+    corrected = [H * _nuisance_ratio(problem, fit, r) for r, H in enumerate(whole)]
+    return corrected, [mask & chosen for mask, chosen in zip(masks, lines, strict=True)], verified
+
+
+def _driven(run: Run, factor: float) -> Run:
+    """A run under a force so many times as large."""
+    return run if factor == 1 else replace(run, force_amplitude_N=(run.force_amplitude_N or 1.0) * factor)
+
+
+def lines_to_measure(held_out: BoolArray, effects: Sequence[Effect]) -> BoolArray:
+    """(n_freq,) lines for the virtual rig: all, or some that were held out where each is integrated in time."""
+    if not nonlinear(effects):
+        return np.ones(len(held_out), dtype=bool)
+    places = np.flatnonzero(held_out) if held_out.any() else np.arange(1)  # of one line none was held out
+    chosen = np.zeros(len(held_out), dtype=bool)
+    chosen[places[:: max(len(places) // _INTEGRATED, 1)]] = True
+    return chosen
+
+
+def _in_place(H: ComplexArray, lines: BoolArray) -> ComplexArray:
+    """(n_freq, n_channels) of all lines, zero where nothing was measured."""
+    every = np.zeros((len(lines), H.shape[1]), dtype=complex)
+    every[lines] = H
+    return every
+
+
+def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
+    """What gains, drift and tolerances of a run do to its response: they are the run's, not the effect's."""
+    modal = problem.modals(fit.k_b, fit.effects)[r]
+    nuisances = problem.nuisances
+    drift, tolerance, *level = nuisances.of_run(fit.nu, r, modal)
+    with_them = modal.response(drift, tolerance, *level) * nuisances.gains(fit.nu, r, modal)
+    without = modal.response(None, None, *level)
+    return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
+
+
+def _figures(
+    problem: Problem,
+    masks: Sequence[BoolArray],
+    before: Sequence[ComplexArray],
+    after: Sequence[ComplexArray],
+    scale: float,
+) -> tuple[float, float, float]:
+    """Gaps before, after and of the noise on the lines of the masks, averaged over runs."""
+    rows = []
+    for observed, mask, H0, H1 in zip(problem.observed, masks, before, after, strict=True):
+        lines = observed.valid & mask[:, None]
+        measured = np.where(lines, observed.run.H, np.nan)
+        noise = np.where(lines, scale * observed.error, 0.0)
+        rows.append([nrmse(measured, model) for model in (*map(observed.run.as_recorded, (H0, H1)), measured + noise)])
+    gap_before, gap_after, floor = np.nanmean(rows, axis=0) if np.isfinite(rows).any() else np.full(3, np.nan)
+    return float(gap_before), float(gap_after), float(floor)

@@ -1,0 +1,103 @@
+"""The diagnosis in words."""
+
+from __future__ import annotations
+
+import math
+
+from rigtwin.gap.document import Cause, Diagnosis, Finding, Shrink, explainable
+from rigtwin.gap.inference.hypotheses import SURE
+from rigtwin.gap.phrases import effects_at, listed, lowered, part, place
+from rigtwin.gap.verdict.ranking import ANSWERED
+
+
+def named(cause: Cause) -> str:
+    """Effects of a cause, each with its place, and where else they may be if that is not sure."""
+    words = effects_at(cause.effects, cause.locations or (cause.location,))
+    if cause.place_probability >= SURE or not cause.other_places:
+        return words
+    others = ", or ".join(" and ".join(map(place, each)) for each in cause.other_places)
+    return f"{words} (or {others})"
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The verdict in a sentence, and in another what the audit wants corrected before it is believed."""
+    wrong: dict[str, list[str]] = {}
+    for finding in filter(must_be_corrected, diagnosis.audit):
+        wrong.setdefault(lowered(finding.words), []).append(finding.run)
+    said = [f"{listed(runs)}: {words}" for words, runs in wrong.items()]
+    return " ".join([_verdict(diagnosis), *(f"First of all, {first}" for first in said[:1]), *said[1:]])
+
+
+def must_be_corrected(finding: Finding) -> bool:
+    """Whether names, signs or units do not fit what a run shows: then no model that has them right can explain it."""
+    return finding.check in ("labels", "sign", "units") and finding.severity == "error"
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    if diagnosis.verdict == "no_gap":
+        words = "Model and measurement agree within the noise and the drifts of the test: there is nothing to explain"
+        return f"{words}{_IN_WHAT_IS_THERE if _lines_lack(diagnosis) else ''}."
+    if diagnosis.verdict == "not_enough_data":
+        return "The data are too few to tell one cause from another."
+    if diagnosis.verdict == "unknown":
+        return "There is a gap, and none of the known effects explains it" + _acts_like(diagnosis)
+    if diagnosis.causes[0].location.kind == "raster":
+        surely = part(diagnosis.causes[0].probability)
+        return (
+            f"Model and measurement agree line by line, but the lines are too far apart to show the peaks ({surely})."
+        )
+    tail = _takes_away(diagnosis.shrink)
+    first = named(diagnosis.causes[0])
+    if diagnosis.verdict == "cause":
+        return f"The gap comes from {first} (probability {part(diagnosis.causes[0].probability)}){tail}"
+    if len(diagnosis.equivalent) < 2:
+        surely = part(diagnosis.causes[0].probability)
+        return f"The gap may come from {first} (probability {surely}), or be none{tail}"
+    choices = [*map(named, diagnosis.equivalent), *(["no gap at all"] if _may_be_none(diagnosis) else [])]
+    words = f"These data cannot tell apart {', or '.join(choices)}"
+    return f"{words}." if tail == "." else f"{words}; the first{tail}"
+
+
+# A cause may show on one line alone, as where a sweep jumps.
+_IN_WHAT_IS_THERE = " in the lines that were used; which ones are missing or left out, the audit says"
+
+
+def _lines_lack(diagnosis: Diagnosis) -> bool:
+    return any(f.check == "missing_lines" and f.severity == "warning" for f in diagnosis.audit)
+
+
+def _may_be_none(diagnosis: Diagnosis) -> bool:
+    return diagnosis.nominal.get("probability", 0.0) > 1 - ANSWERED
+
+
+def _takes_away(shrink: Shrink | None) -> str:
+    """What the cause explains, and what gains and tolerances would without it, where that is much."""
+    if shrink is None or not math.isfinite(shrink.explainable) or shrink.before < _PLAINLY * shrink.floor:
+        return "."
+    words = f": it takes away {part(shrink.explainable)} of the gap that can be explained"
+    if shrink.without_effect is not None:
+        alone = explainable(shrink.before, shrink.without_effect, shrink.floor)
+        words += f"; gains and tolerances without it, {part(alone)}" if alone > _MUCH else ""
+    return f"{words}."
+
+
+# A gap over its floor that leaves something to take away on single lines.
+_PLAINLY = 1.1
+
+# Share of the gap from which it is said what goes without the cause.
+_MUCH = 0.5
+
+
+def _acts_like(diagnosis: Diagnosis) -> str:
+    """What one joint stiffness would have to be, where one at a single node explains nearly all of what is right."""
+    joint = diagnosis.where.joint
+    if joint is None or any(map(must_be_corrected, diagnosis.audit)):
+        return "."
+    if diagnosis.where.remark or joint.explained < _NEARLY or joint.order.startswith(("none", "too")):
+        return "."
+    law = joint.order.partition(" (")[0]
+    return f"; at node {joint.node} something acts like {law} ({100 * joint.explained:.0f} % of the gap there)."
+
+
+# Share of the gap from which one joint stiffness is worth a word.
+_NEARLY = 0.9

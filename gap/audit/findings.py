@@ -1,0 +1,155 @@
+"""Audit of a measured campaign, before any effect is fitted and without trusting the model's calibration.
+
+===============  ===============================================================  ===================
+module           what it looks at                                                 entry point
+===============  ===============================================================  ===================
+``noise``        scatter of the lines about a smooth curve                        ``estimate_noise``
+``wild``         single lines that nothing near them explains                     ``wild_lines``
+``resonances``   poles and half-power bands, on any raster                        ``find_resonances``
+``prepared``     a run's clean lines, noise and resonances, for every check       ``prepare``
+``one_run``      raster, missing lines, noise, channels, saturation, sweep rate   ``check_raster`` ...
+``phase``        delay and polarity                                               ``check_delay`` ...
+``pairs``        reciprocity, repeatability, force level                          ``check_pairs``
+``labels``       nodes, exciter, quantity and supports against the drawing        ``check_labels``
+``coverage``     what was not measured; units                                     ``check_coverage``
+``geometry``     what the drawing says whatever the stiffnesses are               ``geometry_of``
+===============  ===============================================================  ===================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rigtwin.gap.audit.checked_run import Prepared, prepare, without_dropped
+from rigtwin.gap.audit.coverage import check_coverage, check_units
+from rigtwin.gap.audit.geometry import Geometry, geometry_of
+from rigtwin.gap.audit.labels import check_labels
+from rigtwin.gap.audit.noise import NoiseEstimate, believed_errors, common_error, estimate_noise, scatter_over
+from rigtwin.gap.audit.one_run import (
+    check_channels,
+    check_missing_lines,
+    check_noise,
+    check_raster,
+    check_saturation,
+    check_sweep_rate,
+    is_dead,
+    telling_channels,
+    without_dead_channels,
+)
+from rigtwin.gap.audit.pairs import check_pairs, is_copy
+from rigtwin.gap.audit.phase import check_delay, check_sign, find_delays
+from rigtwin.gap.audit.wild import check_wild_lines, tamed, without_wild_lines
+from rigtwin.gap.document import Finding
+from rigtwin.sim.campaign import Campaign, NominalBelief
+
+__all__ = [
+    "NoiseEstimate",
+    "amplitude_dependent",
+    "audit",
+    "believed_errors",
+    "common_error",
+    "estimate_noise",
+    "scatter_over",
+    "usable",
+]
+
+
+def audit(campaign: Campaign) -> tuple[Finding, ...]:
+    """Look at every run by itself, at runs together, and at what was not measured.
+
+    Returns
+    -------
+    findings in that order; "ok" for a check that passed, "note" for what limits a conclusion,
+    "warning" for data that may mislead, "error" for data that will
+    """
+    geometry = geometry_of(campaign.rig)
+    as_measured = prepare(campaign.runs)
+    runs = tuple(tamed(p) for p in as_measured)
+    with np.errstate(all="ignore"):
+        telling = [_telling(p, geometry) for p in runs]
+        findings = [f for p, left in zip(as_measured, runs, strict=True) for f in _as_measured(p, left)]
+        for p, left in zip(runs, telling, strict=True):
+            findings += _one_run(p, left or p, campaign.nominal, geometry)
+        findings += check_pairs(runs, campaign.nominal)
+        named = list(check_labels([p for p in telling if p], geometry))
+        findings = [*_without_what_wrong_names_pretend(findings, named), *named]
+        findings += check_coverage(campaign, runs, geometry)
+    return tuple(_without_what_bent_peaks_pretend(findings))
+
+
+def usable(campaign: Campaign) -> Campaign:
+    """The campaign as it is diagnosed: without dropped or wild lines, without dead channels or runs, each run once."""
+    geometry = geometry_of(campaign.rig)
+    once = [run for k, run in enumerate(campaign.runs) if not any(is_copy(run, other) for other in campaign.runs[:k])]
+    tame = without_wild_lines([without_dropped(run) for run in once])
+    runs = [(run, telling_channels(run, geometry)) for run in tame]
+    alive = [(run, telling) for run, telling in runs if not is_dead(run, telling, geometry)] or runs
+    return replace(campaign, runs=tuple(without_dead_channels(run, telling) for run, telling in alive))
+
+
+def _as_measured(p: Prepared, left: Prepared) -> Iterator[Finding]:
+    """What is looked for in all lines of a run, and not only in those that are not wild."""
+    yield from check_wild_lines(p, left)
+    if len(p.lines):
+        yield from check_saturation(p)
+
+
+def _one_run(p: Prepared, telling: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
+    """What a run shows by itself; its phase and its size by the channels that tell something."""
+    yield from check_channels(p, geometry)
+    yield from check_missing_lines(p)
+    if not len(p.lines):
+        return
+    yield from check_raster(p, belief)
+    yield from check_noise(p)
+    yield from check_sweep_rate(p)
+    delays = None if p.run.spin_rpm else find_delays(telling)
+    yield from check_delay(telling, delays)
+    yield from check_sign(telling, geometry, delays)
+    yield from check_units(telling, geometry)
+
+
+def _telling(p: Prepared, geometry: Geometry) -> Prepared | None:
+    """A run without dead channels; None where nothing is left."""
+    telling = telling_channels(p.run, geometry)
+    if is_dead(p.run, telling, geometry):
+        return None
+    run = without_dead_channels(p.run, telling)
+    return p if run is p.run else Prepared(run, p.label)
+
+
+def _without_what_wrong_names_pretend(findings: Sequence[Finding], named: Sequence[Finding]) -> Iterator[Finding]:
+    """Another quantity passes for a delay and a wrong unit, a wrong node for a sign: these runs are not judged so."""
+    wrong = {f.run for f in named if f.severity == "error"}
+    return (f for f in findings if f.run not in wrong or f.check not in _OF_RIGHT_NAMES)
+
+
+def _without_what_bent_peaks_pretend(findings: Sequence[Finding]) -> Iterator[Finding]:
+    """Where levels differ, bent peaks and jumps pass for delays and for narrow bands: those runs are not judged so."""
+    bent = {label for f in findings if _shows_a_law(f) for label in f.run.split(", ")}
+    for finding in findings:
+        if finding.run not in bent or finding.check not in _OF_LINEAR_RIGS:
+            yield finding
+    for label in sorted(bent):
+        words = "Peaks bend with the force here: neither a delay nor a half-power band could be told from that."
+        yield Finding("delay", "note", words, label)
+
+
+# Checks whose sentences hold where nodes, exciter and quantity are what they are said to be.
+_OF_RIGHT_NAMES = ("delay", "sign", "units")
+
+# Checks whose sentences hold for linear rigs alone.
+_OF_LINEAR_RIGS = ("delay", "raster")
+
+
+def _shows_a_law(finding: Finding) -> bool:
+    """Whether runs at different levels differ by more than their noise; too few lines are no finding."""
+    return finding.check == "level" and finding.severity != "ok" and finding.value is not None
+
+
+def amplitude_dependent(findings: Sequence[Finding]) -> bool:
+    """Whether the audit saw runs at different levels differ by more than their noise."""
+    return any(map(_shows_a_law, findings))

@@ -1,0 +1,168 @@
+"""Rao's score test beside a fit: what one more number could gain, without fitting it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.observed import derivatives, weighted
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.linear import Modal
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+
+# Share of an effect's change that nuisances must leave, for the change to tell anything.
+_UNTOLD = 1e-9
+
+
+class Score:
+    """Rao's score test beside a fit: how much of the misfit a small effect explains, the fit's numbers refitted.
+
+    Of a rough fit it is the misfit with the relative error that it was fitted with.
+
+    A fit stops short of its minimum, and along a direction that an effect shares with the nuisances what is left there
+    passes for the effect's. Settled, slopes are those at the minimum, to first order (the efficient score): right where
+    the fit is good, and misleading where it is so bad that its minimum lies elsewhere. A number that stands at an end
+    of its range, and would leave it, stays there.
+
+    Parameters
+    ----------
+    problem, fit : where the effect is added
+    settled : whether slopes are those at the minimum next to the fit
+    """
+
+    def __init__(self, problem: Problem, fit: Fit, *, settled: bool = False):
+        self._problem, self.fit, self._parts = problem, fit, problem.linear_parts(fit)
+        self._model = problem.predict(fit)
+        self._weights = [
+            weighted(observed, H, problem.total_error(fit.added))[0]
+            for observed, H in zip(problem.observed, self._model, strict=True)
+        ]
+        gradient = self._gradient()
+        held = problem.held(fit.u, gradient[: len(fit.u)], fit.hypothesis.ends)
+        self._covariance = fit.covariance(held=held)
+        self._unsettled = gradient if settled else np.zeros(len(gradient))
+
+    @property
+    def misfit(self) -> float:
+        """Of the data alone, as the fit stands."""
+        return sum(float(residual @ residual) for residual, *_ in self._parts)
+
+    @property
+    def condition(self) -> Condition:
+        """What the nominal model believes."""
+        return self._problem.forward.condition(self._problem.runs[0], self.fit.k_b)
+
+    def gain(self, effects: Sequence[Effect]) -> tuple[float, float, FloatArray]:
+        """To first order, the misfit that these small effects take away once they are scaled.
+
+        Returns
+        -------
+        gain and scale, both negative where the effects would have to be, and by how much the fit's (u, nu) move
+        """
+        try:
+            changes = self._problem.change(self.fit, effects)
+        except (ValueError, np.linalg.LinAlgError):
+            return 0.0, 0.0, np.zeros(len(self._covariance))
+        (gain,), (scale,), (moved,) = self.gains([change[None] for change in changes])
+        return float(gain), float(scale), moved
+
+    def gains(self, changes: Sequence[ComplexArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``gain`` of k changes of the prediction, of every run (k, n_freq, n_channels); (k,), (k,), (k, n)."""
+        k, n = len(changes[0]), len(self._covariance)
+        slope, size, shared = np.zeros(k), np.zeros(k), np.zeros((k, n))
+        for observed, H, weight, change, (residual, J, where) in zip(
+            self._problem.observed, self._model, self._weights, changes, self._parts, strict=True
+        ):
+            columns = derivatives(observed, H, change, weight)
+            slope += columns @ residual
+            size += np.sum(columns**2, axis=1)
+            shared[:, where] += columns @ J.T
+        answer = shared @ self._covariance
+        told = size - np.sum(shared * answer, axis=1)
+        told[told <= _UNTOLD * size] = np.inf
+        slope -= answer @ self._unsettled
+        scale = slope / told
+        return scale * np.abs(slope), scale, -scale[:, None] * answer
+
+    def _gradient(self) -> FloatArray:
+        """-gradient/2 of misfit and penalty by (u, nu): what a fit leaves that stopped short of its minimum."""
+        fit = self.fit
+        left = np.zeros(len(fit.u) + len(fit.nu))
+        for residual, J, where in self._parts:
+            left[where] += J @ residual
+        n_u = len(fit.u)
+        left[n_u:] -= fit.nu / fit.prior_std**2
+        return left
+
+    def apart(self, runs: Sequence[int], *, shapes: bool = False) -> tuple[float, int]:
+        """To first order, the misfit that goes where each resonance of these runs has its own shift and damping.
+
+        Parameters
+        ----------
+        shapes : whether it has its own height and phase in every channel, too
+
+        Returns
+        -------
+        gain, and how many numbers it takes: without a cause the gain is chi-squared with so many degrees of freedom
+        """
+        return _gain(*self._slopes({r: self._freed(r, shapes) for r in runs}))
+
+    def remounted(self) -> tuple[float, int]:
+        """The same where sensors' gains differ from run to run, beyond gains of runs and of sensors of any size."""
+        slope, told, size = self._slopes({r: _each_channel(H[None]) for r, H in enumerate(self._model)})
+        every = [(r, channel) for r, run in enumerate(self._problem.runs) for channel in run.channels]
+        common = [*range(len(self._model)), *self._problem.nuisances.sensors]
+        shared = np.array([[float(which in own) for which in common] for own in every])
+        gain, n = _gain(slope, told, size)
+        gain_shared, n_shared = _gain(shared.T @ slope, *(shared.T @ square @ shared for square in (told, size)))
+        return gain - gain_shared, n - n_shared
+
+    def _slopes(self, changes: Mapping[int, ComplexArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of -misfit/2 by multiples of changes (n_columns, n_freq, n_channels) of these runs: slope (n,) and curvature
+        (n, n), the fit's own numbers following, and the curvature where they stay."""
+        slopes, blocks, shared = [], [], []
+        for r, columns in changes.items():
+            residual, J, where = self._parts[r]
+            X = derivatives(self._problem.observed[r], self._model[r], columns, self._weights[r])
+            slopes.append(X @ residual)
+            blocks.append(X @ X.T)
+            shared.append(np.zeros((len(self._covariance), len(X))))
+            shared[-1][where] = J @ X.T
+        together = np.concatenate(shared, axis=1)
+        size = np.asarray(block_diag(*blocks))
+        told = size - together.T @ self._covariance @ together
+        slope = np.concatenate(slopes) - together.T @ self._covariance @ self._unsettled
+        return slope, told, size
+
+    def _freed(self, r: int, shapes: bool) -> ComplexArray:
+        """(n_columns, n_freq, n_channels) change of a run's prediction by numbers that are each resonance's own."""
+        problem, fit = self._problem, self.fit
+        modal = problem.modals(fit.k_b, fit.effects)[r]
+        own = problem.nuisances.of_run(fit.nu, r, modal)
+        inside = int(np.sum(modal.frequencies_hz < problem.runs[r].frequency_hz[-1]))
+        freed = modal.with_derivatives(*own)[1][:inside]
+        if shapes:
+            assert isinstance(modal, Modal)
+            parts = modal.of_resonances(*own)[:inside]
+            freed = np.concatenate([freed, _each_channel(parts)])
+        return np.concatenate([freed, 1j * freed]) * problem.nuisances.gains(fit.nu, r, modal)
+
+
+def _gain(slope: FloatArray, told: FloatArray, size: FloatArray) -> tuple[float, int]:
+    """The misfit that goes along all directions that tell something, and how many these are."""
+    unit = 1 / np.sqrt(np.maximum(size.diagonal(), 1e-30))
+    values, axes = np.linalg.eigh(told * unit * unit[:, None])
+    free = values > _UNTOLD * values.max(initial=0.0)
+    along = (axes.T @ (slope * unit))[free]
+    return float(np.sum(along**2 / values[free])), int(free.sum())
+
+
+def _each_channel(changes: ComplexArray) -> ComplexArray:
+    """(n * n_channels, n_freq, n_channels) changes (n, n_freq, n_channels) of one channel at a time."""
+    alone = changes[:, None] * np.eye(changes.shape[-1])[:, None]
+    return alone.reshape(-1, *changes.shape[1:])

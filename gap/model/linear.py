@@ -1,0 +1,298 @@
+"""Noise-free response of a measured run in modal form, so that resonances can drift one by one.
+
+For every group of channels that sees one and the same rotor,
+
+    H(omega) = sum_k R_k / (1 + delta_m(k)) / (i omega - lambda_k (1 + delta_m(k))) + what the modes far above leave,
+
+times the powers of i omega and the factors of the measurement chain. delta_m is the relative shift of the
+m-th resonance, which belongs to the run, not to the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rigtwin.gap.model.transients import as_read, transients
+from rigtwin.rotor.effects import Effect, FastSweep
+from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER, channel_factor, force_factor
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.sim.campaign import Run
+
+# Resonances of a run that may drift, at most.
+MODES = 8
+
+# What a workshop does not know: relative standard deviations of a uniform +-0.1 %.
+TOLERANCE = 0.001 / np.sqrt(3)
+TOLERANCES = ("modulus", "span", "disk_mass_1", "disk_mass_2")
+
+# Above so many times the highest line, transients do without their modes where they do without images.
+_RINGING = 1.5
+
+# Resonances whose frequencies differ by more than this share are not one and the same.
+_SAME = 0.05
+
+
+@dataclass(frozen=True)
+class Group:
+    """Channels that see one rotor."""
+
+    columns: IntArray  # places of its channels in the run
+    poles: ComplexArray  # (n_states,)
+    residues: ComplexArray  # (n_channels + 1, n_states); the last row is the exciter's own
+    mode: IntArray  # (n_states,) number of the drifting resonance a pole belongs to, -1: none
+    rest: FloatArray  # (n_freq, n_channels + 1) what modes far above leave
+    chain: ComplexArray  # (n_freq, n_channels)
+    bent: ComplexArray  # (n_tolerances, n_channels + 1, n_states) change of the residues by the tolerances
+    aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1) change of what the other modes leave
+
+
+@dataclass(frozen=True)
+class Modal:
+    """Noise-free response of one run in modal form."""
+
+    run: Run
+    omega: FloatArray
+    groups: tuple[Group, ...]
+    effects: tuple[Effect, ...]
+    sensitivity: ComplexArray  # (MODES, n_tolerances) of the logarithm of each resonance's pole: frequency and damping
+    scale: ComplexArray  # (n_freq,) powers of i omega and nominal force
+    images: bool = True  # whether transients are seen with their images, and those of far modes at all
+
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """Resonances that may drift, lowest first [Hz]."""
+        group = self.groups[0]
+        positive = (group.mode >= 0) & (group.poles.imag > 0)
+        return np.sort(np.abs(group.poles[positive])) / (2 * np.pi)
+
+    @property
+    def in_order(self) -> IntArray:
+        """(n_freq,) places of the lines in the order in which they were swept."""
+        return np.arange(len(self.omega))[:: self._onward]
+
+    @property
+    def _onward(self) -> int:
+        return -1 if self.run.sweep == "down" else 1
+
+    def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
+        """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,), all relative."""
+        return self._evaluate(drift, tolerance, derivatives=False)[0]
+
+    def with_derivatives(self, drift: FloatArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """``response`` and its (MODES + n_tolerances, n_freq, n_channels) derivatives."""
+        return self._evaluate(drift, tolerance, derivatives=True)
+
+    def _evaluate(
+        self, drift: FloatArray | None, tolerance: FloatArray | None, *, derivatives: bool
+    ) -> tuple[ComplexArray, ComplexArray]:
+        tolerance = np.zeros(len(TOLERANCES)) if tolerance is None else tolerance
+        shift = self._shift(drift, tolerance)
+        n_f, n_c = len(self.omega), len(self.run.channels)
+        H = np.empty((n_f, n_c), dtype=complex)
+        D = np.zeros((MODES + len(TOLERANCES) if derivatives else 0, n_f, n_c), dtype=complex)
+        for group in self.groups:
+            poles = group.poles * (1 + _of_poles(group, shift))
+            shares = self._shares(poles)
+            still = _unshifted(group, drift)
+            Y, residues = self._motion(group, shares * still, tolerance)
+            force = self._force(Y[:, -1])
+            H[:, group.columns] = Y[:, :-1] * group.chain * force[:, None]
+            if not derivatives:
+                continue
+            slope, by_shift = self._force_slope(Y[:, -1], force), self._shares_slope(group.poles, poles, shares)
+            for m in range(MODES):
+                mine = group.mode == m
+                if mine.any():
+                    by_pole = (by_shift[:, mine] * still[mine]) @ residues[:, mine].T
+                    by_height = -(shares[:, mine] * still[mine] ** 2) @ residues[:, mine].T
+                    D[m][:, group.columns] = _driven(Y, by_pole + by_height, force, slope) * group.chain
+            for t in range(len(TOLERANCES)):
+                moved = (by_shift * still * _of_poles(group, self.sensitivity[:, t])) @ residues.T
+                dY = moved + (shares * still) @ group.bent[t].T + group.aside[t]
+                D[MODES + t][:, group.columns] = _driven(Y, dY, force, slope) * group.chain
+        return H, D
+
+    def of_resonances(self, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+        """(MODES, n_freq, n_channels) what each resonance that may drift adds to the response."""
+        parts = np.zeros((MODES, len(self.omega), len(self.run.channels)), dtype=complex)
+        shift = self._shift(drift, tolerance)
+        for group in self.groups:
+            shares = self._shares(group.poles * (1 + _of_poles(group, shift))) * _unshifted(group, drift)
+            Y, residues = self._motion(group, shares, tolerance)
+            force = self._force(Y[:, -1])
+            for m in range(MODES):
+                mine = group.mode == m
+                parts[m][:, group.columns] = shares[:, mine] @ residues[:-1, mine].T * group.chain * force[:, None]
+        return parts
+
+    def _shares(self, poles: ComplexArray) -> ComplexArray:
+        """(n_freq, n_states) 1 / (i omega - lambda), and what transients add."""
+        shares = 1 / (1j * self.omega[:, None] - poles)
+        return shares if self.dwell_s is None else shares + self._unsettled(poles, np.array(self.dwell_s))
+
+    def _shares_slope(self, own: ComplexArray, poles: ComplexArray, shares: ComplexArray) -> ComplexArray:
+        """(n_freq, n_states) derivative of the shares by a shift of the poles relative to their own places."""
+        if self.dwell_s is None:
+            return shares**2 * own
+        step = 1e-7
+        return (self._shares(poles + step * own) - shares) / step
+
+    def _shift(self, drift: FloatArray | None, tolerance: FloatArray) -> ComplexArray:
+        """(MODES,) relative shift of each resonance's pole."""
+        return self.sensitivity @ tolerance + (0.0 if drift is None else drift)
+
+    def _motion(self, group: Group, shares: ComplexArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """(n_freq, n_channels + 1) receptance and the residues that it is made of."""
+        if not tolerance.any():
+            return shares @ group.residues.T + group.rest, group.residues
+        residues = group.residues + np.tensordot(tolerance, group.bent, axes=1)
+        return shares @ residues.T + group.rest + np.tensordot(tolerance, group.aside, axes=1), residues
+
+    def change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+        """(n_freq, n_channels) another response less this one, to first order in the shifts of the resonances.
+
+        A plain difference is no derivative where a resonance shifts by more than a small part of its width.
+        """
+        change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)
+        for group in other.groups:
+            twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)
+            here = None if twin is None else _matched(group, twin)
+            if twin is None or here is None or self.dwell_s is not None or other.dwell_s is not None:
+                return other.response(drift, tolerance) - self.response(drift, tolerance)
+            change[:, group.columns] = self._change(twin, other, group, here, drift, tolerance)
+        return change
+
+    def _change(
+        self, own: Group, other: Modal, group: Group, here: ComplexArray, drift: FloatArray, tolerance: FloatArray
+    ) -> ComplexArray:
+        """``change_to`` of one group, whose resonances stand at ``here`` in this model."""
+        own_shift, shift = self._shift(drift, tolerance), other._shift(drift, tolerance)
+        poles = group.poles * (1 + _of_poles(group, shift))
+        there = np.where(group.mode >= 0, here * (1 + _of_poles(group, own_shift)), poles)
+        shares = 1 / (1j * self.omega[:, None] - there)
+        moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _unshifted(group, drift), tolerance)
+        poles = own.poles * (1 + _of_poles(own, own_shift))
+        plain, _ = self._motion(own, self._shares(poles) * _unshifted(own, drift), tolerance)
+        places = np.searchsorted(own.columns, group.columns)
+        Y, chain = plain[:, [*places, -1]], own.chain[:, places]
+        force = self._force(Y[:, -1])
+        driven = _driven(Y, moved - Y, force, self._force_slope(Y[:, -1], force))
+        turned = (other._force(Y[:, -1]) - force)[:, None] * chain + force[:, None] * (group.chain - chain)
+        return driven * chain + Y[:, :-1] * turned
+
+    def driven_and_read_by(self, effects: Sequence[Effect]) -> Modal:
+        """The same rotor with these effects, of which those on the rotor are the same."""
+        groups = (replace(g, chain=chain_factors(effects, self.run, g.columns)) for g in self.groups)
+        return replace(self, groups=tuple(groups), effects=tuple(effects))
+
+    @property
+    def dwell_s(self) -> float | None:
+        """Time after which every line is read, settled or not; None: when it has settled."""
+        dwell = [effect.dwell for effect in self.effects if isinstance(effect, FastSweep)]
+        return dwell[-1] if dwell else None
+
+    def _unsettled(self, poles: ComplexArray, dwell: FloatArray) -> ComplexArray:
+        """(n_freq, ..., n_states) what transients add to 1 / (i omega - lambda), read over a period after dwells (...).
+
+        The real signal is the imaginary part of what a force e^{i theta} makes, so the conjugate pole's transient is
+        seen as well: an image that turns with twice the phase of all dwells so far, 1e5 radians for a second more.
+        """
+        all_hz = self.run.frequency_hz if self.run.swept_hz is None else self.run.swept_hz
+        swept = 2 * np.pi * all_hz[:: self._onward]
+        w, dwell = swept.reshape(-1, *(1,) * dwell.ndim, 1), dwell[..., None]
+        if self.images:
+            left = transients(w, poles, dwell)
+            twin = np.abs(poles[:, None] - poles.conj()).argmin(axis=1)
+            left -= left[..., twin].conj() * np.exp(-2j * dwell * np.cumsum(w, axis=0))
+            read = as_read(left, w, poles)
+        else:
+            near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
+            read = np.zeros((len(w), *dwell.shape[:-1], len(poles)), dtype=complex)
+            read[..., near] = as_read(transients(w, poles[near], dwell), w, poles[near])
+        return read[:: self._onward][np.searchsorted(all_hz, self.run.frequency_hz)]
+
+    def change_by_dwells(self, dwells: FloatArray, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+        """(n_dwells, n_freq, n_channels) what the transients of a fast sweep change of a settled response.
+
+        Parameters
+        ----------
+        dwells : (n_dwells,) [s]
+        drift, tolerance : as in ``response``
+        """
+        shift = self._shift(drift, tolerance)
+        change = np.empty((len(dwells), len(self.omega), len(self.run.channels)), dtype=complex)
+        for group in self.groups:
+            poles, still = group.poles * (1 + _of_poles(group, shift)), _unshifted(group, drift)
+            Y, residues = self._motion(group, self._shares(poles) * still, tolerance)
+            dY = np.swapaxes((self._unsettled(poles, dwells) * still) @ residues.T, 0, 1)
+            force = self._force(Y[:, -1])
+            change[:, :, group.columns] = _driven(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
+        return change
+
+    def _force_slope(self, drive: ComplexArray, force: ComplexArray) -> ComplexArray:
+        """Derivative of the force by the exciter's own receptance, of which it is an analytic function."""
+        if self.run.quantity != "acceleration":
+            return np.zeros_like(force)
+        step = 1e-6 * drive
+        return np.divide(self._force(drive + step) - force, step, out=np.zeros_like(force), where=step != 0)
+
+    def _force(self, drive: ComplexArray) -> ComplexArray:
+        if self.run.quantity != "acceleration":
+            return self.scale
+        return self.scale * force_factor(self.effects, self.omega, drive)
+
+
+def _of_poles(group: Group, shift: ComplexArray) -> ComplexArray:
+    """(n_states,) relative shift of every pole, of (MODES,) the resonances'; none of the modes that do not drift."""
+    own = shift[group.mode]
+    return np.where(group.mode < 0, 0.0, np.where(group.poles.imag < 0, own.conj(), own))
+
+
+def _unshifted(group: Group, drift: FloatArray | None) -> FloatArray:
+    """(n_states,) factor of the residues: a resonance drifts at a fixed mass-normalised shape, R ~ 1 / omega."""
+    if drift is None:
+        return np.ones(len(group.mode))
+    return 1 / (1 + np.where(group.mode >= 0, drift[group.mode], 0.0))
+
+
+def chain_factors(effects: Sequence[Effect], run: Run, columns: IntArray) -> ComplexArray:
+    """(n_freq, n_columns) reported over true response of some channels."""
+    omega = 2 * np.pi * run.frequency_hz
+    return np.array([channel_factor(effects, omega, run.channels[c].node) for c in columns]).T
+
+
+def _driven(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:
+    """(..., n_freq, n_channels) change of the sensors' motion where the force changes with the exciter's own motion."""
+    return dY[..., :-1] * force[:, None] + Y[:, :-1] * (slope * dY[..., -1])[..., None]
+
+
+def _matched(group: Group, twin: Group) -> ComplexArray | None:
+    """The twin's pole in the place of each of the group's resonances; None where they are not one to one."""
+    poles = group.poles.copy()
+    for k in np.flatnonzero(group.mode >= 0):
+        same = np.flatnonzero((twin.mode == group.mode[k]) & (np.sign(twin.poles.imag) == np.sign(poles[k].imag)))
+        if len(same) != 1 or abs(twin.poles[same[0]] / poles[k] - 1) > _SAME:
+            return None
+        poles[k] = twin.poles[same[0]]
+    return poles if group.mode.max(initial=-1) == twin.mode.max(initial=-1) else None
+
+
+def over_receptance(run: Run) -> ComplexArray:
+    """(n_freq,) a run's values over receptances: powers of i omega, and the nominal force of recorded motions."""
+    omega = 2 * np.pi * run.frequency_hz
+    force = (run.force_amplitude_N or 1.0) if run.quantity == "acceleration" else 1.0
+    return force * (1j * omega) ** DERIVATIVE_ORDER[run.quantity]
+
+
+def resonance_numbers(poles: ComplexArray, top: float) -> IntArray:
+    """Number of the resonance that every pole belongs to; conjugates share it."""
+    number = np.full(len(poles), -1)
+    oscillating = np.flatnonzero((poles.imag > 0) & (np.abs(poles) < top))
+    order = oscillating[np.argsort(np.abs(poles[oscillating]))][:MODES]
+    for m, k in enumerate(order):
+        number[k] = m
+        number[np.argmin(np.abs(poles - poles[k].conj()))] = m
+    return number

@@ -1,0 +1,148 @@
+"""Resonances of a candidate's rotor over the bearing stiffness, and how high each stands in a response.
+
+A list of resonances is compared with thousands of candidates, so the eigenvalues of many stiffnesses are solved at
+once. Shapes are the undamped ones; damping is taken mode by mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rigtwin.gap.model.forward import acting
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.state_space import StateSpace
+from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.system import LinearSystem
+from rigtwin.sim.campaign import NominalBelief, SupportKind
+
+# Resonances that are kept, the lowest ones.
+N_RESONANCES = 8
+
+# Below this a motion is one of the rigid body [Hz].
+_LEAST_HZ = 1.0
+
+# Stiffnesses that are solved, at most; between them resonances are interpolated over ln k_b.
+_SOLVED = 48
+
+# Two stiffnesses at which matrices are built; between and beyond them they are linear in k_b.
+_BUILT_AT = 1e6, 2e6
+
+
+@dataclass(frozen=True)
+class Resonances:
+    """The lowest resonances for each bearing stiffness."""
+
+    f_hz: FloatArray  # (n_k_b, N_RESONANCES) ascending; inf where there are no more, nan where the rotor buckles
+    height: FloatArray  # (n_k_b, N_RESONANCES) drive-point accelerance at the peak [(m/s^2)/N]; 0 beyond the last
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """The rotor and its exciter.
+
+    Parameters
+    ----------
+    structure : free-free rotor
+    belief : damping of the nominal model
+    node : of exciter and accelerometer, in plane y
+    """
+
+    structure: Structure
+    belief: NominalBelief
+    node: int
+    _memory: dict[tuple, Resonances] = field(default_factory=dict, repr=False)
+
+    def resonances(self, support: SupportKind, k_b: FloatArray, effects: Sequence[Effect] = ()) -> Resonances:
+        """Resonances on one support. Raises ValueError where an effect is impossible.
+
+        Parameters
+        ----------
+        support : effects of the other one do not act
+        k_b : (n_k_b,) bearing stiffness [N/m], ascending
+        """
+        there = acting(effects, support)
+        if support == "rigid":
+            low, high = (self._system(k, True, there) for k in _BUILT_AT)
+            one = self._batch(low, high, k_b[:1])
+            return Resonances(*(np.repeat(part, len(k_b), axis=0) for part in (one.f_hz, one.height)))
+        if len(k_b) > _SOLVED:
+            few = np.geomspace(k_b[0], k_b[-1], _SOLVED)
+            key = (float(k_b[0]), float(k_b[-1]), tuple(there))
+            if key not in self._memory:  # the same grid is asked for again where only the lists' reading differs
+                self._memory[key] = self.resonances(support, few, there)
+            return _interpolated(self._memory[key], few, k_b)
+        low, high = (self._system(k, False, there) for k in _BUILT_AT)
+        if len(low.massless):
+            return _stacked([self._damped(self._system(float(k), False, there)) for k in k_b])
+        return self._batch(low, high, k_b)
+
+    def _system(self, k_b: float, rigid: bool, effects: Sequence[Effect]) -> LinearSystem:
+        condition = Condition(
+            k_b=k_b,
+            rigid_support=rigid,
+            bearing_damping=self.belief.bearing_damping_Ns_per_m,
+            shaft_damping_ratio=self.belief.shaft_damping_ratio,
+            excitation_node=self.node,
+        )
+        system = build_system(self.structure, condition, effects)
+        return system if system.couples_planes() else system.in_plane(1)
+
+    def _batch(self, low: LinearSystem, high: LinearSystem, k_b: FloatArray) -> Resonances:
+        """All stiffnesses at once, in coordinates in which the mass matrix is the unit matrix."""
+        inverse = np.linalg.inv(np.linalg.cholesky(low.M))
+        slope = inverse @ (high.K - low.K) @ inverse.T / (_BUILT_AT[1] - _BUILT_AT[0])
+        base = inverse @ low.K @ inverse.T - _BUILT_AT[0] * slope
+        squares, shapes = np.linalg.eigh(base + k_b[:, None, None] * slope)
+        buckled = squares[:, 0] < -1e-9 * squares[:, -1]
+        omega = np.sqrt(np.clip(squares[:, :N_RESONANCES], (2 * np.pi * 1e-3) ** 2, None))
+        shapes = shapes[:, :, :N_RESONANCES]
+        push = inverse @ low.unit_vector(self.node, 1)
+        damper = inverse @ low.C_support @ inverse.T
+        zeta = low.shaft_damping_ratio + np.einsum("kim,ij,kjm->km", shapes, damper, shapes) / (2 * omega)
+        height = np.einsum("i,kim->km", push, shapes) ** 2 / (2 * np.maximum(zeta, 1e-6))
+        found = _sorted(omega / (2 * np.pi), height)
+        found.f_hz[buckled] = np.nan
+        return found
+
+    def _damped(self, system: LinearSystem) -> Resonances:
+        """One stiffness by damped eigenvalues, for dashpots in series with springs."""
+        push = system.unit_vector(self.node, 1)
+        poles, residues = StateSpace(system).poles(push[:, None], push[None, :])
+        upper = poles.imag > 0
+        omega = np.abs(poles[upper])
+        height = np.abs(residues[0, 0, upper]) * omega**2 / np.maximum(-poles[upper].real, 1e-12)
+        order = np.argsort(omega)[:N_RESONANCES]
+        return _sorted(omega[None, order] / (2 * np.pi), height[None, order])
+
+
+def _sorted(f_hz: FloatArray, height: FloatArray) -> Resonances:
+    """Without motions of the rigid body, and of one width."""
+    n, m = f_hz.shape
+    f, h = np.full((n, N_RESONANCES), np.inf), np.zeros((n, N_RESONANCES))
+    f[:, :m], h[:, :m] = f_hz, height
+    h[f < _LEAST_HZ] = 0.0
+    f[f < _LEAST_HZ] = np.inf
+    order = np.argsort(f, axis=1, kind="stable")
+    return Resonances(np.take_along_axis(f, order, 1), np.take_along_axis(h, order, 1))
+
+
+def _interpolated(solved: Resonances, at: FloatArray, k_b: FloatArray) -> Resonances:
+    """Resonances at other stiffnesses; where a neighbour has none, there is none."""
+    x, x_at = np.log(k_b), np.log(at)
+    right = np.clip(np.searchsorted(x_at, x), 1, len(at) - 1)
+    share = ((x - x_at[right - 1]) / (x_at[right] - x_at[right - 1]))[:, None]
+    parts = []
+    for part in (solved.f_hz, solved.height):
+        low, high = part[right - 1], part[right]
+        whole = np.isfinite(low) & np.isfinite(high)
+        parts.append(np.where(whole, low + share * np.where(whole, high - low, 0.0), np.maximum(low, high)))
+    return Resonances(*parts)
+
+
+def _stacked(parts: Sequence[Resonances]) -> Resonances:
+    return Resonances(np.concatenate([p.f_hz for p in parts]), np.concatenate([p.height for p in parts]))

@@ -1,0 +1,173 @@
+"""Pairs of linear effects: which second one could explain what a first leaves, and where both fit best."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from operator import itemgetter
+
+import numpy as np
+
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.hypotheses import Hypothesis
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.inference.score_test import Score
+from rigtwin.gap.search.linear import CLOSE, FAR, Progress, Search, first_of_each, fitted, race, search
+from rigtwin.gap.search.starts import Promise, Start, begin, points, promises
+from rigtwin.gap.search.workers import each
+
+# Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
+# logarithms, and the cost over the best one's from which none of the others is one.
+_LEADERS, _ROUGH_LEADERS, _RIGID_LEADERS = 3, 2, 2
+_ROUGHLY, _NO_LEADER = 0.3, 30.0
+
+# Pairs that are raced: those that gain most to first order, shared by the leaders, each of which has at least some;
+# and those by a rough fit, twice as many, and once more after a step of so many starts of each pair.
+_BY_SCORE, _OF_EACH, _BY_ROUGH, _PAIR_STEPS, _OF_EACH_PAIR = 24, 6, 16, 5, 2
+
+# Rough descents of pairs see every so many lines.
+_FIFTH = 5
+
+# Probability before the data that two effects of equal priors act at once, over that of either one alone: a pair whose
+# evidence is higher by e^PAIR_GAIN is as probable then as its better effect. Set on the tuning campaigns.
+PAIR_GAIN = 12.0
+
+
+def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> float:
+    """Misfit that one more effect could take away beside a fit, to first order: the most of all candidates."""
+    score = Score(problem, fit, settled=True)
+    others = [h for h in hypotheses if h.ids[0] not in fit.hypothesis.ids]
+    return max((promises(score, h)[0].gain for h in others), default=0.0)
+
+
+def pairs(
+    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+) -> list[Fit]:
+    """Pairs of effects that do not fall behind, best first by evidence and prior."""
+    leaders = _leaders(problem, found, hypotheses)
+    return race(problem, pair_starts(problem, leaders, hypotheses, not found.rough, progress), FAR, progress)
+
+
+def exchanged(
+    problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis], near: bool, progress: Progress | None = None
+) -> list[Fit]:
+    """Pairs of either effect of a pair, with the numbers it has there, and another; best first by evidence and prior.
+
+    Alone, an effect takes over what another one does: from there its partner may lie too far for a start of its own.
+    """
+    leaders = [fit for start in _halves(pair, hypotheses) if (fit := _as_it_is(problem, start))]
+    return race(problem, pair_starts(problem, leaders, hypotheses, near, progress), FAR, progress)
+
+
+def each_alone(problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
+    """Each effect of a pair without the other, from where the pair ended: its own starts may have missed that place."""
+    return [fit for start in _halves(pair, hypotheses) if (fit := fitted(problem, CLOSE[0], start))]
+
+
+def straightened(problem: Problem, pair: Fit) -> list[Fit]:
+    """A pair with plain laws, where one is bent, from where it ended: beside a second effect that may not be needed."""
+    plain, u = pair.hypothesis.straightened(pair.u)
+    made = None if plain == pair.hypothesis else fitted(problem, CLOSE[0], Start(plain, u, pair.nu))
+    return [made] if made else []
+
+
+def _halves(pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
+    """Each effect of a pair without the other, where the pair ended."""
+    found = []
+    for term, own in zip(pair.hypothesis.terms, pair.hypothesis.split(pair.u[1:]), strict=True):
+        single = next(hypothesis for hypothesis in hypotheses if hypothesis.bent.terms == (term.bent,))
+        found.append(Start(replace(single, terms=(term,)), np.concatenate([pair.u[:1], own]), pair.nu))
+    return found
+
+
+def _as_it_is(problem: Problem, start: Start) -> Fit | None:
+    """A start as a fit without a step; None where there is no model."""
+    return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(_ROUGHLY,), steps=0)
+
+
+def pair_starts(
+    problem: Problem,
+    leaders: Sequence[Fit],
+    hypotheses: Sequence[Hypothesis],
+    near: bool,
+    progress: Progress | None = None,
+) -> list[Start]:
+    """Every candidate beside each of the leaders, from the leader's fit; those of most gain first, leader by leader.
+
+    Parameters
+    ----------
+    near : whether the nominal model is close to the data
+    """
+    starts: list[Start] = []
+    beside: list[Start] = []
+    for number, leader in enumerate(leaders):
+        by_score: list[Promise] = []
+        seconds = [second for second in hypotheses if second.ids != leader.hypothesis.ids]
+        promised = each(partial(_beside, Score(problem, leader, settled=near)), seconds)
+        for second, gained in zip(seconds, promised, strict=True):
+            if progress:
+                progress(number, len(leaders), f"{leader.hypothesis} + {second}")
+            pair = _paired(leader.hypothesis, second)
+            by_score += gained
+            beside += [begin(pair, pair.clipped(point), leader) for point in points(leader.u, second)]
+        by_score.sort(key=lambda promise: promise.gain, reverse=True)
+        starts += [promise.start for promise in by_score[: max(_BY_SCORE // len(leaders), _OF_EACH)]]
+    return starts + _by_logarithms(problem.thinned(_FIFTH), beside, near)
+
+
+def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[Start]:
+    """The best starts of pairs by rough descents.
+
+    Far from the data a start tells little of where it leads to: of each pair some are taken a step down before as well.
+    """
+    tried = sorted(each(partial(_down_from, few, 0), starts), key=itemgetter(1))
+    best = [start for start, _ in tried[: 2 * _BY_ROUGH]]
+    if not near:
+        some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, _OF_EACH_PAIR)]
+        stepped = sorted(each(partial(_down_from, few, 1), some), key=itemgetter(1))
+        best += [start for start, _ in stepped[:_BY_ROUGH]]
+    return [start for start, _ in each(partial(_down_from, few, _PAIR_STEPS), best)]
+
+
+def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
+    """Both effects at once."""
+    return Hypothesis((*first.terms, *second.terms), float(np.exp(-PAIR_GAIN) * np.sqrt(first.prior * second.prior)))
+
+
+def _beside(score: Score, second: Hypothesis) -> list[Promise]:
+    """What a second effect promises beside a leader, whose score it is."""
+    return promises(score, second, _paired(score.fit.hypothesis, second))
+
+
+def _down_from(few: Problem, steps: int, start: Start) -> tuple[Start, float]:
+    """A start after so many steps of a rough descent, and its rough cost."""
+    u, cost = few.rough(start.hypothesis, start.u, steps)
+    return replace(start, u=u), cost
+
+
+def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
+    """Effects that others are tried beside: the best of all runs, and those of a part of what there is to see.
+
+    The latter are the best by logarithms, which far misfits do not rule, and the best of the rigid runs, in which fewer
+    effects can act. What leaves many times as much as the best is no leader, but for those by logarithms.
+    """
+    leaders = _of_each_effect(found.fits)[:_LEADERS]
+    there = {fit.hypothesis.ids for fit in leaders}
+    rough = [start for start in found.rough[:_ROUGH_LEADERS] if start.hypothesis.ids not in there]
+    by_logarithms = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(_ROUGHLY,), steps=2) for s in rough]
+    rigid = problem.only("rigid")
+    if rigid is not None and problem.with_k_b:
+        acting = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
+        for fit in _of_each_effect(search(rigid, acting).fits)[:_RIGID_LEADERS]:
+            u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
+            made = problem.try_fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6)
+            leaders += [made] if made else []
+    costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
+    kept = [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= _NO_LEADER * min(costs)]
+    return [*kept, *(fit for fit in by_logarithms if fit)]
+
+
+def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:
+    """The best fit of every effect."""
+    return first_of_each(fits, lambda fit: fit.hypothesis.ids[0])

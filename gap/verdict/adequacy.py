@@ -1,0 +1,133 @@
+"""Is a fit as good as the noise allows? Judged by the data's own scatter from line to line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from rigtwin.gap.audit.noise import CREDIBLE, live_channels, of_complex, shared_variance
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.observed import Observed, residual
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.nonlinear import BoolArray
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+
+# Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
+_TRIMMED = 0.95
+
+# Standard errors are believed where the data's own scatter differs by less than this over the root of the number of
+# values: some 3.5 standard errors of a mean over overlapping differences.
+_DOUBTFUL = 5.0
+
+# Channels hardly share an error if it is, by so many standard errors, below this part of what the lines seemed to tell.
+_HARDLY, _SURELY = 0.5, 2.0
+
+# A fit plainly misses a line whose misfit is so many times what chance leaves once in so many lines. Missed lines are
+# few up to this share of a run, or this many, and a resonance is near within this share of its frequency.
+_PLAINLY, _CHANCE = 10.0, 1e-9
+_SHARE, _FEW, _NEAR = 0.03, 3, 0.01
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """What is left of a fit."""
+
+    scale: float  # true over believed standard error, from differences of neighbouring lines
+    misfit: float  # mean square of the residuals over that of their noise; 1: nothing is left
+    correlation: float  # of neighbouring lines' residuals, in its standard errors
+    spread: float  # of the misfit where noise alone is left: its standard deviation
+
+
+def whitened(observed: Observed, model: ComplexArray) -> ComplexArray:
+    """(n_freq, n_channels) residuals of unit variance per real component; nan where nothing is there."""
+    y = observed.run.H
+    silent = np.abs(np.nan_to_num(y)) <= 1e-9 * np.nanmax(np.abs(y))
+    return np.where(observed.valid & ~silent, residual(observed, model, 0.0), np.nan)
+
+
+def judge(problem: Problem, fit: Fit) -> Adequacy:
+    """Compare a fit's residuals with the noise under them."""
+    scatter, bends, squares, products, variance, n, reals = 0.0, 0, 0.0, 0.0, 0.0, 0, 0
+    for observed, model in zip(problem.observed, problem.predict(fit), strict=True):
+        z = whitened(observed, model)
+        real = observed.run.magnitude_only
+        parts = 1 if real else 2
+        for channel in z.T:
+            found = _bends(channel)
+            scatter += len(found) * _scatter(found, parts)
+            bends += len(found)
+        size = float(np.nansum(np.abs(z) ** 2)) / parts
+        squares += size
+        values = int(np.isfinite(z).sum())
+        n += values
+        reals += parts * values
+        variance += values / parts  # of the products' sum, where residuals are independent
+        products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
+    scale2 = float(np.clip(scatter / bends, *np.square(CREDIBLE))) if bends else 1.0
+    surely = 1.0 if abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2
+    dof = max(n * (1 - (len(fit.u) + 6) / max(reals, 1)), 1.0)
+    return Adequacy(
+        scale=float(np.sqrt(scale2)),
+        misfit=squares / dof / max(surely, 1e-30),
+        correlation=products / max(squares, 1e-30) * n / np.sqrt(max(variance, 1.0)),
+        spread=float(np.sqrt(2 / max(reals, 1))),
+    )
+
+
+def odd_lines(problem: Problem, fit: Fit) -> list[BoolArray]:
+    """(n_freq,) of every run: lines near no resonance that a fit plainly misses, where they are few; else none.
+
+    No rotor has a gap at single lines far from its resonances. A controller that slipped makes one, and so does hum.
+    """
+    scale2 = max(judge(problem, fit).scale, 1.0) ** 2
+    found = []
+    predicted = zip(problem.observed, problem.predict(fit), problem.modals(fit.k_b, fit.effects), strict=True)
+    for observed, model, modal in predicted:
+        z, f = whitened(observed, model), observed.run.frequency_hz
+        numbers = np.isfinite(z).sum(axis=1) * (1 if observed.run.magnitude_only else 2)
+        missed = np.nansum(np.abs(z) ** 2, axis=1) > _PLAINLY * scale2 * chi2.isf(_CHANCE, np.maximum(numbers, 1))
+        near = np.abs(f[:, None] / modal.frequencies_hz - 1).min(initial=np.inf, axis=1) < _NEAR
+        odd = missed & ~near
+        found.append(odd if odd.sum() <= max(_FEW, _SHARE * len(f)) else np.zeros(len(f), dtype=bool))
+    return found
+
+
+def not_shared(problem: Problem, fit: Fit) -> Problem | None:
+    """The problem without errors that channels share, where they hardly share what the fit leaves; else nothing.
+
+    Near a line, what a fast sweep still rings with moves all channels alike, as noise of the force does.
+    """
+    kept = [
+        o if not o.common or _shared(o, model) > _HARDLY * o.common else replace(o, common=0.0)
+        for o, model in zip(problem.observed, problem.predict(fit), strict=True)
+    ]
+    return None if all(a is b for a, b in zip(kept, problem.observed, strict=True)) else problem.on(kept)
+
+
+def _shared(observed: Observed, model: ComplexArray) -> float:
+    """At most so large an error channels share of what a model leaves, relative and as of the complex response."""
+    size, live = np.abs(observed.run.H), live_channels(observed.run)
+    with np.errstate(all="ignore"):
+        left = np.where(observed.valid, observed.less(model) / size, np.nan)
+        square, error = shared_variance(left[:, live], (observed.error / size)[:, live])
+    return float(of_complex(np.sqrt(np.maximum(square + _SURELY * error, 0.0)), observed.run))
+
+
+def _bends(z: ComplexArray) -> FloatArray:
+    """Squares of second differences of a channel's residuals, where three lines in a row are there."""
+    bend = np.abs(z[1:-1] - (z[:-2] + z[2:]) / 2) ** 2
+    return bend[np.isfinite(bend)]
+
+
+def _scatter(bends: FloatArray, parts: int) -> float:
+    """Variance of a residual's real component, by the trimmed mean of its second differences' squares.
+
+    Of chi-squared with k degrees of freedom, the mean below the quantile q is k F_(k+2)(q) / F_k(q).
+    """
+    if not len(bends):
+        return 0.0
+    kept = np.sort(bends)[: max(round(_TRIMMED * len(bends)), 1)]
+    expected = parts * chi2.cdf(chi2.ppf(_TRIMMED, parts), parts + 2) / _TRIMMED
+    return float(np.mean(kept) / (1.5 * expected))

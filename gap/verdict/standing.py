@@ -1,0 +1,154 @@
+"""How far the best fit is to be believed: does it leave noise alone, and what would still take something away?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.inference.score_test import Score
+from rigtwin.gap.model.forward import nonlinear
+from rigtwin.gap.search.laws.robust import without_outliers
+from rigtwin.gap.search.laws.search import ADEQUATE_NONLINEAR
+from rigtwin.gap.search.linear import strained
+from rigtwin.gap.verdict.adequacy import Adequacy, judge
+
+# Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
+ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
+ADEQUATE_SPREAD = 3.0  # the same of few values: beyond 1, in standard deviations of what noise alone leaves
+ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
+ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
+PASSED_OVER_CHANCE = 1e-4  # that noise gives resonances and shapes of their own as much as they would take away
+PASSED_OVER_SHARE = 0.1  # of what a cause takes away, that they would take away beside it, at most
+REMOUNTED_SHARE = 0.8  # of what a fit leaves, that gains of each sensor in each run take away, at least
+FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
+FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
+BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
+MOST_SCALE = 1.5  # the same about a nonlinear effect's fit that is still noise, where the lines themselves tell none
+
+
+@dataclass(frozen=True)
+class Standing:
+    """The fits that count, best first, and how far the first one is to be believed."""
+
+    fits: Sequence[Fit]
+    quality: Adequacy  # of the first
+    excess: float  # of what it leaves: 1 at the threshold
+    other_form: bool = False  # whether it is believed for leaving a small share of what anything else leaves
+
+
+def standing_of(problem: Problem, nominal: Fit, fits: Sequence[Fit]) -> Standing:
+    """How far the best fit is to be believed.
+
+    An effect whose law or shape is not quite the library's leaves more than noise, and yet a small share of what
+    anything else leaves. It is believed then, unless one of its numbers would leave its range, and pairs that patch
+    it up are no answer.
+    """
+    quality = judge(problem, fits[0])
+    excess = excess_of(problem, fits[0], quality)
+    if excess < 1:
+        return Standing(fits, quality, max(excess, _passed_over(problem, nominal, fits[0], quality)))
+    singles = [fit for fit in fits if len(fit.hypothesis.terms) == 1]
+    if not singles or singles[0].wants_more:
+        return Standing(fits, quality, excess)
+    beside = _beside_rivals(problem, nominal, singles)
+    if beside < 1:
+        return Standing(singles, judge(problem, singles[0]), beside, other_form=True)
+    return Standing(fits, quality, min(excess, beside))
+
+
+def adequate(problem: Problem, fit: Fit) -> bool:
+    return excess_of(problem, fit, judge(problem, fit)) < 1
+
+
+def excess_of(problem: Problem, fit: Fit, quality: Adequacy) -> float:
+    """How far a fit is from leaving nothing but noise: 1 at the threshold of adequacy."""
+    if nonlinear(fit.effects):
+        return fit.chi2 / fit.n_data / min(scale_of(quality), _most_scale(problem)) ** 2 / ADEQUATE_NONLINEAR
+    return max(
+        (quality.misfit - 1) / max(ADEQUATE_MISFIT - 1, ADEQUATE_SPREAD * quality.spread),
+        quality.correlation / ADEQUATE_CORRELATION,
+        nuisance_size(problem, fit) / ADEQUATE_NUISANCE,
+        0.0,
+    )
+
+
+def scale_of(quality: Adequacy) -> float:
+    """True over believed error, where the data's own scatter contradicts the given errors."""
+    low, high = BELIEVED_SCALE
+    return 1.0 if low <= quality.scale <= high else quality.scale
+
+
+def _most_scale(problem: Problem) -> float:
+    """How many times the believed errors may be noise: a law that misses lines scatters as well."""
+    told = [o.scatter for o in problem.observed if np.isfinite(o.scatter)]
+    return min(max(float(np.median(told)), 1.0), MOST_SCALE) if told else MOST_SCALE
+
+
+def gains_differ(problem: Problem, fit: Fit) -> bool:
+    """Whether a fit falls short, and nearly all that it leaves goes where sensors' gains differ from run to run."""
+    if problem.forward.belief.gain_repeatability:
+        return False
+    quality = judge(problem, fit)
+    if excess_of(problem, fit, quality) < 1 and _passed_over(problem, fit, fit, quality) < 1:
+        return False
+    scale2 = max(quality.scale, 1.0) ** 2
+    bent = nonlinear(fit.effects)
+    score = Score(without_outliers(problem, fit) if bent else problem, fit, settled=True)
+    gain, n = score.remounted()
+    if bent:
+        left, numbers = score.misfit, fit.n_data
+    else:  # an error that is estimated is known to some per cent, and so is chi2
+        left, numbers = score.apart(range(len(problem.runs)), shapes=True)
+    by_chance = scale2 * float(chi2.isf(PASSED_OVER_CHANCE, n)) if n else np.inf
+    return gain > by_chance and gain - scale2 * n > REMOUNTED_SHARE * (left - scale2 * numbers)
+
+
+def nuisance_size(problem: Problem, fit: Fit) -> float:
+    """Mean square of the nuisances in units of their priors, over those that the data determine."""
+    covariance = fit.covariance()[len(fit.u) :, len(fit.u) :]
+    prior = fit.prior_std**2
+    told = np.clip(1 - covariance.diagonal() / prior, 0.0, 1.0)
+    told[problem.nuisances.gain] = [
+        0.0 if run.quantity == "acceleration" else t
+        for run, t in zip(problem.runs, told[problem.nuisances.gain], strict=True)
+    ]
+    freedom = max(float(told.sum()), 1.0)
+    return float(np.sum(told * fit.nu**2 / prior)) / freedom
+
+
+def _passed_over(problem: Problem, nominal: Fit, fit: Fit, quality: Adequacy) -> float:
+    """What resonances and shapes of each run's own would still take away beside a linear cause: 1 at the threshold.
+
+    Whatever acts on a linear rotor shows in these, also where no effect of the library resembles it. It counts where it
+    is more than noise gives them, and more than a small share of what the cause takes away.
+    """
+    if nonlinear(fit.effects):
+        return 0.0
+    score, runs = Score(problem, fit, settled=True), range(len(problem.runs))
+    scale2, explained = max(quality.scale, 1.0) ** 2, max(nominal.cost - fit.cost, 1.0)
+    excesses = [0.0]
+    for shapes in (False, True):
+        gain, n = score.apart(runs, shapes=shapes)
+        if n:
+            chance = (gain / scale2 - n) / float(chi2.isf(PASSED_OVER_CHANCE, n) - n)
+            excesses.append(min(chance, (gain - n * scale2) / explained / PASSED_OVER_SHARE))
+    return max(excesses)
+
+
+def _beside_rivals(problem: Problem, nominal: Fit, singles: Sequence[Fit]) -> float:
+    """What the best effect leaves over what the best other one leaves, or none at all: 1 at the threshold."""
+    best = singles[0]
+    rivals = [nominal, *(fit for fit in singles if fit.hypothesis.ids != best.hypothesis.ids)]
+    if nonlinear(best.effects):
+        return _left(best) / min(map(_left, rivals)) / FORM_LEFT_NONLINEAR
+    return _left(best) / min(map(_left, [*rivals, strained(problem, best)])) / FORM_LEFT
+
+
+def _left(fit: Fit) -> float:
+    """Misfit beyond the noise's, and strain of the nuisances, per value."""
+    return (max(fit.chi2 - fit.n_data, 0.0) + fit.penalty) / fit.n_data

@@ -1,0 +1,179 @@
+"""What a diagnosis says, in words: for the terminal and for the page."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from rigtwin.gap.document import Cause, Diagnosis, Estimate, Shrink
+from rigtwin.gap.phrases import place, ten_to
+from rigtwin.rotor.effects import EFFECTS
+from rigtwin.wording import interval, number, stiffness_with_error, unit, with_error
+
+VERDICTS = {
+    "cause": "Cause found",
+    "ambiguous": "More than one cause fits",
+    "unknown": "No known effect fits",
+    "no_gap": "No gap",
+    "not_enough_data": "Not enough data",
+}
+
+REGIMES = {
+    "linear": "the same at every force level that was measured",
+    "amplitude_dependent": "changes with the force level",
+    "measurement_chain": "in the measurement chain: the resonances lie where the model has them",
+    "spin_dependent": "changes with the spin",
+}
+
+VERIFIED = {
+    "fmu": "the effect was switched on in RotorRig.fmu and the virtual rig measured the held-out settings again",
+    "rig": "the virtual rig measured the held-out settings again, with the effect in its measurement chain",
+    "model": "by the fitting model alone; no virtual measurement confirms it",
+}
+
+# Why a diagnosis names no cause, where its verdict is one of these.
+NO_CAUSE = {
+    "no_gap": "No cause is named. The candidates below are ranked among themselves; none of them is needed.",
+    "unknown": "No cause is named. The candidates below are ranked among themselves; none of them explains the data.",
+    "not_enough_data": "No cause is named. The data do not suffice to tell the candidates apart.",
+}
+
+# Half the width of a 90 % interval, in standard errors.
+_Z90 = 1.6449
+
+
+def finite(value: float | None) -> bool:
+    """Whether there is a number."""
+    return value is not None and math.isfinite(value)
+
+
+def share(value: float | None) -> str:
+    """'31.4 %'; 'unknown' where there is no number."""
+    if value is None or not math.isfinite(value):
+        return "unknown"
+    return (f"{100 * value:#.3g}".rstrip(".") if abs(value) < 10 else f"{100 * value:.0f}").replace("-", "−") + " %"
+
+
+def quantity(estimate: Estimate) -> str:
+    """'0.312 ± 0.004 kg', '(1.02 ± 0.03)×10⁷ N/m'; the value alone where there is no standard error."""
+    value, std, of_unit = estimate.value, estimate.std, unit(estimate.unit)
+    if not finite(value):
+        return "unknown"
+    if finite(std) and abs(value) < 0.005 * std:
+        value = 0.0
+    size = max(abs(value), std if finite(std) else 0.0)
+    power = math.floor(math.log10(size)) if size else 0
+    if -3 <= power < 5:
+        text = with_error(value, std) if finite(std) else number(value)
+    else:
+        scale = 10.0**power
+        text = f"({with_error(value / scale, std / scale)})" if finite(std) and std > 0 else f"{value / scale:.4g}"
+        text += ten_to(power)
+    return f"{text} {of_unit}".rstrip().replace("-", "−")
+
+
+def k_b_words(k_b: Estimate | None) -> str:
+    """'10.02 ± 0.03', in MN/m; empty where no bearing was measured."""
+    return stiffness_with_error(k_b.value, k_b.std) if k_b and finite(k_b.value) else ""
+
+
+def k_b_interval(k_b: Estimate) -> str:
+    """'9.97 to 10.07': the 90 % interval in MN/m."""
+    return interval(k_b.value - _Z90 * k_b.std, k_b.value + _Z90 * k_b.std) if finite(k_b.std) else "unknown"
+
+
+def title(effect_id: str) -> str:
+    """An effect's title; its id where this version does not know it."""
+    return EFFECTS[effect_id].title if effect_id in EFFECTS else effect_id
+
+
+def cause_title(cause: Cause) -> str:
+    """'Pedestal flexibility', or both of a pair."""
+    return " + ".join(map(title, cause.effects)) or "No effect"
+
+
+def cause_key(cause: Cause) -> tuple[Any, ...]:
+    """What makes two entries of a diagnosis the same candidate."""
+    return cause.effects, cause.location, tuple(cause.places.items())
+
+
+def meanings(cause: Cause) -> list[tuple[str, str]]:
+    """Title and one-line meaning of each effect."""
+    return [(title(e), EFFECTS[e].meaning) for e in cause.effects if e in EFFECTS]
+
+
+def places(cause: Cause) -> str:
+    """Where each effect of a candidate sits."""
+    words = [place(location) for location in cause.locations or (cause.location,)] if cause.effects else []
+    return "; ".join(dict.fromkeys(filter(None, words)))
+
+
+def parameters(cause: Cause) -> list[str]:
+    """'stiffness (1.02 ± 0.03)×10⁷ N/m' for each parameter; of a pair with the effect's title.
+
+    One at the end of its range has no standard error worth the name.
+    """
+    pair = len(cause.effects) > 1
+    edge = set(cause.at_prior_edge)
+    return [
+        f"{_parameter_name(name, pair)} {quantity(replace(estimate, std=math.nan) if name in edge else estimate)}"
+        for name, estimate in cause.parameters.items()
+    ]
+
+
+def _parameter_name(full_name: str, with_title: bool) -> str:
+    effect, _, name = full_name.rpartition(".")
+    words = name.replace("_", " ")
+    return f"{title(effect)}: {words}" if with_title and effect else words
+
+
+def at_edge(cause: Cause) -> str:
+    """A remark on parameters that end where their prior ends; empty without any."""
+    if not cause.at_prior_edge:
+        return ""
+    names = ", ".join(_parameter_name(name, len(cause.effects) > 1) for name in cause.at_prior_edge)
+    return f"{names} at the end of the range that was searched"
+
+
+def named(diagnosis: Diagnosis) -> bool:
+    """Whether the verdict names a cause."""
+    return diagnosis.verdict in ("cause", "ambiguous") and bool(diagnosis.causes)
+
+
+def gap_before(diagnosis: Diagnosis) -> float | None:
+    """The gap on held-out data, else that of the fit."""
+    return diagnosis.shrink.before if diagnosis.shrink else diagnosis.nominal.get("gap")
+
+
+def best_k_b(diagnosis: Diagnosis) -> Estimate | None:
+    """The stiffness with the cause, where one is named, else the nominal model's."""
+    with_cause = diagnosis.causes[0].k_b if named(diagnosis) else None
+    return with_cause or diagnosis.nominal.get("k_b")
+
+
+def explained(shrink: Shrink) -> str:
+    """'99 % of what can be explained is explained (with another node driven: 97 % to 99 % of the noise-free gap)'."""
+    if not finite(shrink.explainable):
+        return "the gap is the noise floor: there is nothing to explain"
+    low, high = shrink.ci90
+    known = finite(low) and finite(high)
+    between = f" (with another node driven: {share(low)} to {share(high)} of the noise-free gap)" if known else ""
+    return f"{share(shrink.explainable)} of what can be explained is explained{between}"
+
+
+def run_toml(run: Mapping[str, Any]) -> str:
+    """Settings of a run as a [[run]] table for campaign.toml."""
+    return "\n".join(["[[run]]", *(f"{key} = {text}" for key, text in _toml_values(run))])
+
+
+def _toml_values(run: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Keys with their values in TOML; what is None is left out, TOML has no null."""
+    for key, value in run.items():
+        if value is None:
+            continue
+        plain = value.item() if hasattr(value, "item") else value
+        # A JSON string, list or truth value is one of TOML too, but for DEL, which TOML wants escaped.
+        yield key, json.dumps(plain, ensure_ascii=False, default=str).replace("\x7f", "\\u007f")

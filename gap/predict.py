@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from rigtwin.gap.document import DAMPING, SCHEMA
+from rigtwin.gap.model.campaign_model import forward_of
 from rigtwin.gap.model.forward import acting, nonlinear
 from rigtwin.gap.model.linear import TOLERANCES
 from rigtwin.gap.model.nonlinear import FINAL
-from rigtwin.gap.prepare import forward_of
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.geometry.rig import load_rig

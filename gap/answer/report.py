@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from rigtwin.gap.answer.missing_test import missing_test
 from rigtwin.gap.answer.next_run import best_next_test
 from rigtwin.gap.answer.where import locate
 from rigtwin.gap.audit.findings import amplitude_dependent
+from rigtwin.gap.clock import Clock
 from rigtwin.gap.curves import Curve, log_distance_db, nrmse
 from rigtwin.gap.document import (
     DAMPING,
@@ -33,13 +33,13 @@ from rigtwin.gap.document import (
     Where,
 )
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import SURE
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.linear import TOLERANCES
 from rigtwin.gap.search.strategies.bearing_stiffness import beside_models
 from rigtwin.gap.verdict.adequacy import Adequacy, judge
-from rigtwin.gap.verdict.ranking import ANSWERED, AT_MOST, Ranked, best_of, by_name, likely, name_of, together
-from rigtwin.gap.verdict.standing import ADEQUATE_MISFIT, BELIEVED_SCALE, Standing, scale_of
+from rigtwin.gap.verdict.ranking import Ranked, best_of, by_name, likely, name_of, together
+from rigtwin.gap.verdict.standing import Standing, scale_of
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign import Campaign
 
@@ -50,19 +50,6 @@ class Outcome:
 
     diagnosis: Diagnosis
     curves: tuple[Curve, ...]
-
-
-class Clock:
-    """Seconds of one step of the work after the other."""
-
-    def __init__(self) -> None:
-        self.laps: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        """A step has ended; its times add up where it is done again."""
-        now = time.perf_counter()
-        self.laps[name], self._last = self.laps.get(name, 0.0) + now - self._last, now
 
 
 @dataclass(frozen=True)
@@ -209,7 +196,7 @@ def _rivals(ranked: Ranked, causes: Sequence[Cause], verdict: Verdict, equivalen
     groups = by_name(ranked)
     if equivalent:
         return [groups[name_of(cause.effects)][0][0] for cause in equivalent]
-    if verdict == "cause" and causes[0].place_probability < SURE:
+    if verdict == "cause" and causes[0].place_probability < THRESHOLDS.sure:
         return [fit for fit, _ in likely(groups[name_of(causes[0].effects)])]
     return []
 
@@ -251,7 +238,7 @@ def _equivalent(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     total = sum(cause.probability for cause in causes)
     chosen: list[Cause] = []
     for cause in causes:
-        if sum(c.probability for c in chosen) >= ANSWERED * total or len(chosen) == AT_MOST:
+        if sum(c.probability for c in chosen) >= THRESHOLDS.answered * total or len(chosen) == THRESHOLDS.at_most:
             break
         chosen.append(cause)
     return tuple(chosen)
@@ -297,7 +284,7 @@ def _form_finding(answer: Answer) -> tuple[Finding, ...]:
         f"{names} leaves {standing.quality.misfit:.2g} times the noise, far less than anything else leaves: on this "
         "rig it acts in a form that differs from the library's, or something small acts beside it"
     )
-    return (Finding("form", "warning", words, "", standing.quality.misfit, ADEQUATE_MISFIT),)
+    return (Finding("form", "warning", words, "", standing.quality.misfit, THRESHOLDS.adequate_misfit),)
 
 
 def _mounting_finding(campaign: Campaign, problem: Problem, fit: Fit) -> tuple[Finding, ...]:
@@ -314,7 +301,7 @@ def _mounting_finding(campaign: Campaign, problem: Problem, fit: Fit) -> tuple[F
 
 
 def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:
-    low, high = BELIEVED_SCALE
+    low, high = THRESHOLDS.believed_scale_low, THRESHOLDS.believed_scale_high
     if all(run.std is None for run in problem.runs) or low <= quality.scale <= high:
         return ()
     words = (

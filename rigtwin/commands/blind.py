@@ -197,7 +197,7 @@ def write_controls(
     """
     from rigtwin.commands.diagnose import write_prediction
     from rigtwin.gap.inference.hypotheses import candidates
-    from rigtwin.gap.prepare import forward_of
+    from rigtwin.gap.model.campaign_model import forward_of
 
     answered = {name for cause in (*diagnosis.equivalent, *diagnosis.causes[:1]) for name in cause.effects}
     hypotheses = candidates(measured.runs, forward_of(measured).structure, exclude)

@@ -188,7 +188,7 @@ def measured_on_the_virtual_rig(
     -------
     (n_freq, n_channels) of each run, and "fmu", or "rig" where an effect is none of the FMU's
     """
-    from rigtwin.gap.prepare import elements_between_nodes
+    from rigtwin.gap.model.campaign_model import elements_between_nodes
 
     belief = campaign.nominal
     parameters = {

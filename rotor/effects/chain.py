@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.rotor.effects.effect import Effect, node, parameter
+from rigtwin.rotor.effects.effect import MANY_STARTS, Effect, node, parameter
 from rigtwin.rotor.model.design import Design
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
@@ -25,6 +25,7 @@ class SensorGain(Effect):
     location = "sensor"
     family = "chain"
     in_fmu = False
+    common_is_calibrated = True
 
     gain: float = parameter(1.1, "1", "Reported over true acceleration", 0.8, 1.2, null=1.0, minimum=-1e3, maximum=1e3)
     node: int = node(2, "Node of the sensor, 0: every sensor", all_nodes=True)
@@ -47,9 +48,18 @@ class SensorDelay(Effect):
     location = "sensor"
     family = "chain"
     in_fmu = False
+    needs_phase = True
 
     delay: float = parameter(
-        2e-4, "s", "Delay of the response against the force", -2e-3, 2e-3, null=0.0, minimum=-1.0, maximum=1.0
+        2e-4,
+        "s",
+        "Delay of the response against the force",
+        -2e-3,
+        2e-3,
+        null=0.0,
+        minimum=-1.0,
+        maximum=1.0,
+        starts=MANY_STARTS,
     )
     node: int = node(0, "Node of the sensor, 0: every sensor", all_nodes=True)
 
@@ -130,9 +140,19 @@ class ForceDropout(Effect):
     location = "exciter"
     family = "chain"
     in_fmu = False
+    needs_exciter_current = True
 
     mass: float = parameter(
-        0.1, "kg", "Moving mass of the exciter", 0.02, 0.5, null=0.0, minimum=0.0, maximum=100.0, log=True
+        0.1,
+        "kg",
+        "Moving mass of the exciter",
+        0.02,
+        0.5,
+        null=0.0,
+        minimum=0.0,
+        maximum=100.0,
+        log=True,
+        starts=MANY_STARTS,
     )
     stiffness: float = parameter(
         1e4, "N/m", "Suspension of the exciter", 1e3, 1e5, null=0.0, minimum=0.0, maximum=1e9, log=True
@@ -171,6 +191,7 @@ class CoarseGrid(Effect):
     location = "raster"
     family = "chain"
     in_fmu = False
+    moves_response = False
 
     step: float = parameter(1.0, "Hz", "Distance of the lines", 0.2, 10.0, minimum=1e-4, maximum=1e3, log=True)
 
@@ -203,6 +224,7 @@ class FastSweep(Effect):
         minimum=1e-3,
         maximum=1e9,
         log=True,
+        step=1e-10,
     )
 
     def sweep_changes(self) -> Mapping[str, float]:

@@ -28,6 +28,9 @@ from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 # Name, among an effect's variables in the FMU, of the one that switches it on.
 SWITCH = "enabled"
 
+# Starts of a number that puts a resonance, or a beat, somewhere: between two of them it must not be missed.
+MANY_STARTS = (0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9)
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -48,6 +51,12 @@ class Parameter:
     maximum: float | None = None
     log: bool = False  # whether the prior is even in the logarithm
     form: bool = False  # whether it bends the law, and may change the size of the equations where the effect does
+    sign_seen_across: bool = False  # whether only a sensor that looks across the force tells its sign
+    starts: tuple[float, ...] = ()  # shares of its range where fits start, where the usual ones miss something
+    step: float = 1e-5  # share of its range for a derivative: less where a response follows it wildly
+    grid: int = 8  # points along it in a grid over a force law's numbers
+    vague: bool = False  # whether coarsely computed motions hardly tell it
+    motion_power: int = 0  # the power of its node's motion that it grows with, when a law moves to another node
 
 
 @dataclass(frozen=True)
@@ -89,6 +98,13 @@ class Effect(ABC):
     changes_size: ClassVar[bool] = False  # of the equations: not to be switched while the rotor runs
     in_fmu: ClassVar[bool] = True
     acts_at_once: ClassVar[bool] = False  # on the accelerations of a rotor at rest, when a force sets in
+    moves_response: ClassVar[bool] = True  # whether it changes the response at the lines that are measured
+    needs_exciter_current: ClassVar[bool] = False  # whether only tests at constant exciter current show it
+    needs_phase: ClassVar[bool] = False  # whether magnitudes alone do not show it
+    common_is_calibrated: ClassVar[bool] = False  # whether on all sensors at once it is a gain of the force
+    acts_beyond_amplitude: ClassVar[bool] = False  # whether it is not there at all in small motions
+    shares_k_b: ClassVar[bool] = False  # whether it takes a part of the bearing stiffness at rest
+    stiffness_at_rest: ClassVar[tuple[float, ...]] = (1.0,)  # over the one that suits the lowest force level
 
     def __post_init__(self) -> None:
         for name, role in self.roles().items():

@@ -33,9 +33,19 @@ class BearingCubic(Effect):
     source = "nayfeh1979"
     location = "bearings"
     family = "nonlinear"
+    stiffness_at_rest = (1.0, 0.95)
 
     stiffness: float = parameter(
-        1e15, "N/m3", "Cubic stiffness k_3 of each bearing", 1e13, 1e17, null=0.0, minimum=0.0, maximum=1e22, log=True
+        1e15,
+        "N/m3",
+        "Cubic stiffness k_3 of each bearing",
+        1e13,
+        1e17,
+        null=0.0,
+        minimum=0.0,
+        maximum=1e22,
+        log=True,
+        grid=14,
     )
 
     def add_to(self, design: Design) -> None:
@@ -56,6 +66,7 @@ class BearingHertz(Effect):
     source = "harris2006"
     location = "bearings"
     family = "nonlinear"
+    stiffness_at_rest = (1.0, 1.05, 1.1)
 
     preload: float = parameter(
         5e-6,
@@ -67,6 +78,7 @@ class BearingHertz(Effect):
         minimum=1e-9,
         maximum=1e3,
         log=True,
+        grid=10,
     )
 
     def add_to(self, design: Design) -> None:
@@ -87,8 +99,12 @@ class BearingClearance(Effect):
     source = "kahraman1990"
     location = "bearings"
     family = "nonlinear"
+    stiffness_at_rest = (1.0, 1.06)
+    acts_beyond_amplitude = True
 
-    gap: float = parameter(2e-6, "m", "Radial gap g", 5e-7, 1.4e-5, null=0.0, minimum=0.0, maximum=0.01, log=True)
+    gap: float = parameter(
+        2e-6, "m", "Radial gap g", 5e-7, 1.4e-5, null=0.0, minimum=0.0, maximum=0.01, log=True, vague=True
+    )
     preload: float = parameter(
         0.0, "N", "Static load in y on each bearing, gravity for example", 0.0, 100.0, minimum=0.0, maximum=1e6
     )
@@ -124,12 +140,13 @@ class BearingFriction(Effect):
     source = "iwan1966"
     location = "bearings"
     family = "nonlinear"
+    shares_k_b = True
 
     force: float = parameter(
-        5.0, "N", "Friction limit of each bearing", 0.1, 50.0, null=0.0, minimum=0.0, maximum=1e6, log=True
+        5.0, "N", "Friction limit of each bearing", 0.1, 50.0, null=0.0, minimum=0.0, maximum=1e6, log=True, grid=10
     )
     stiffness: float = parameter(
-        1e7, "N/m", "Stiffness of the sticking seat", 1e5, 1e8, minimum=1.0, maximum=1e12, log=True
+        1e7, "N/m", "Stiffness of the sticking seat", 1e5, 1e8, minimum=1.0, maximum=1e12, log=True, grid=5
     )
     spread: float = parameter(
         0.0,
@@ -196,11 +213,14 @@ class Rub(Effect):
     source = "muszynska1989"
     location = "node"
     family = "nonlinear"
+    acts_beyond_amplitude = True
 
     stiffness: float = parameter(
-        1e6, "N/m", "Stiffness of the stator", 1e5, 1e8, null=0.0, minimum=0.0, maximum=1e12, log=True
+        1e6, "N/m", "Stiffness of the stator", 1e5, 1e8, null=0.0, minimum=0.0, maximum=1e12, log=True, motion_power=-2
     )
-    gap: float = parameter(5e-5, "m", "Gap between shaft and stator", 1e-5, 2e-4, minimum=1e-9, maximum=0.1, log=True)
+    gap: float = parameter(
+        5e-5, "m", "Gap between shaft and stator", 1e-5, 2e-4, minimum=1e-9, maximum=0.1, log=True, motion_power=1
+    )
     node: int = node(4, "Node it happens at")
 
     def add_to(self, design: Design) -> None:

@@ -204,6 +204,7 @@ class OpenCrack(Effect):
         minimum=0.0,
         maximum=0.99,
         log=True,
+        starts=(0.3,),
     )
     position: float = position(0.2, "Position along the shaft")
 

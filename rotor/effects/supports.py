@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.rotor.effects.effect import Effect, parameter
+from rigtwin.rotor.effects.effect import MANY_STARTS, Effect, parameter
 from rigtwin.rotor.model.design import WEAKEST_BRANCH, Design, Pedestal
 
 # Maxwell branches of a bearing's seat whose relaxation times differ: an odd number, the middle ones strongest.
@@ -87,9 +87,28 @@ class PedestalFlexibility(Effect):
     changes_size = True
 
     stiffness: float = parameter(
-        1e7, "N/m", "Stiffness of each pedestal", 1e6, 5e7, null=np.inf, minimum=1.0, maximum=1e15, log=True
+        1e7,
+        "N/m",
+        "Stiffness of each pedestal",
+        1e6,
+        5e7,
+        null=np.inf,
+        minimum=1.0,
+        maximum=1e15,
+        log=True,
+        starts=MANY_STARTS,
     )
-    mass: float = parameter(1.0, "kg", "Moving mass of each pedestal", 0.3, 8.0, minimum=1e-3, maximum=1e4, log=True)
+    mass: float = parameter(
+        1.0,
+        "kg",
+        "Moving mass of each pedestal",
+        0.3,
+        8.0,
+        minimum=1e-3,
+        maximum=1e4,
+        log=True,
+        starts=(0.15, 0.5, 0.85),
+    )
     damping: float = parameter(
         50.0, "N.s/m", "Damping of each pedestal", 1.0, 1000.0, minimum=0.0, maximum=1e6, log=True
     )
@@ -224,7 +243,15 @@ class PlaneAnisotropy(Effect):
         maximum=1.9,
     )
     angle: float = parameter(
-        0.35, "rad", "Angle from y towards z of the stiffer direction", -1.5708, 1.5708, minimum=-3.2, maximum=3.2
+        0.35,
+        "rad",
+        "Angle from y towards z of the stiffer direction",
+        -1.5708,
+        1.5708,
+        minimum=-3.2,
+        maximum=3.2,
+        starts=(0.15, 0.35, 0.65, 0.85),
+        sign_seen_across=True,
     )
 
     def add_to(self, design: Design) -> None:
@@ -257,7 +284,7 @@ class ViscoelasticSupport(Effect):
         0.5, "1", "Stiffness of the branch over k_b", 0.1, 2.0, null=0.0, minimum=0.0, maximum=1e3, log=True
     )
     relaxation_time: float = parameter(
-        1e-3, "s", "Relaxation time of the branch", 1e-4, 1e-2, minimum=1e-7, maximum=1e3, log=True
+        1e-3, "s", "Relaxation time of the branch", 1e-4, 1e-2, minimum=1e-7, maximum=1e3, log=True, starts=(0.3, 0.7)
     )
     spread: float = parameter(
         0.0,
@@ -268,6 +295,7 @@ class ViscoelasticSupport(Effect):
         minimum=0.0,
         maximum=3.0,
         form=True,
+        starts=(0.3, 0.7),
     )
 
     def add_to(self, design: Design) -> None:

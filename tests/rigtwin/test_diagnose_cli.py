@@ -18,7 +18,7 @@ from numpy.testing import assert_allclose
 from rigtwin.commands.diagnose import load_document, measured_on_the_virtual_rig
 from rigtwin.exits import UserError
 from rigtwin.gap.document import SCHEMA, Diagnosis
-from rigtwin.gap.prepare import structure_of
+from rigtwin.gap.model.campaign_model import structure_of
 from rigtwin.pages.diagnosis_words import VERIFIED
 from rigtwin.rotor.effects import EFFECTS
 from rigtwin.rotor.frequency.measured import measured_response

@@ -21,8 +21,8 @@ from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.linear import Modal
 from rigtwin.gap.model.nonlinear import NonlinearModal
-from rigtwin.gap.search.laws.grid import Rest, rub_axes
 from rigtwin.gap.search.starts import Start
+from rigtwin.gap.search.strategies.law import Rest, contact_axes
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Laws that are read. Of them points along the stiffness, and gaps as shares of the node's largest motion: a soft
@@ -54,7 +54,7 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
     ----------
     nu : (n_nuisances,) the linear rotor's
     """
-    grid = itertools.product(*rub_axes(hypothesis, rest, _STIFFNESSES, _SHARES))
+    grid = itertools.product(*contact_axes(hypothesis, rest, _STIFFNESSES, _SHARES))
     points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in grid]
     told = {}
     for r, modal in enumerate(_modals(problem, hypothesis, points[0])):

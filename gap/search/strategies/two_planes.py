@@ -48,8 +48,8 @@ class TwoPlanes(Strategy):
 
         The stiffness along the force is the nominal model's, the one across it anything. The nominal model strains its
         k_b and its nuisances for a resonance that it does not have: the nuisances begin at nothing, and the best
-        valleys of the grid are descended into with all numbers free. None with accelerometers across the force (angles of
-        both signs), which show that plane openly, and where no point of the grid beats the nominal model.
+        valleys of the grid are descended into with all numbers free. There are none with accelerometers across the
+        force (angles of both signs), which show that plane openly, and where no point beats the nominal model.
         """
         free = {number.name: number for number in hypothesis.free}
         if free["angle"].low < 0:

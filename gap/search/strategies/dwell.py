@@ -161,8 +161,8 @@ def _dwells(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[tupl
     dwells = _grid(*hypothesis.free)
     total, shifts, near = np.zeros(len(dwells)), np.zeros((len(dwells), problem.nuisances.n)), 0
     for r, modal in enumerate(problem.modals(nominal.k_b, ())):
-        if isinstance(modal, Modal):
-            for m, n_lines, left in _resonances(modal, dwells):
+        if modal.as_linear is not None:
+            for m, n_lines, left in _resonances(modal.as_linear, dwells):
                 near += n_lines
                 total += n_lines * np.log(left.min(axis=1) + _LOCAL_ERROR**2)
                 shifts[:, problem.nuisances.drift[r].start + m] = _SHIFTS[left.argmin(axis=1)]

@@ -229,6 +229,7 @@ def _page(
     linear = max(a.worst for a in agreements if a.family != "nonlinear")
     other = max(a.worst for a in agreements if a.family == "nonlinear" and a.spread < PERIODIC)
     chance = ", ".join(a.effect for a in agreements if a.spread >= PERIODIC and a.family == "nonlinear") or "none"
+    over_empty = steps["native"] / steps["empty"]
     grown = f"growth of the process memory after {CYCLES} instances were created and freed"
     drive, special = json.dumps(DRIVE), json.dumps({k: v for values in SPECIAL.values() for k, v in values.items()})
     return f"""# The self-contained FMUs, measured
@@ -268,7 +269,7 @@ effects of this kind: {chance}.
 | one estimate through fmpy: set, get | {1e6 * calls["python"]:.1f} µs | {1e6 * calls["native"]:.1f} µs | \
 {calls["python"] / calls["native"]:.1f} |
 
-{bar("time of a step divided by that of an empty FMU with the same variables", steps["native"] / steps["empty"], at_most=1.3)}
+{bar("time of a step divided by that of an empty FMU with the same variables", over_empty, at_most=1.3)}
 {bar("sweep on both supports", sweeps["native"], at_most=0.7, unit="s")}
 {bar("a call of the estimator's network from C", 1e6 * calls["network"], at_most=1.0, unit="µs")}
 {bar("difference between the estimator in C and onnxruntime, relative to k_b", calls["difference"], at_most=1e-6)}

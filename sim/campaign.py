@@ -27,7 +27,11 @@ class MeasurementError(ValueError):
 
 @dataclass(frozen=True, order=True)
 class Channel:
-    """An accelerometer: the node it sits on (from 1) and the plane it looks along."""
+    """An accelerometer: the node it sits on (from 1) and the plane it looks along.
+
+    >>> str(Channel(3)), str(Channel(3, "z"))
+    ('node3', 'node3_z')
+    """
 
     node: int
     plane: Plane = "y"

@@ -384,6 +384,9 @@ def remaining_transient(windows: Sequence[ComplexArray], *, time_stepped: bool =
 
     A rotor that is stepped in time (``time_stepped``) ends in small irregular changes instead of
     round-off. There the last five windows must agree, and a decay must be over where one is seen.
+
+    >>> remaining_transient([np.array([1.0 + 0.0j])] * 3)
+    0.0
     """
     share = _SHARE_TIME_STEPPED if time_stepped else _SHARE
     changes = [_change(*pair, share) for pair in itertools.pairwise(windows[-_WINDOWS:])]

@@ -126,7 +126,11 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
 
 
 def resonances(frequency_hz: FloatArray, magnitude: FloatArray) -> list[float]:
-    """Lines at which a magnitude stands out from its surroundings by half or more, ascending [Hz]."""
+    """Lines at which a magnitude stands out from its surroundings by half or more, ascending [Hz].
+
+    >>> resonances(frequency_hz=np.array([98.0, 99.0, 100.0, 101.0]), magnitude=np.array([1.0, 2.0, 9.0, 3.0]))
+    [100.0]
+    """
     places, _ = find_peaks(np.log(magnitude + np.finfo(float).tiny), prominence=np.log(_PROMINENCE))
     return [float(frequency_hz[p]) for p in places]
 

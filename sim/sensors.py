@@ -31,6 +31,10 @@ class SensorNoise:
         ----------
         samples : (N, n_channels) [m/s^2]
         stream : what tells this window from all others, for example (support, force, line)
+
+        >>> samples, noise = np.zeros((4, 1)), SensorNoise(floor=0.1, seed=1)
+        >>> bool((noise.add(samples, ("rigid", 50.0)) == noise.add(samples, ("rigid", 50.0))).all())
+        True
         """
         if not (self.relative or self.floor):
             return samples

@@ -77,7 +77,11 @@ class SweepPlan:
         return max(self.samples_per_period, math.ceil(self.sample_rate_hz / frequency_hz))
 
     def base_lines(self) -> FloatArray:
-        """(n_lines,) evenly spaced frequencies before refinement [Hz], increasing."""
+        """(n_lines,) evenly spaced frequencies before refinement [Hz], increasing.
+
+        >>> SweepPlan(f_min_hz=10.0, f_max_hz=30.0, n_lines=3).base_lines()
+        array([10., 20., 30.])
+        """
         return np.linspace(self.f_min_hz, self.f_max_hz, self.n_lines)
 
     def in_order(self, frequency_hz: Iterable[float]) -> list[float]:

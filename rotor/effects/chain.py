@@ -14,7 +14,11 @@ from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 @dataclass(frozen=True)
 class SensorGain(Effect):
-    """A wrong sensitivity."""
+    """A wrong sensitivity.
+
+    >>> SensorGain(gain=1.1, node=2).channel_factor(np.array([100.0]), channel_node=2)
+    array([1.1+0.j])
+    """
 
     id = "sensor_gain"
     title = "Sensor gain"

@@ -132,7 +132,11 @@ class Effect(ABC):
         return cls(**values, **places)
 
     def start_values(self) -> dict[str, float | int | bool]:
-        """FMU variables that switch the effect on, with their values."""
+        """FMU variables that switch the effect on, with their values.
+
+        >>> EFFECTS["disk_mass"](change=0.05).start_values()
+        {'disk_mass.enabled': True, 'disk_mass.change': 0.05}
+        """
         return {self.full_name(SWITCH): True, **{self.full_name(name): getattr(self, name) for name in self.roles()}}
 
     def add_to(self, design: Design) -> None:  # noqa: B027

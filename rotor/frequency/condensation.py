@@ -20,6 +20,10 @@ def condense_tilt(system: LinearSystem) -> LinearSystem:
     Returns
     -------
     LinearSystem on the free deflections; its shaft damping follows from the condensed matrices
+
+    >>> system = build_system(assemble(load_rig("nit-rourkela")), Condition(rigid_support=True))
+    >>> system.n, condense_tilt(system).n
+    (24, 10)
     """
     tilt = (system.free < system.structure.n) & (system.free % DOF_PER_NODE >= 2)
     kept, dropped = np.flatnonzero(~tilt), np.flatnonzero(tilt)

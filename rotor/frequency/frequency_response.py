@@ -73,6 +73,10 @@ def accelerance(
     Returns
     -------
     (n_freq, n_nodes, 1) accelerance -omega^2 H [(m/s^2)/N]; rows of rigidly held nodes are zero
+
+    >>> system = build_system(assemble(load_rig("nit-rourkela")), Condition(rigid_support=True))
+    >>> accelerance(system, frequency_hz=np.array([50.0, 60.0])).shape
+    (2, 7, 1)
     """
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     exciter = system.unit_vector(excitation_node, plane)

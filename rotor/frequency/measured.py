@@ -43,6 +43,9 @@ def channel_groups(effects: Sequence[Effect], nodes: Sequence[int]) -> tuple[Cha
     Returns
     -------
     groups in the order of their first node; in their effects every ``SensorMass`` has the node it is at
+
+    >>> [group.nodes for group in channel_groups([SensorMass(mass=0.02, node=3)], nodes=[2, 3, 4])]
+    [(2, 4), (3,)]
     """
     groups: dict[tuple[Effect, ...], list[int]] = {}
     for node in nodes:

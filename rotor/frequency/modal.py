@@ -37,6 +37,10 @@ def natural_frequencies_hz(system: LinearSystem, plane: int | None = None) -> Fl
     ----------
     system : the supported rotor
     plane : 1 = y or 2 = z to list the bending modes of one plane; default both
+
+    >>> system = build_system(assemble(load_rig("nit-rourkela")), Condition(rigid_support=True))
+    >>> natural_frequencies_hz(system, plane=1)[:2].round(1)
+    array([100.6, 324. ])
     """
     return system.modes.omega[_of_plane(system, plane)] / (2 * np.pi)
 

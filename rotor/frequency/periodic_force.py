@@ -261,7 +261,11 @@ def _fourier(harmonics: int, n_samples: int) -> _Fourier:
 
 
 def real_form(phasors: ComplexArray) -> FloatArray:
-    """(B, 2 K - 1, n) real unknowns of (B, K, n) phasors: real parts, then imaginary parts without the mean's."""
+    """(B, 2 K - 1, n) real unknowns of (B, K, n) phasors: real parts, then imaginary parts without the mean's.
+
+    >>> real_form(np.array([[[5.0], [2.0 + 3.0j]]])).ravel()
+    array([5., 2., 3.])
+    """
     return np.concatenate([phasors.real, phasors.imag[:, 1:]], axis=1)
 
 

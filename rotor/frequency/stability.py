@@ -31,7 +31,11 @@ NEUTRAL = 1e-6
 
 
 def is_stable(multipliers: ComplexArray) -> NDArray[np.bool_]:
-    """(n,) whether every multiplier (n, m) has modulus one at most."""
+    """(n,) whether every multiplier (n, m) has modulus one at most.
+
+    >>> is_stable(np.array([[0.9, 0.5], [1.2, 0.5]]))
+    array([ True, False])
+    """
     return np.abs(multipliers).max(axis=1, initial=0.0) <= 1 + NEUTRAL
 
 

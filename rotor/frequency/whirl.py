@@ -44,6 +44,10 @@ def campbell(system: LinearSystem, spin_speed: FloatArray, n_modes: int = 8) -> 
     system : the supported rotor
     spin_speed : (n_speeds,) Omega [rad/s]
     n_modes : modes kept at each speed
+
+    >>> system = build_system(assemble(load_rig("nit-rourkela")), Condition())
+    >>> campbell(system, spin_speed=np.array([500.0]), n_modes=4).direction  # backward and forward whirl
+    array([[-1.,  1., -1.,  1.]])
     """
     rows = []
     for Omega in np.asarray(spin_speed, dtype=float):

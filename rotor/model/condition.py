@@ -18,6 +18,11 @@ class Condition:
     ``rigid_support`` pins the bearings instead. shaft_damping_ratio [-] is the shaft's own. The
     exciter acts at ``excitation_node`` (from 1) in ``excitation_plane`` (1 = y, 2 = z);
     spin_speed [rad/s] is about +x.
+
+    >>> Condition(k_b=-1.0)
+    Traceback (most recent call last):
+        ...
+    ValueError: k_b must be a positive stiffness in N/m, got -1.0
     """
 
     k_b: float = 1e7

@@ -172,6 +172,9 @@ def local_flexibility(structure: Structure, x: float, plane: int) -> float:
     """How far a unit force at x [m] bends and shears an element whose ends are held [m/N]; zero at mesh nodes.
 
     The shape functions carry a load between two nodes to the nodes exactly, but do not see this.
+
+    >>> local_flexibility(assemble(load_rig("nit-rourkela")), x=0.0, plane=1)
+    0.0
     """
     element = _element_at(structure, x)
     before, after = x - structure.x[element], structure.x[element + 1] - x

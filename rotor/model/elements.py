@@ -57,6 +57,9 @@ def cowper_shear_factor(poisson: float, bore_ratio: float = 0.0) -> float:
 
     Solid: 6(1+nu)/(7+6nu). Hollow, with m = inner/outer diameter:
     6(1+nu)(1+m^2)^2 / [(7+6nu)(1+m^2)^2 + (20+12nu) m^2].
+
+    >>> round(cowper_shear_factor(poisson=0.3), 3)
+    0.886
     """
     wall = (1.0 + bore_ratio**2) ** 2
     return 6 * (1 + poisson) * wall / ((7 + 6 * poisson) * wall + (20 + 12 * poisson) * bore_ratio**2)

@@ -23,6 +23,9 @@ class ForceLaw:
     the displacement, the displacement before, and the force before:
     force(x, x_before, force_before, *coefficients), exact for any monotone path in between, and of
     the form limited(force_before + ..., ...).
+
+    >>> CLEARANCE.arguments
+    ('x', 'k', 'gap', 'corner')
     """
 
     name: str

@@ -48,6 +48,10 @@ class LocalForce:
         Returns
         -------
         (N,) force and its derivatives by displacement and by rounding
+
+        >>> force, slope, _ = LocalForce(CUBIC, coefficients=(2.0,), patterns=np.eye(2)).along(np.array([1.0, 3.0]))
+        >>> force, slope
+        (array([ 2., 54.]), array([ 6., 54.]))
         """
         force, slope, by_corner = ARRAY[self.law.name](x + self.offset, *self._coefficients(corner))
         return force - self._static, slope, np.broadcast_to(by_corner, x.shape)

@@ -66,7 +66,11 @@ def build_model(structure: Structure, condition: Condition, effects: Sequence[Ch
 
 
 def build_system(structure: Structure, condition: Condition, effects: Sequence[Change] = ()) -> LinearSystem:
-    """The linear part of ``build_model``."""
+    """The linear part of ``build_model``.
+
+    >>> build_system(assemble(load_rig("nit-rourkela")), Condition(rigid_support=True)).n
+    24
+    """
     return build_model(structure, condition, effects).system
 
 

@@ -41,6 +41,9 @@ class StateSpace:
     modes_below_hz : modes above have no states; ``receptance`` takes them as undamped and coupled to nothing, which
         leaves about 1e-4 where the bearings' dampers are as strong as their springs and the limit is 30 times the
         highest line
+
+    >>> StateSpace(build_system(assemble(load_rig("nit-rourkela")), Condition())).n_states
+    56
     """
 
     def __init__(self, system: LinearSystem, spin_speed: float = 0.0, modes_below_hz: float = np.inf):

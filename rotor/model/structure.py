@@ -86,6 +86,9 @@ class Structure:
         """Full index of a rig node's deflection; node from 1, plane 1 = y or 2 = z.
 
         Raises ValueError when there is no such node or plane.
+
+        >>> assemble(load_rig("nit-rourkela")).dof(node=2, plane=2)
+        5
         """
         if not 1 <= node <= self.n_nodes:
             raise ValueError(f"node {node} does not exist: the rotor has nodes 1 to {self.n_nodes}")

@@ -180,7 +180,12 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:
-    """(m,) strain energy of shapes (n, m) over the energies that add up to it, whatever their signs."""
+    """(m,) strain energy of shapes (n, m) over the energies that add up to it, whatever their signs.
+
+    >>> spring = np.array([[1.0, -1.0], [-1.0, 1.0]])  # between two masses, which move together or against each other
+    >>> strain_share(spring, shapes=np.array([[1.0, 1.0], [1.0, -1.0]]))
+    array([0., 1.])
+    """
     energy = np.einsum("im,im->m", shapes, K @ shapes)
     size = np.einsum("im,im->m", np.abs(shapes), np.abs(K) @ np.abs(shapes))
     return energy / np.where(size > 0, size, 1.0)

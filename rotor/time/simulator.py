@@ -92,6 +92,11 @@ class RotorSimulator:
         """Integrate from ``time`` over ``step`` [s].
 
         Raises ValueError when the step is not positive or ``time`` is not where the rotor stands.
+
+        >>> rotor = RotorSimulator(assemble(load_rig("nit-rourkela")))
+        >>> rotor.advance(time=0.0, step=0.5)
+        >>> rotor.time
+        0.5
         """
         if not (math.isfinite(time) and math.isfinite(step)):
             raise ValueError(f"the communication step must be finite, got {step:.9g} s at {time:.9g} s")

@@ -168,7 +168,12 @@ def add_tone(generator: FloatArray, first: int, omega: float, B: FloatArray) -> 
 
 
 def decoupled_blocks(A: FloatArray, B: FloatArray) -> list[Block]:
-    """The states in groups that do not act on each other."""
+    """The states in groups that do not act on each other.
+
+    >>> A = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
+    >>> [block.places.tolist() for block in decoupled_blocks(A, B=np.ones((3, 1)))]
+    [[0, 1], [2]]
+    """
     n_groups, group = connected_components(A != 0, directed=False)
     blocks = [np.flatnonzero(group == g) for g in range(n_groups)]
     return [Block(places, A[np.ix_(places, places)], B[places]) for places in blocks]

@@ -33,7 +33,7 @@ def detect(samples: FloatArray, samples_per_period: int, *, any_harmonics: bool 
 
     Over whole periods the columns are orthogonal, so the fit is a sum: X_k = 2/N sum x e^{-ik phi}.
     White noise of standard deviation s in the samples gives each phasor the error
-    sqrt(E|error|^2) = 2 s / sqrt(N); s is estimated from what the fit leaves.
+    sqrt(E|error|^2) = 2 s / sqrt(N); s is estimated from the residuals of the fit.
 
     Parameters
     ----------

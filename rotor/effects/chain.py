@@ -40,7 +40,7 @@ class SensorGain(Effect):
 
 @dataclass(frozen=True)
 class SensorDelay(Effect):
-    """Response channels are late against the force channel."""
+    """The response channels are delayed relative to the force channel."""
 
     id = "sensor_delay"
     title = "Sensor delay"

@@ -29,7 +29,7 @@ def dynamic_stiffness(system: LinearSystem, omega: FloatArray, spin_speed: float
 def hysteretic_dynamic_stiffness(system: LinearSystem, omega: FloatArray) -> ComplexArray:
     """D(omega) with the shaft's damping as a complex stiffness, K_s (1 + 2 i zeta sign(omega)).
 
-    Frequency domain only: no causal time model has it. The supports' dampers stay viscous.
+    For the frequency domain only, as no causal time model has it. The supports' dampers stay viscous.
     """
     w = np.asarray(omega, dtype=float)[:, None, None]
     loss = 2j * system.shaft_damping_ratio * np.sign(w) * system.K_shaft
@@ -87,7 +87,7 @@ def accelerance(
 def driven_receptance(
     system: LinearSystem, omega: FloatArray, exciter: FloatArray, outputs: FloatArray, spin_speed: float = 0.0
 ) -> ComplexArray:
-    """Outputs per unit force of one exciter, solved in its plane alone where the planes do not couple.
+    """Outputs per unit force of one exciter, solved in its plane only where the planes are not coupled.
 
     Parameters
     ----------

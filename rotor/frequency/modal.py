@@ -46,7 +46,7 @@ def natural_frequencies_hz(system: LinearSystem, plane: int | None = None) -> Fl
 
 
 def elastic_frequencies_hz(system: LinearSystem, plane: int | None = None) -> FloatArray:
-    """The same without those of rigid-body motion: a shaft on one bearing swings about it at no frequency."""
+    """The same without rigid-body motions, whose frequency is zero, such as a shaft swinging about a single bearing."""
     return system.modes.omega[_of_plane(system, plane) & system.modes.elastic] / (2 * np.pi)
 
 

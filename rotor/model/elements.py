@@ -48,7 +48,7 @@ class Section:
         return self.shear_factor * self.shear_modulus * self.area
 
     def shear_parameter(self, length: float) -> float:
-        """Phi = 12 E I / (kappa G A L^2) [-], the shear to bending flexibility of an element."""
+        """Phi = 12 E I / (kappa G A L^2) [-], ratio of shear to bending flexibility of an element."""
         return 12.0 * self.bending_stiffness / (self.shear_stiffness * length**2)
 
 

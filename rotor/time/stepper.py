@@ -6,7 +6,7 @@ differs from it decays freely, so that a communication step of any length is one
 
     x(t + h) = x_p(phi + omega h) + e^{hA} [x(t) - x_p(phi)] + int_0^h e^{sA} ds b u.
 
-A rotor that has settled stays settled exactly, however long the step. An undamped rotor driven at a
+A rotor in steady motion stays in it exactly, for any step length. An undamped rotor driven at a
 resonance has no steady response; there the tone becomes two more states of the exponential.
 """
 
@@ -28,14 +28,14 @@ from rigtwin.rotor.time.drive import Drive, Tone
 # subtracting a steady state so much larger than the motion would cost its digits.
 _NO_STEADY_STATE = 1e5
 
-# Propagators, and steady states, kept: a stepped-sine sweep needs a handful at a time, a variable-step master more;
-# with local forces, a few substeps for each of a few communication steps and frequencies.
+# Number of propagators and steady states that are kept. A stepped-sine sweep needs a few at a time, a master with
+# variable steps more; with local forces there are several substeps for each communication step and frequency.
 CACHE_SIZE = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """States that couple with each other; others are stepped without them."""
+    """States that are coupled with each other; they are stepped separately from all others."""
 
     places: IntArray  # (m,) indices of this block in the state
     A: FloatArray  # (m, m)

@@ -86,7 +86,7 @@ class SensorMass(Effect):
     node: int = node(2, "Node of the sensor, 0: every sensor in turn", all_nodes=True)
 
     def add_to(self, design: Design) -> None:
-        """A mass at the node; for every sensor in turn, see ``rotor.measured.channel_groups``."""
+        """A mass at the node; for every sensor in turn, see ``rotor.frequency.measured.channel_groups``."""
         if self.node:
             design.masses.append((self.node, self.mass, 0.0))
 

@@ -1,4 +1,4 @@
-"""Local nonlinear effects: force laws of ``rotor.force_laws`` at the bearings or at a node."""
+"""Local nonlinear effects: force laws of ``rotor.model.force_laws`` at the bearings or at a node."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def _receptance(
     model = build_model(structure, condition, group.effects)
     if model.forces:
         laws = ", ".join(force.law.name for force in model.forces)
-        raise ValueError(f"a rotor with the force laws {laws} has no frequency response; see rotor.harmonic_balance")
+        raise ValueError(f"a rotor with the force laws {laws} has no frequency response; use harmonic balance")
     system = model.system
     exciter = system.unit_vector(condition.excitation_node, condition.excitation_plane)
     outputs = np.vstack([system.read_out(plane)[np.array(group.nodes) - 1], exciter])

@@ -1,7 +1,7 @@
-"""What an effect is: something reality may have and the nominal rotor lacks.
+"""The base class of effects: something that a real rig may have and the nominal rotor does not have.
 
-One small frozen dataclass per effect. Its fields are its parameters and its place; what it adds it
-says in one of four ways, each the identity by default:
+Each effect is one small frozen dataclass. Its fields are its parameters and its place. It acts by one
+of four methods, which change nothing by default:
 
 - ``add_to``: matrices, degrees of freedom, force laws, written into the design of the rotor;
 - ``channel_factor``: what a sensor chain does to a response;
@@ -37,9 +37,10 @@ class Parameter:
     """A number that says how strong an effect is.
 
     ``low`` to ``high`` is the prior range for the paper's rotor, ``minimum`` and ``maximum`` what
-    is physically possible. A diagnosis fits a number that bends a law (``form``) only where the plain
-    law is not enough. ``null`` is where the effect does nothing: a value, a limit (inf), the
-    name of the test condition's entry it replaces, or None where another parameter decides.
+    is physically possible. A diagnosis fits a number that changes the form of a law (``form``) only
+    where the plain law is not enough. ``null`` is the value at which the effect does nothing: a number,
+    a limit (inf), the name of the entry of the test condition that it replaces, or None where another
+    parameter decides.
     """
 
     unit: str
@@ -148,7 +149,11 @@ class Effect(ABC):
         return cls(**values, **places)
 
     def start_values(self) -> dict[str, float | int | bool]:
-        """FMU variables that switch the effect on, with their values."""
+        """FMU variables that switch the effect on, with their values.
+
+        >>> EFFECTS["disk_mass"](change=0.05).start_values()
+        {'disk_mass.enabled': True, 'disk_mass.change': 0.05}
+        """
         return {self.full_name(SWITCH): True, **{self.full_name(name): getattr(self, name) for name in self.roles()}}
 
     def add_to(self, design: Design) -> None:  # noqa: B027

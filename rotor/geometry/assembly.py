@@ -24,6 +24,10 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
     Returns
     -------
     Structure with 4 degrees of freedom per mesh node
+
+    >>> structure = assemble(load_rig("nit-rourkela"))
+    >>> structure.n_nodes, structure.n
+    (7, 28)
     """
     x = _mesh(rig, elements_between_nodes or rig.elements_between_nodes)
     n = DOF_PER_NODE * len(x)

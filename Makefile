@@ -9,7 +9,7 @@
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
-# make laws   print the force laws anew, for Python and for C, after a change of rotor/force_laws.py
+# make laws   print the force laws anew, for Python and for C, after a change of rotor/model/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
 PYTHON3 ?= python3

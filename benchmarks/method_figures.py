@@ -1,15 +1,20 @@
 """Figures of docs/diagnosis-method.md: ``python -m benchmarks.method_figures`` writes docs/figures/method_*.png.
 
 Two stored campaigns of ROSS rotors are diagnosed stage by stage: one with a mass of 80 g at node 4 that the model does
-not know, and one without any gap. The figure of the force laws is of a rotor on hardening bearings, computed here.
+not know, and one without any gap. The place of a gap is shown on the example of docs/diagnosis.md, the force laws on a
+rotor on hardening bearings. It takes two minutes.
 """
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import tempfile
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from unittest import mock
 
@@ -19,6 +24,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
+from PIL import Image
 
 from benchmarks.page import COLOURS, DOCS
 from rigtwin.gap.answer.held_out import measure_shrink
@@ -49,6 +55,8 @@ from rigtwin.sim.campaign_folder import load_campaign
 STORED = Path(__file__).resolve().parent / "stored_campaigns"
 BLUE, RED, GREEN, PINK, ORANGE, SKY = COLOURS
 GREY = "0.55"
+PIXELS_PER_INCH = 110
+SHADES = 128  # colours of a figure, so that its file is small
 
 SEEN_NODE = 3  # channel that curves are drawn of
 COARSE_STEP_HZ = 0.2  # of a raster that misses peaks
@@ -56,10 +64,12 @@ SPOILED = 1.15  # factor on the one line that is made wild
 CUBIC = BearingCubic(stiffness=3e14)  # N/m^3, bends the first peak by some Hz
 CUBIC_K_B = 1.3e6  # N/m
 DAMPED = NominalBelief(shaft_damping_ratio=0.003, bearing_damping_Ns_per_m=50.0)
-LEVELS_N = (0.3, 1.0, 3.0)
+LEVELS_N = (0.2, 0.6, 2.0)
 SHOWN_TOLERANCE = 1e-3  # relative
 STRETCHES = 10  # of lines of a run, every second one held out
-HIDDEN_KG = 0.08  # mass that the stored campaign hides
+MOTIONS_M = (2e-6, 80e-6)  # of a bearing, that are shown
+HIDDEN_KG = 0.06  # mass that the campaign of docs/diagnosis.md hides
+HIDDEN_NODE = 5
 _LEAST_SHOWN = 0.1  # of a criterion over its threshold
 
 
@@ -108,7 +118,7 @@ def main() -> None:
     model_figure(mass)
     race_figure(mass)
     verdict_figure(mass)
-    where_figure(mass)
+    where_figure(hidden_mass())
     shrink_figure(mass)
 
 
@@ -147,8 +157,10 @@ def plain_ticks(axis: Axis) -> None:
 def save(figure: Figure, name: str) -> None:
     """Write docs/figures/method_<name>.png."""
     path = DOCS / "figures" / f"method_{name}.png"
-    figure.savefig(path, dpi=100, metadata={"Software": None})
+    drawn = BytesIO()
+    figure.savefig(drawn, dpi=PIXELS_PER_INCH)
     plt.close(figure)
+    Image.open(drawn).convert("RGB").quantize(SHADES).save(path, optimize=True)
     print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB")
 
 
@@ -183,9 +195,7 @@ def draw_coarse_raster(axes: Axes, example: Example) -> None:
     axes.axvspan(peak - width / 2, peak + width / 2, color=ORANGE, alpha=0.35, label="half-power band", linewidth=0)
     axes.plot(fine, np.abs(on_fine.H[:, example.channel]), color=GREY, label="what the rotor does")
     near = np.abs(coarse - peak) < 1.3
-    axes.plot(
-        coarse[near], np.abs(on_coarse.H[near, example.channel]), "o-", color=BLUE, label="what the lines show"
-    )
+    axes.plot(coarse[near], np.abs(on_coarse.H[near, example.channel]), "o-", color=BLUE, label="what the lines show")
     axes.set(xlabel="frequency, Hz", ylabel=f"|acceleration / force| at node {SEEN_NODE}, (m/s²)/N")
     axes.set_title("Raster: too few lines inside the peak", loc="left", fontsize=11)
     axes.legend(frameon=False, loc="upper left", fontsize=9)
@@ -236,9 +246,16 @@ def model_figure(example: Example) -> None:
     none = np.zeros(MODES), np.zeros(len(TOLERANCES))
     parts, f = np.abs(modal.of_resonances(*none)[:, :, example.channel]), modal.run.frequency_hz
     for m, colour in zip(range(3), (BLUE, GREEN, PINK), strict=True):
-        left.plot(f, parts[m], color=colour, linewidth=1.4, label=f"resonance {m + 1}, {modal.frequencies_hz[m]:.1f} Hz")
+        left.plot(
+            f, parts[m], color=colour, linewidth=1.4, label=f"resonance {m + 1}, {modal.frequencies_hz[m]:.1f} Hz"
+        )
     left.plot(f, np.abs(modal.response()[:, example.channel]), color="black", linewidth=1.0, label="sum of all")
-    left.set(xlabel="frequency, Hz", ylabel=f"|acceleration / force| at node {SEEN_NODE}, (m/s²)/N", yscale="log", ylim=(1e-4, 1e2))
+    left.set(
+        xlabel="frequency, Hz",
+        ylabel=f"|acceleration / force| at node {SEEN_NODE}, (m/s²)/N",
+        yscale="log",
+        ylim=(1e-4, 1e2),
+    )
     left.set_title("A response is a sum of resonances", loc="left", fontsize=11)
     left.legend(frameon=False, fontsize=9, loc="lower right")
     draw_tolerances(right, example, best)
@@ -254,10 +271,10 @@ def draw_tolerances(axes: Axes, example: Example, best: Fit) -> None:
     still, one = np.zeros(len(TOLERANCES)), np.eye(len(TOLERANCES)) * SHOWN_TOLERANCE
     drift = example.campaign.nominal.frequency_drift
     curves = [
-        ("span + 0.1 %", BLUE, modal.response(None, one[1])),
-        ("modulus + 0.1 %", RED, modal.response(None, one[0])),
-        ("mass of the first disk + 0.1 %", GREEN, modal.response(None, one[2])),
-        (f"drift of the resonance, + {100 * drift:g} %", ORANGE, modal.response(np.full(MODES, drift), still)),
+        ("span", BLUE, modal.response(None, one[1])),
+        ("modulus", RED, modal.response(None, one[0])),
+        ("mass of the first disk", GREEN, modal.response(None, one[2])),
+        ("drift of the resonance", ORANGE, modal.response(np.full(MODES, drift), still)),
     ]
     before = modal.response()[:, place]
     for label, colour, H in curves:
@@ -265,9 +282,10 @@ def draw_tolerances(axes: Axes, example: Example, best: Fit) -> None:
         axes.plot(fine.frequency_hz, 100 * change, color=colour, label=label, linewidth=1.3)
     noise = float(np.nanmedian(estimate_noise(run).relative[place]))
     axes.axhline(100 * noise, color="black", linestyle="--", linewidth=1, label="noise of a line")
-    axes.set(xlabel="frequency, Hz", ylabel="change of the response, %", yscale="log", ylim=(0.02, 3000))
+    axes.set(xlabel="frequency, Hz", ylabel="change of the response, %", yscale="log", ylim=(0.1, 300))
     axes.set_title("Tolerances change a peak by more than the noise", loc="left", fontsize=11)
-    axes.legend(frameon=False, fontsize=8.5, loc="upper left", ncols=2)
+    words = f"+ 0.1 %, drift + {100 * drift:g} %"
+    axes.legend(frameon=False, fontsize=9, loc="upper right", title=words, title_fontsize=9)
     plain_ticks(axes.yaxis)
 
 
@@ -286,13 +304,16 @@ def laws_figure() -> None:
             left.plot(run.frequency_hz, np.abs(run.H[:, 1]), style, color=colour, label=label, linewidth=1.3)
         motion, force = told(forward, run)
         right.plot(1e6 * motion, force, "o", color=colour, markersize=3, label=f"lines of the run at {level:g} N")
-    x = np.linspace(0, right.get_xlim()[1] * 1e-6, 200)
+    x = np.geomspace(*MOTIONS_M, 200)
     law = "law that was put in: ¾ k₃ x³"
     right.plot(1e6 * x, 0.75 * CUBIC.stiffness * x**3, color="black", linewidth=1, label=law)
     left.set(xlabel="frequency, Hz", ylabel="|acceleration / force| at node 4, (m/s²)/N", yscale="log")
     left.set_title("Per newton, each level has another curve", loc="left", fontsize=11)
     left.legend(frameon=False, fontsize=9, title="upwards; dotted: downwards", title_fontsize=9)
-    right.set(xlabel="motion of a bearing, µm", ylabel="force beyond the linear one, N")
+    right.set(xlabel="motion of a bearing, µm", ylabel="force beyond the linear one, N", xscale="log", yscale="log")
+    right.set(xlim=(1e6 * MOTIONS_M[0], 1e6 * MOTIONS_M[1]), ylim=(1e-3, 1e3))
+    for axis in (left.yaxis, right.xaxis, right.yaxis):
+        plain_ticks(axis)
     right.set_title("Read from the runs, the levels share one law", loc="left", fontsize=11)
     right.legend(frameon=False, fontsize=9, loc="upper left")
     save(figure, "laws")
@@ -322,20 +343,28 @@ def told(forward: Forward, run: Run) -> tuple[FloatArray, FloatArray]:
 
 def evidence_figure(example: Example) -> None:
     """Of a campaign without a gap: what rivals gain by fitting and lose by their numbers and their priors."""
-    figure, (axes,) = panels(1, 4.2)
+    figure, (axes,) = panels(1, 4.5)
     first = linear.first_of_each(example.found.fits, lambda fit: fit.hypothesis.ids)[:9][::-1]
     rows = np.arange(len(first))
     own = terms(example.nominal)
     gains = np.array([np.subtract(terms(fit), own) for fit in first])
-    names = ("better fit (right) or worse (left)", "Occam's penalty for the extra numbers", "prior of this effect at this place")
+    names = (
+        "better fit (right) or worse (left)",
+        "Occam's penalty for the extra numbers",
+        "prior of this effect at this place",
+    )
     for k, (name, colour) in enumerate(zip(names, (GREEN, RED, ORANGE), strict=True)):
         axes.barh(rows + 0.25 * (1 - k), gains[:, k], 0.24, color=colour, label=name)
     axes.plot(gains.sum(axis=1), rows, "D", color="black", label="sum: logarithm of the odds against no gap")
     axes.axvline(0, color="black", linewidth=0.8)
     axes.set_yticks(rows, [title_of(fit) for fit in first])
     axes.set(xlabel="natural logarithm, relative to the nominal model")
-    axes.set_title("A rotor without a gap: no effect fits so much better that it pays for its numbers and its prior", loc="left", fontsize=11)
-    figure.legend(frameon=False, fontsize=9, loc="outside lower center", ncols=4)
+    axes.set_title(
+        "A rotor without a gap: no effect fits so much better that it pays for its numbers and its prior",
+        loc="left",
+        fontsize=11,
+    )
+    figure.legend(frameon=False, fontsize=9, loc="outside lower center", ncols=2)
     save(figure, "evidence")
 
 
@@ -411,8 +440,7 @@ def verdict_figure(example: Example) -> None:
         z = whitened(observed, example.problem.predict(fit)[example.bearing_run])
         size = np.sqrt(np.nanmean(np.abs(z) ** 2, axis=1) / 2)
         left.plot(observed.run.frequency_hz, size, ".", color=colour, markersize=4, label=label)
-    left.axhline(1, color="black", linewidth=0.9)
-    left.annotate("noise", (0.99, 1), (0, -11), xycoords=("axes fraction", "data"), textcoords="offset points", ha="right")
+    left.axhline(1, color="black", linewidth=0.9, label="noise alone")
     left.set(xlabel="frequency, Hz", ylabel="residual of a line, standard errors", yscale="log", ylim=(0.4, 60))
     plain_ticks(left.yaxis)
     left.set_title("What each model leaves of the run on bearings", loc="left", fontsize=11)
@@ -438,7 +466,7 @@ def draw_criteria(axes: Axes, example: Example, fits: Sequence[tuple[str, Fit, s
         places = np.arange(3) + 0.25 * (row - 1)
         axes.barh(places, np.maximum(values, _LEAST_SHOWN), 0.22, color=colour)
         for place, value in zip(places, values, strict=True):
-            words = f"{value:.2g}" if value > 0 else "below zero"
+            words = f"{value:.0f}" if value > 1 else f"{value:.1f}" if value > 0 else "below zero"
             axes.text(1.1 * max(value, _LEAST_SHOWN), place, words, va="center", fontsize=9)
     axes.axvline(1, color="black", linewidth=0.9)
     axes.set_yticks(range(3), names)
@@ -454,17 +482,32 @@ def draw_criteria(axes: Axes, example: Example, fits: Sequence[tuple[str, Fit, s
 def where_figure(example: Example) -> None:
     """Shares of the gap by band and by node, and the joint stiffness of the best node."""
     figure, (bands, nodes, joint) = panels(3, 3.6)
-    believed = example.problem.bare(example.said)
-    where = locate(example.problem, example.said, believed, "linear")
-    labels = [f"{band.f_lo:.0f}–{band.f_hi:.0f}\nHz" for band in where.bands]
+    where = locate(example.problem, example.said, example.problem.bare(example.said), "linear")
+    labels = [f"{band.f_lo:.0f} to {band.f_hi:.0f} Hz" for band in where.bands]
     bands.bar(labels, [100 * band.share for band in where.bands], color=BLUE, width=0.6)
     bands.set(ylabel="share of the gap, %", xlabel="band with one resonance")
     bands.set_title("By frequency", loc="left", fontsize=11)
     nodes.bar([f"{each.node}" for each in where.nodes], [100 * each.share for each in where.nodes], color=BLUE)
-    nodes.set(ylabel="share of the gap, %", xlabel="node of the joint")
+    nodes.set(ylabel="share of the gap, %", xlabel="node")
     nodes.set_title("By place", loc="left", fontsize=11)
     draw_joint(joint, where)
     save(figure, "where")
+
+
+def hidden_mass() -> Example:
+    """The campaign of docs/diagnosis.md, measured on the virtual rig, without a search."""
+    with tempfile.TemporaryDirectory() as folder:
+        tables = ['rig = "nit-rourkela"']
+        for support in ("rigid", "bearing"):
+            effect = ["--effect", "attached_mass", "--set", f"attached_mass.mass={HIDDEN_KG}"]
+            effect += ["--set", f"attached_mass.node={HIDDEN_NODE}", "--set", "k_b=2e6", "--noise", "0.01"]
+            out = ["--support", support, "--out", str(Path(folder) / f"{support}.csv")]
+            subprocess.run([sys.executable, "-m", "rigtwin", "sweep", *effect, *out], check=True)
+            tables.append(f'[[run]]\nfile = "{support}.csv"\nsupport = "{support}"')
+        (Path(folder) / "campaign.toml").write_text("\n\n".join(tables), encoding="utf-8")
+        campaign = usable(load_campaign(folder))
+    problem, nominal = prepared(campaign)
+    return Example("hidden mass", campaign, problem, nominal, Search(nominal, ()), ())
 
 
 def draw_joint(axes: Axes, where: Where) -> None:
@@ -475,9 +518,9 @@ def draw_joint(axes: Axes, where: Where) -> None:
     axes.plot(f, np.array(found.imag) / 1e3, ".", color=ORANGE, markersize=4, label="imaginary part")
     axes.plot(f, -((2 * np.pi * f) ** 2) * HIDDEN_KG / 1e3, color="black", linewidth=1, label=f"−ω² · {HIDDEN_KG:g} kg")
     most = (2 * np.pi * f[-1]) ** 2 * HIDDEN_KG / 1e3
-    axes.set(xlabel="frequency, Hz", ylabel="dynamic stiffness, kN/m", ylim=(-1.3 * most, 0.9 * most))
+    axes.set(xlabel="frequency, Hz", ylabel="dynamic stiffness, kN/m", ylim=(-1.6 * most, 0.4 * most))
     axes.set_title(f"What acts at node {found.node}", loc="left", fontsize=11)
-    axes.legend(frameon=False, fontsize=8.5, loc="upper left")
+    axes.legend(frameon=False, fontsize=8.5, loc="lower left")
 
 
 def shrink_figure(example: Example) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from PIL import Image
 
 from benchmarks.page import COLOURS, DOCS
@@ -36,7 +36,7 @@ from rigtwin.gap.audit.wild import WILD, wild_lines
 from rigtwin.gap.curves import nrmse
 from rigtwin.gap.document import Shrink, Where
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import candidates
+from rigtwin.gap.inference.hypotheses import NO_GAP_PRIOR, candidates
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.model.linear import MODES, TOLERANCES, Modal
@@ -67,7 +67,7 @@ DAMPED = NominalBelief(shaft_damping_ratio=0.003, bearing_damping_Ns_per_m=50.0)
 LEVELS_N = (0.2, 0.6, 2.0)
 SHOWN_TOLERANCE = 1e-3  # relative
 STRETCHES = 10  # of lines of a run, every second one held out
-MOTIONS_M = (2e-6, 80e-6)  # of a bearing, that are shown
+MOTIONS_M = (1e-6, 100e-6)  # of a bearing, that are shown
 HIDDEN_KG = 0.06  # mass that the campaign of docs/diagnosis.md hides
 HIDDEN_NODE = 5
 _LEAST_SHOWN = 0.1  # of a criterion over its threshold
@@ -139,9 +139,9 @@ def searched(name: str) -> Example:
     return Example(name, campaign, problem, nominal, found, tuple(steps))
 
 
-def panels(columns: int, height: float = 3.9, **settings: object) -> tuple[Figure, list[Axes]]:
+def panels(columns: int, height: float = 3.9) -> tuple[Figure, list[Axes]]:
     """Panels side by side in the page's width."""
-    figure, axes = plt.subplots(1, columns, figsize=(10.0, height), layout="constrained", squeeze=False, **settings)
+    figure, axes = plt.subplots(1, columns, figsize=(10.0, height), layout="constrained", squeeze=False)
     for each in axes[0]:
         each.grid(visible=True, color="0.9", linewidth=0.6)
         each.set_axisbelow(True)
@@ -152,6 +152,7 @@ def panels(columns: int, height: float = 3.9, **settings: object) -> tuple[Figur
 def plain_ticks(axis: Axis) -> None:
     """Numbers as they are said, not powers of ten."""
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def save(figure: Figure, name: str) -> None:
@@ -296,14 +297,22 @@ def laws_figure() -> None:
     """Hardening bearings at three force levels, and the law as the runs tell it."""
     figure, (left, right) = panels(2)
     forward = forward_of(Campaign("hardening bearings", "nit-rourkela", nominal=DAMPED)).made(resolution=FINE)
-    for level, colour in zip(LEVELS_N, (BLUE, GREEN, RED), strict=True):
+    for level, colour, size in zip(LEVELS_N, (BLUE, GREEN, RED), (10, 6, 3), strict=True):
         for sweep in ("down", "up"):
             run = swept(forward, level, sweep)
             label = f"{level:g} N" if sweep == "up" else None
             style = "-" if sweep == "up" else ":"
             left.plot(run.frequency_hz, np.abs(run.H[:, 1]), style, color=colour, label=label, linewidth=1.3)
         motion, force = told(forward, run)
-        right.plot(1e6 * motion, force, "o", color=colour, markersize=3, label=f"lines of the run at {level:g} N")
+        right.plot(
+            1e6 * motion,
+            force,
+            "o",
+            color=colour,
+            markersize=size,
+            fillstyle="none",
+            label=f"lines of the run at {level:g} N",
+        )
     x = np.geomspace(*MOTIONS_M, 200)
     law = "law that was put in: ¾ k₃ x³"
     right.plot(1e6 * x, 0.75 * CUBIC.stiffness * x**3, color="black", linewidth=1, label=law)
@@ -311,7 +320,8 @@ def laws_figure() -> None:
     left.set_title("Per newton, each level has another curve", loc="left", fontsize=11)
     left.legend(frameon=False, fontsize=9, title="upwards; dotted: downwards", title_fontsize=9)
     right.set(xlabel="motion of a bearing, µm", ylabel="force beyond the linear one, N", xscale="log", yscale="log")
-    right.set(xlim=(1e6 * MOTIONS_M[0], 1e6 * MOTIONS_M[1]), ylim=(1e-3, 1e3))
+    right.set(xlim=(1e6 * MOTIONS_M[0], 1e6 * MOTIONS_M[1]), ylim=(1e-4, 1e3))
+    left.set_ylim(0.4, 80)
     for axis in (left.yaxis, right.xaxis, right.yaxis):
         plain_ticks(axis)
     right.set_title("Read from the runs, the levels share one law", loc="left", fontsize=11)
@@ -371,7 +381,7 @@ def evidence_figure(example: Example) -> None:
 def terms(fit: Fit) -> tuple[float, float, float]:
     """Parts of the logarithm of a candidate's weight: fit, Occam's, prior."""
     by_fit = -fit.cost / 2
-    prior = np.log(fit.hypothesis.prior * 0.05) if fit.hypothesis.terms else np.log(0.95)
+    prior = np.log(fit.hypothesis.prior * (1 - NO_GAP_PRIOR)) if fit.hypothesis.terms else np.log(NO_GAP_PRIOR)
     return by_fit, fit.log_evidence() - by_fit, float(prior)
 
 

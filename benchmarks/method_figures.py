@@ -566,7 +566,7 @@ def draw_shrink(axes: Axes, example: Example, shrink: Shrink) -> None:
     plain_ticks(axes.xaxis)
     low, high = shrink.ci90
     words = f"Explainable shrink {100 * shrink.explainable:.1f} %. With another node driven, {100 * low:.1f} % to "
-    words += f"{100 * high:.1f} % is foretold, and the stored runs show {100 * came_true(example):.1f} %."
+    words += f"{100 * high:.1f} % is predicted, and the stored runs show {100 * came_true(example):.1f} %."
     axes.text(0.0, -0.19, textwrap.fill(words, 62), transform=axes.transAxes, fontsize=9, va="top", color="0.25")
     axes.set_title("How far the gap shrinks", loc="left", fontsize=11)
 

@@ -24,7 +24,7 @@ from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model import design, system
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.model.structure import Structure, to_arrays
 from rigtwin.rotor.time import nonlinear_stepper, simulator, stepper
 
 NATIVE = Path(__file__).with_name("native")
@@ -209,41 +209,26 @@ def _variable(variable: Variable) -> str:
 
 def rig_code(model: Model, structure: Structure) -> str:
     """``rig.c``: the rotor's numbers, and where the exciter's variables are."""
-    s = structure
-    doubles = {
-        "M": s.M, "K": s.K, "G": s.G, "K_TENSION": s.K_tension, "X": s.x,
-        "BENDING": s.bending_stiffness, "SHEAR": s.shear_stiffness, "DIAMETER": s.diameter,
-        "DISK_MASS": s.disk_mass, "DISK_THICKNESS": s.disk_thickness,
-        "DISK_DIAMETRAL": s.disk_lumped_diametral, "DISK_POLAR": s.disk_lumped_polar,
-        "SUPPORT_STIFFNESS": s.support_stiffness, "SUPPORT_TILT": s.support_tilt_stiffness,
-        "SUPPORT_DAMPING": s.support_damping,
-    }  # fmt: skip
-    ints = {"STATIONS": s.stations, "DISK_NODE": s.disk_node, "SUPPORT_NODE": s.support_node}
-    arrays = [_array("double", name, values) for name, values in doubles.items()]
-    arrays += [_array("int", name, values) for name, values in ints.items()]
-    force = ", ".join(f"{name.upper()} = {model.reference(name)}" for name in _EXCITER)
+    arrays = to_arrays(structure)
+    counts = {"n_mesh": "x", "n_nodes": "stations", "n_disks": "disk_node", "n_supports": "support_node"}
+    members = [f"    .{count} = {len(arrays[name])},\n" for count, name in counts.items()]
+    members += [f"    .{name} = {name.upper()},\n" for name in arrays]
+    exciter = ("force", "force_amplitude", "force_frequency")
+    places = ", ".join(f"{name.upper()} = {model.reference(name)}" for name in exciter)
     return f"""{_PRINTED}#include "rotor_model.h"
 
 #include <math.h>
 
-{"".join(arrays)}
-const Structure STRUCTURE = {{
-    {len(s.x)}, {s.n_nodes}, {len(s.disk_node)}, {len(s.support_node)},
-    M, K, G, K_TENSION, X, STATIONS, BENDING, SHEAR, DIAMETER,
-    DISK_NODE, DISK_MASS, DISK_THICKNESS, DISK_DIAMETRAL, DISK_POLAR,
-    SUPPORT_NODE, SUPPORT_STIFFNESS, SUPPORT_TILT, SUPPORT_DAMPING,
-}};
+{"".join(_array(name.upper(), values) for name, values in arrays.items())}const Structure STRUCTURE = {{
+{"".join(members)}}};
 
-const int {force};
+const int {places};
 """
 
 
-_EXCITER = ("force", "force_amplitude", "force_frequency")
-
-
-def _array(kind: str, name: str, values: np.ndarray) -> str:
-    flat = np.asarray(values).ravel().tolist() or [0]
-    written = [_number(x) for x in flat] if kind == "double" else [str(int(x)) for x in flat]
+def _array(name: str, values: np.ndarray) -> str:
+    kind, write = ("int", str) if np.issubdtype(values.dtype, np.integer) else ("double", _number)
+    written = [write(x) for x in values.ravel().tolist() or [0]]
     rows = (", ".join(written[k : k + 12]) for k in range(0, len(written), 12))
     return f"static const {kind} {name}[] = {{\n    " + ",\n    ".join(rows) + ",\n};\n\n"
 

@@ -98,7 +98,8 @@ static void shaft_point(const Structure *s, double x, int plane, Pattern *w, Pat
     }
     const int element = element_at(s, x);
     const double left = s->x[element], length = s->x[element + 1] - left;
-    const double phi = 12 * s->bending[2 * element + plane - 1] / (s->shear[2 * element + plane - 1] * (length * length));
+    const double EI = s->bending_stiffness[2 * element + plane - 1], GA = s->shear_stiffness[2 * element + plane - 1];
+    const double phi = 12 * EI / (GA * (length * length));
     const double inside = fmin(fmax(x, s->x[0]), s->x[s->n_mesh - 1]);
     shape_functions((inside - left) / length, length, phi, deflection, rotation);
     for (int k = 0; k < 4; k++) {
@@ -139,7 +140,7 @@ static double local_flexibility(const Structure *s, double x, int plane)
     double F[4], left[16], right[16];
     if (fmin(before, after) < 1e-12)
         return 0;
-    const double EI = s->bending[2 * element + plane - 1], GA = s->shear[2 * element + plane - 1];
+    const double EI = s->bending_stiffness[2 * element + plane - 1], GA = s->shear_stiffness[2 * element + plane - 1];
     cantilever(before, EI, GA, F);
     element_stiffness(F, before, left);
     cantilever(after, EI, GA, F);
@@ -187,8 +188,8 @@ static void weaken(Assembly *a, int element, const double added[4])
     const double length = s->x[element + 1] - s->x[element];
     double sound[4], F[4], before[16], after[16];
     for (int plane = 0; plane < 2; plane++) {
-        const double EI = s->bending[2 * element + plane];
-        cantilever(length, EI, s->shear[2 * element + plane], sound);
+        const double EI = s->bending_stiffness[2 * element + plane];
+        cantilever(length, EI, s->shear_stiffness[2 * element + plane], sound);
         for (int k = 0; k < 4; k++)
             F[k] = sound[k] + added[k] / EI;
         element_stiffness(F, length, after);
@@ -363,7 +364,8 @@ static void add_bearing_laws(Assembly *a, const Pattern joint[2], double k)
         const int n = d->bearing_friction.spread != 0 ? SEAT_PARTS : 1;
         for (int part = 0; part < n; part++) {
             const double share = (1 + d->bearing_friction.spread * ((2.0 * part + 1) / n - 1)) / n;
-            add_force(a, joint, LAW_JENKINS, d->bearing_friction.stiffness / n, share * d->bearing_friction.force, 0, 0);
+            add_force(a, joint, LAW_JENKINS, d->bearing_friction.stiffness / n, share * d->bearing_friction.force, 0,
+                      0);
         }
     }
     if (d->bilinear_support.ratio != 1)

@@ -11,7 +11,8 @@ typedef struct {
     const double *M, *K, *G, *K_tension;  /* (n, n), n = 4 n_mesh */
     const double *x;                      /* (n_mesh) */
     const int *stations;                  /* (n_nodes) mesh node of each rig node */
-    const double *bending, *shear;        /* (n_mesh - 1, 2) E I and kappa G A in y and z */
+    const double *bending_stiffness;      /* (n_mesh - 1, 2) E I in y and z */
+    const double *shear_stiffness;        /* (n_mesh - 1, 2) kappa G A in y and z */
     const double *diameter;               /* (n_mesh - 1) */
     const int *disk_node;                 /* (n_disks) */
     const double *disk_mass, *disk_thickness, *disk_lumped_diametral, *disk_lumped_polar;

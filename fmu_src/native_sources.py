@@ -75,8 +75,8 @@ def check_core_reads_every_effect(core: str) -> None:
     unread = [name for name in names if not re.search(rf"->{re.escape(name)}\b", core)]
     if unread:
         raise CompileError(
-            f"the C core does not read {', '.join(unread)}: add the line that reads design->{unread[0]} to {NATIVE}, "
-            f"or set in_fmu = False in the effect's class"
+            f"the C core does not read {', '.join(unread)}: add the line that does to {NATIVE / 'rotor.c'}, "
+            "or set in_fmu = False in the effect's class"
         )
 
 

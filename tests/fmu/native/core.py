@@ -131,11 +131,14 @@ class Core:
         self._kept.append(np.ascontiguousarray(values, dtype=np.int32 if kind is INTS else float))
         return self._kept[-1].ctypes.data_as(kind)
 
-    def design(self, condition: Condition, effects: Sequence[Effect]) -> ct.Structure:
-        """The C core's design for a condition and effects, made of the FMU's variables as the FMU does."""
+    def design(
+        self, condition: Condition, effects: Sequence[Effect], others: Mapping[str, float] | None = None
+    ) -> ct.Structure:
+        """The C core's design for a condition, effects and other values of the FMU's variables, as the FMU makes it."""
         values = {v.name: v.start or 0.0 for v in self.compiled.model.table} | vars(condition)
         for effect in effects:
             values |= effect.start_values()
+        values |= others or {}
         design = self.compiled.structs["Design"]()
         self.library.design_of((ct.c_double * len(values))(*values.values()), ct.byref(design))
         return design

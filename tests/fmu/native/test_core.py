@@ -9,15 +9,18 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
+from rigtwin.fmu_src.native_sources import NATIVE
 from rigtwin.fmu_src.rotor_variables import effects_in_fmu
 from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
     AxialLoad,
     BearingClearance,
+    BearingDamping,
     BearingFriction,
     PedestalFlexibility,
     Rub,
+    ShaftDamping,
     ViscoelasticSupport,
 )
 from rigtwin.rotor.effects.nonlinear import SEAT_PARTS
@@ -28,6 +31,7 @@ from rigtwin.rotor.model.force_laws import LAWS
 from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.fmu.native.core import Core, Rotor, compiled
+from tests.fmu.native.new_effect import LINE_OF_C, DriveMass
 from tests.rotor import rigs
 
 CONDITION = Condition(k_b=3.3e6, bearing_damping=17.0, shaft_damping_ratio=0.0013, excitation_node=3)
@@ -85,6 +89,26 @@ def assert_same_matrices(core, condition, effects):
     assert np.array_equal(found["plane"], expected.plane)
     for name, matrix in (("C", expected.C_support), *((k, getattr(expected, k)) for k in ("M", "K", "G", "K_shaft"))):
         assert np.abs(found[name] - matrix).max() <= 4e-16 * np.abs(matrix).max(), name
+
+
+def test_a_new_linear_effect_takes_one_class_and_one_line_of_c(tmp_path, monkeypatch):
+    monkeypatch.setitem(EFFECTS, DriveMass.id, DriveMass)
+    written = (NATIVE / "rotor.c").read_text(encoding="utf-8")
+    place = "    add_mass(a, d->sensor_mass.node"
+    assert written.count(place) == 1
+    larger = Core(compiled(tmp_path, {"rotor.c": written.replace(place, LINE_OF_C + place)}), STRUCTURE)
+    for effects in ([DriveMass()], []):
+        assert_same_matrices(larger, CONDITION, effects)
+
+
+def test_values_that_have_no_say_are_not_in_the_design(core):
+    """Otherwise setting one while the rotor runs would build its equations once more."""
+    parameters = [effect.full_name(name) for effect in effects_in_fmu() for name in effect.roles()]
+    nominal = bytes(core.design(CONDITION, []))
+    assert bytes(core.design(CONDITION, [], dict.fromkeys(parameters, 7))) == nominal
+    damped = [ShaftDamping(), BearingDamping()]
+    undamped = replace(CONDITION, bearing_damping=0.0, shaft_damping_ratio=0.0)
+    assert bytes(core.design(undamped, damped)) == bytes(core.design(CONDITION, damped)) != nominal
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,8 @@ module                   what it holds
 ``network_code``         C code of a small ONNX network
 ``compiling``            C sources to shared libraries
 ``ssp``                  both FMUs wired into one system
+``build``                builds the FMUs: stage, compile, complete, validate
+``print_laws``           the force laws as Python and as C
 =======================  ====================================================================================
 
 The slaves are thin: set, one physics call, get.

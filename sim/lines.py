@@ -10,8 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rigtwin.rotor.effects.chain import SensorPosition
-from rigtwin.rotor.effects.spinning import UnbalanceForce
+from rigtwin.rotor.effects.effect import SWITCH
 from rigtwin.rotor.frequency.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
 from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray
 from rigtwin.sim.detection import HARMONICS, Phasors, detect, harmonics
@@ -118,13 +117,14 @@ class LineReader:
                 "the force of an exciter at constant current follows from the motion in its plane: read it"
             )
         if self._controlled and plan.dwell is not None:
+            both = [e.id for e in rig.effects if e.needs_exciter_current or e.sweep_changes()]
             raise SetupError(
-                "the force of an exciter at constant current follows from the settled motion, and fast_sweep reads "
-                "before that: give force_dropout or fast_sweep"
+                "the force of an exciter at constant current follows from the settled motion, and a fast sweep reads "
+                f"before that: give {' or '.join(both)}"
             )
         place = rig.excitation_node
-        self._beside_drive = any(isinstance(e, SensorPosition) and e.node in (0, place) for e in group.effects)
-        unbalanced = any(isinstance(effect, UnbalanceForce) for effect in group.effects)
+        self._beside_drive = [e for e in group.effects if e.reads_beside_node and e.sits_at(place)]
+        unbalanced = any(effect.turns_with_shaft for effect in group.effects)
         self._spin_hz = abs(rig.spin_rpm) / 60 if unbalanced and not rig.nonlinear else 0.0
         self._share = _SHARE_TIME_STEPPED if rig.nonlinear else _SHARE
         self._amplitude = plan.force_amplitude
@@ -258,11 +258,12 @@ class LineReader:
         """Force on the rotor over the nominal one, by the motion at the exciter."""
         if not self._controlled:
             return 1.0
-        if self._beside_drive:  # the sensor reads beside the exciter: set it back for a moment
-            self._session.set({"sensor_position.enabled": False})
+        switches = [effect.full_name(SWITCH) for effect in self._beside_drive]
+        if switches:  # the sensor reads beside the exciter: set it back for a moment
+            self._session.set(dict.fromkeys(switches, False))
         moving = _fundamental(self._window(at, 1, self._plan.samples(at)))
-        if self._beside_drive:
-            self._session.set({"sensor_position.enabled": True})
+        if switches:
+            self._session.set(dict.fromkeys(switches, True))
         drive = self.channels.index(Channel(self._rig.excitation_node, self._rig.excitation_plane))
         omega = np.array([2 * np.pi * at])
         return complex(force_factor(self._effects, omega, -moving[drive] / omega**2)[0])

@@ -8,19 +8,19 @@ the mass-normalised undamped modes of K and M. d_k are supports whose stiffness 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
 
 from rigtwin.blind.generate.beam import Hinge, Hub, Shaft, build_shaft
+from rigtwin.blind.generate.draft import Draft, DynamicStiffness, Joint
 from rigtwin.blind.generate.effects import Effect
 from rigtwin.blind.generate.rig import ComplexArray, FloatArray, Rig
 from rigtwin.blind.generate.strangers import ADDERS, base_plate
 
 N_MODES = 20  # of the poles
-DynamicStiffness = Callable[[FloatArray], ComplexArray]
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,6 @@ class Setting:
     c_b: float  # [N s/m]
     zeta: float
     drive_node: int = 2
-
-
-@dataclass(frozen=True)
-class Joint:
-    """Where a nonlinear force acts, and the linear stiffness there that it replaces or adds to."""
-
-    row: FloatArray  # (n,) reads the joint's displacement
-    stiffness: float  # [N/m] linear stiffness of the joint, already in K
 
 
 @dataclass(frozen=True)
@@ -110,57 +102,6 @@ class Machine:
         A[:m, m:] = np.eye(m)
         A[m:, :m], A[m:, m:] = -Phi.T @ self.K @ Phi, -Phi.T @ (self.C + self.C_shaft) @ Phi
         return np.asarray(np.linalg.eigvals(A), dtype=complex)
-
-
-class Draft:
-    """Matrices while they are put together; supports may append coordinates."""
-
-    def __init__(self, shaft: Shaft) -> None:
-        self.M, self.K, self.K_shaft = shaft.M.copy(), shaft.K.copy(), shaft.K.copy()
-        self.C = np.zeros_like(self.M)
-        self.springs: list[tuple[FloatArray, DynamicStiffness]] = []
-        self.joints: list[Joint] = []
-        self.shaft = shaft
-
-    def widen(self, row: FloatArray) -> FloatArray:
-        return np.pad(row, (0, len(self.M) - len(row)))
-
-    def unit(self, coordinate: int) -> FloatArray:
-        return np.eye(1, len(self.M), coordinate)[0]
-
-    def add_coordinate(self, mass: float) -> FloatArray:
-        """Append a coordinate with this mass; its row."""
-        self.M, self.C, self.K, self.K_shaft = (
-            np.pad(matrix, (0, 1)) for matrix in (self.M, self.C, self.K, self.K_shaft)
-        )
-        self.M[-1, -1] = mass
-        return self.unit(len(self.M) - 1)
-
-    def mass(self, row: FloatArray, mass: float) -> None:
-        row = self.widen(row)
-        self.M += mass * np.outer(row, row)
-
-    def spring(self, row: FloatArray, stiffness: float, damping: float = 0.0) -> None:
-        row = self.widen(row)
-        self.K += stiffness * np.outer(row, row)
-        self.C += damping * np.outer(row, row)
-
-    def finish(self, zeta: float, drive: FloatArray, read: Sequence[FloatArray], held: Sequence[FloatArray]) -> Machine:
-        """Remove the held coordinates (rows with a single one) and make the machine."""
-        gone = [int(np.argmax(np.abs(row))) for row in held]
-        free = np.setdiff1d(np.arange(len(self.M)), gone)
-        grid = np.ix_(free, free)
-        return Machine(
-            self.M[grid],
-            self.C[grid],
-            self.K[grid],
-            self.K_shaft[grid],
-            zeta,
-            self.widen(drive)[free],
-            np.array([self.widen(r)[free] for r in read]),
-            tuple((self.widen(row)[free], spring) for row, spring in self.springs),
-            tuple(replace(joint, row=self.widen(joint.row)[free]) for joint in self.joints),
-        )
 
 
 class Found:

@@ -11,17 +11,14 @@ crosstalk           one channel picks up a constant share of another: H_i -> H_i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rigtwin.blind.generate.draft import Draft
 from rigtwin.blind.generate.effects import Effect
 from rigtwin.blind.generate.rig import ComplexArray, FloatArray, Rig
 
-if TYPE_CHECKING:
-    from rigtwin.blind.generate.machine import Draft
-
-Adder = Callable[["Draft", Effect, Rig, Sequence[float], FloatArray], None]
+Adder = Callable[[Draft, Effect, Rig, Sequence[float], FloatArray], None]
 
 
 def _absorber(draft: Draft, effect: Effect, rig: Rig, nodes: Sequence[float], drive: FloatArray) -> None:

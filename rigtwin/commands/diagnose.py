@@ -36,7 +36,7 @@ from rigtwin.pages.diagnosis_words import (
     places,
     share,
 )
-from rigtwin.rotor.effects import Effect, ForceDropout
+from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.scale_out import executor
@@ -203,7 +203,7 @@ def _measure(session: FmuSession, run: Run, parameters: dict[str, float], effect
     Per force that acts, nothing of a force drop-out is seen.
     """
     if run.quantity != "acceleration":
-        effects = tuple(effect for effect in effects if not isinstance(effect, ForceDropout))
+        effects = tuple(effect for effect in effects if not effect.needs_exciter_current)
     rig = Rig(
         support=run.support,
         excitation_node=run.excitation_node,

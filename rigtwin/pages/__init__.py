@@ -1,0 +1,13 @@
+"""Self-contained HTML pages and their figures.
+
+=====================  ===========================================  ========================
+module                 what it holds                                start here
+=====================  ===========================================  ========================
+``page``               one page from a template                     ``write_page``
+``figures``            plotly figures and the picture of the rotor  ``frf_figure``
+``diagnosis_page``     the page of a diagnosis                      ``write_diagnosis_page``
+``diagnosis_figures``  its figures                                  ``response_figure``
+``diagnosis_words``    what a diagnosis says, in words              ``named``
+``provenance``         versions, GUIDs, hashes                      ``provenance``
+=====================  ===========================================  ========================
+"""

@@ -89,6 +89,7 @@ class SensorMass(Effect):
     location = "sensor"
     family = "chain"
     acts_at_once = True
+    rides_on_sensor = True
 
     mass: float = parameter(
         0.02, "kg", "Mass of the accelerometer", 0.005, 0.06, null=0.0, minimum=0.0, maximum=10.0, log=True
@@ -114,6 +115,7 @@ class SensorPosition(Effect):
     location = "sensor"
     family = "chain"
     acts_at_once = True
+    reads_beside_node = True
 
     offset: float = parameter(
         0.005, "m", "Distance from the node along x", -0.01, 0.01, null=0.0, minimum=-0.1, maximum=0.1

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from abc import ABC
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -99,6 +99,9 @@ class Effect(ABC):
     changes_size: ClassVar[bool] = False  # of the equations: not to be switched while the rotor runs
     in_fmu: ClassVar[bool] = True
     acts_at_once: ClassVar[bool] = False  # on the accelerations of a rotor at rest, when a force sets in
+    rides_on_sensor: ClassVar[bool] = False  # whether it is at a node only while that node's sensor is read
+    reads_beside_node: ClassVar[bool] = False  # whether a sensor reads another place than its node
+    turns_with_shaft: ClassVar[bool] = False  # whether it is a force at the spin frequency
     moves_response: ClassVar[bool] = True  # whether it changes the response at the lines that are measured
     needs_exciter_current: ClassVar[bool] = False  # whether only tests at constant exciter current show it
     needs_phase: ClassVar[bool] = False  # whether magnitudes alone do not show it
@@ -147,6 +150,14 @@ class Effect(ABC):
             elif math.isinf(null):
                 values[name] = 1e6 * cls.parameters()[name].high
         return cls(**values, **places)
+
+    def sits_at(self, node: int) -> bool:
+        """Whether it is at a node, or at all nodes."""
+        return any(getattr(self, name) in (0, node) for name, place in self.places().items() if place.kind == "node")
+
+    def moved_to(self, node: int) -> Effect:
+        """The same at a node."""
+        return replace(self, **{name: node for name, place in self.places().items() if place.kind == "node"})
 
     def start_values(self) -> dict[str, float | int | bool]:
         """FMU variables that switch the effect on, with their values.

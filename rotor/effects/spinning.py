@@ -43,6 +43,7 @@ class UnbalanceForce(Effect):
     location = "node"
     family = "spinning"
     acts_at_once = True
+    turns_with_shaft = True
     moves_response = False
 
     moment: float = parameter(1e-5, "kg.m", "Unbalance m e", 1e-7, 1e-3, null=0.0, minimum=0.0, maximum=1e3, log=True)

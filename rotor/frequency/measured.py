@@ -6,12 +6,11 @@ The virtual rig of ``sim`` measures through the same groups of channels and the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from rigtwin.rotor.effects.chain import SensorMass
 from rigtwin.rotor.effects.effect import Effect
 from rigtwin.rotor.frequency.frequency_response import driven_receptance
 from rigtwin.rotor.model.condition import Condition
@@ -42,9 +41,9 @@ def channel_groups(effects: Sequence[Effect], nodes: Sequence[int]) -> tuple[Cha
 
     Returns
     -------
-    groups in the order of their first node; in their effects every ``SensorMass`` has the node it is at
+    groups in the order of their first node; in their effects every mass on a sensor has the node it is at
 
-    >>> [group.nodes for group in channel_groups([SensorMass(mass=0.02, node=3)], nodes=[2, 3, 4])]
+    >>> [group.nodes for group in channel_groups([EFFECTS["sensor_mass"](mass=0.02, node=3)], nodes=[2, 3, 4])]
     [(2, 4), (3,)]
     """
     groups: dict[tuple[Effect, ...], list[int]] = {}
@@ -55,10 +54,10 @@ def channel_groups(effects: Sequence[Effect], nodes: Sequence[int]) -> tuple[Cha
 
 def _while_read(effects: Sequence[Effect], node: int) -> Iterator[Effect]:
     for effect in effects:
-        if not isinstance(effect, SensorMass):
+        if not effect.rides_on_sensor:
             yield effect
-        elif effect.node in (0, node):
-            yield replace(effect, node=node)
+        elif effect.sits_at(node):
+            yield effect.moved_to(node)
 
 
 def check_nodes(effects: Sequence[Effect], n_nodes: int) -> None:

@@ -191,7 +191,7 @@ class _Assembly:
             if len(tilts) > len(points):
                 raise ValueError(
                     f"the bearing at {bearing.x:g} m holds the shaft's tilt rigidly, and can do so at a node only: "
-                    "leave bearing_offset out, or give the support a tilt stiffness"
+                    "leave its offset out, or give the support a tilt stiffness"
                 )
             self.held[tilts] = True
         elif bearing.tilt_stiffness:
@@ -305,7 +305,7 @@ def _check(bearing: Bearing) -> None:
         raise ValueError(f"the laws {' and '.join(laws)} both take the place of k_b; give one of them")
     if laws and not np.array_equal(bearing.directions, np.eye(2)):
         raise ValueError(
-            f"the law {laws[0]} takes the place of k_b in every direction alike; it does not go with plane_anisotropy"
+            f"the law {laws[0]} takes the place of k_b in every direction alike; it does not go with bearings that differ by direction"
         )
 
 

@@ -1,15 +1,17 @@
-"""Matrices of a rotor while they are put together."""
+"""A rotor ready to be shaken, and its matrices while they are put together."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.linalg
 
 from rigtwin.blind.generate.beam import Shaft
 from rigtwin.blind.generate.rig import ComplexArray, FloatArray
 
+N_MODES = 20  # of the poles
 DynamicStiffness = Callable[[FloatArray], ComplexArray]
 
 
@@ -19,6 +21,67 @@ class Joint:
 
     row: FloatArray  # (n,) reads the joint's displacement
     stiffness: float  # [N/m] linear stiffness of the joint, already in K
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A rotor ready to be shaken; n coordinates in one plane."""
+
+    M: FloatArray  # (n, n)
+    C: FloatArray  # (n, n) dampers of supports, without the shaft's
+    K: FloatArray  # (n, n) static stiffness
+    K_shaft: FloatArray  # (n, n) share of it that is strain energy of the shaft
+    zeta: float
+    drive: FloatArray  # (n,)
+    read: FloatArray  # (n_nodes, n) deflections at the rig's nodes
+    springs: tuple[tuple[FloatArray, DynamicStiffness], ...] = ()
+    bearings: tuple[Joint, ...] = ()
+    omega: FloatArray = field(init=False)  # (n,) undamped
+    Phi: FloatArray = field(init=False)  # (n, n) mass-normalised
+    C_shaft: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        squares, Phi = scipy.linalg.eigh(self.K, self.M)
+        omega = np.sqrt(np.maximum(squares, 1e-12))
+        root = np.sqrt(omega)
+        modal = 2 * self.zeta * (Phi.T @ self.K_shaft @ Phi) / np.outer(root, root)
+        MPhi = self.M @ Phi
+        object.__setattr__(self, "omega", omega)
+        object.__setattr__(self, "Phi", Phi)
+        object.__setattr__(self, "C_shaft", MPhi @ modal @ MPhi.T)
+
+    def stiffness_of_drift(self, drift: FloatArray) -> FloatArray:
+        """(n, n) stiffness that moves the r-th undamped frequency to (1 + drift_r) times itself and keeps its shape.
+
+        K' = K + sum_r ((1 + drift_r)^2 - 1) omega_r^2 (M phi_r)(M phi_r)^T
+        """
+        m = min(len(drift), len(self.omega))
+        shapes = self.M @ self.Phi[:, :m]
+        return (shapes * (((1 + drift[:m]) ** 2 - 1) * self.omega[:m] ** 2)) @ shapes.T
+
+    def dynamic_stiffness(self, omega: FloatArray, drift: FloatArray | None = None) -> ComplexArray:
+        """(n_freq, n, n)"""
+        w = omega[:, None, None]
+        K = self.K if drift is None else self.K + self.stiffness_of_drift(drift)
+        D = (K - w**2 * self.M).astype(complex) + 1j * w * (self.C + self.C_shaft)
+        for row, spring in self.springs:
+            D = D + spring(omega)[:, None, None] * np.outer(row, row)
+        return np.asarray(D, dtype=complex)
+
+    def receptance(self, omega: FloatArray, drift: FloatArray | None = None) -> tuple[ComplexArray, ComplexArray]:
+        """(n_freq, n_nodes) displacement at the nodes and (n_freq,) at the exciter, per newton."""
+        load = np.broadcast_to(self.drive[:, None].astype(complex), (len(omega), len(self.drive), 1))
+        q = np.linalg.solve(self.dynamic_stiffness(omega, drift), load)[:, :, 0]
+        return q @ self.read.T, q @ self.drive
+
+    def poles(self) -> ComplexArray:
+        """(2m,) eigenvalues [rad/s] on the lowest modes, frequency-dependent springs left out."""
+        Phi = self.Phi[:, :N_MODES]
+        m = Phi.shape[1]
+        A = np.zeros((2 * m, 2 * m))
+        A[:m, m:] = np.eye(m)
+        A[m:, :m], A[m:, m:] = -Phi.T @ self.K @ Phi, -Phi.T @ (self.C + self.C_shaft) @ Phi
+        return np.asarray(np.linalg.eigvals(A), dtype=complex)
 
 
 class Draft:

@@ -305,7 +305,8 @@ def _check(bearing: Bearing) -> None:
         raise ValueError(f"the laws {' and '.join(laws)} both take the place of k_b; give one of them")
     if laws and not np.array_equal(bearing.directions, np.eye(2)):
         raise ValueError(
-            f"the law {laws[0]} takes the place of k_b in every direction alike; it does not go with bearings that differ by direction"
+            f"the law {laws[0]} takes the place of k_b in every direction alike; it does not go with unequal "
+            "stiffnesses in y and z"
         )
 
 

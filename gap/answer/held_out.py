@@ -24,10 +24,11 @@ from rigtwin.sim.setup import SetupError
 # Measures a run with effects and k_b on the virtual rig: (runs, effects, k_b) -> responses, and what measured.
 Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[ComplexArray], str]]
 
-_BLOCKS = 10  # stretches of lines of every run; every second one is held out
+# Stretches of lines that a run is parted into; every second one is held out.
+STRETCHES = 10
 
 # Held-out lines of a nonlinear run that the virtual rig reads: settling takes four times as long as passing a line.
-_INTEGRATED = 8
+INTEGRATED = 8
 
 
 def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:
@@ -83,7 +84,7 @@ def _held_out(n: int) -> BoolArray:
 
 def _stretches(n: int) -> int:
     """Into how many n lines are parted."""
-    return min(_BLOCKS, n)
+    return min(STRETCHES, n)
 
 
 def _measured(
@@ -123,7 +124,7 @@ def lines_to_measure(held_out: BoolArray, effects: Sequence[Effect]) -> BoolArra
         return np.ones(len(held_out), dtype=bool)
     places = np.flatnonzero(held_out) if held_out.any() else np.arange(1)  # of one line none was held out
     chosen = np.zeros(len(held_out), dtype=bool)
-    chosen[places[:: max(len(places) // _INTEGRATED, 1)]] = True
+    chosen[places[:: max(len(places) // INTEGRATED, 1)]] = True
     return chosen
 
 

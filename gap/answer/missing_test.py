@@ -1,6 +1,6 @@
 """What to measure next, by what the campaign lacks.
 
-Where several causes remain, ``gap.next_test`` computes which run separates them.
+Where several causes remain, ``next_run`` computes which run separates them.
 """
 
 from __future__ import annotations
@@ -11,19 +11,12 @@ from typing import Any
 from rigtwin.gap.answer.sentence import named
 from rigtwin.gap.document import Cause, NextTest, Verdict
 from rigtwin.gap.phrases import supports
+from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.sim.campaign import SUPPORTS, Campaign, Run
 
 # Accelerometers that tell most places apart.
-_SENSORS = 3
-
-# What to do again where the way of measuring is the cause.
-_AGAIN: dict[tuple[str, ...], str] = {
-    ("coarse_grid",): "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks "
-    "show.",
-    ("fast_sweep",): "Repeat the runs and stay longer at each line near the resonances, until the response has "
-    "settled: then peaks are as high as they are, and where they are.",
-}
+SENSORS = 3
 
 Step = tuple[str, dict[str, Any]]  # words, and the settings of a run that change
 
@@ -34,11 +27,16 @@ def missing_test(
     """The measurement that would tell more; None where there is no gap."""
     if verdict == "no_gap":
         return None
-    if verdict == "cause" and causes and (words := _AGAIN.get(causes[0].effects)):
-        return NextTest(words)
+    if verdict == "cause" and causes and (remedy := _remedy(causes[0])):
+        return NextTest(remedy)
     run = max(_of_interest(campaign), key=lambda r: r.force_amplitude_N or 0.0)
     words, changed = next(_steps(verdict, campaign, run, _expected(verdict, causes, equivalent)))
     return NextTest(words, _settings(run) | changed)
+
+
+def _remedy(cause: Cause) -> str:
+    """How to measure again where a single effect of the way of measuring is the cause; else empty."""
+    return EFFECTS[cause.effects[0]].remedy if len(cause.effects) == 1 else ""
 
 
 def _of_interest(campaign: Campaign) -> Sequence[Run]:
@@ -89,7 +87,7 @@ def _on_other_supports(campaign: Campaign) -> Iterator[Step]:
 
 def _at_more_nodes(campaign: Campaign) -> Iterator[Step]:
     sensors = {channel.node for run in campaign.runs for channel in run.channels}
-    if more := _spread(load_rig(campaign.rig), sensors, max(_SENSORS - len(sensors), 0)):
+    if more := _spread(load_rig(campaign.rig), sensors, max(SENSORS - len(sensors), 0)):
         words = f"Measure at {'nodes' if len(more) > 1 else 'node'} {' and '.join(map(str, sorted(more)))} too"
         yield f"{words}: with few accelerometers several places explain the same gap.", {}
 

@@ -67,12 +67,12 @@ class Clock:
 
 @dataclass(frozen=True)
 class Answer:
-    """What was found of a campaign, before it is put into words."""
+    """What was found about a campaign, before it is put into words."""
 
     whole: Problem  # of all lines
     problem: Problem  # that the fits belong to
     fitted: Fit  # the recalibrated nominal model by the data's own errors
-    nominal: Fit  # the same, as it is said; see ``matched``
+    nominal: Fit  # the same, as it is reported; see ``matched``
     ranked: Ranked
     standing: Standing
     verdict: Verdict
@@ -91,7 +91,7 @@ def report(
     confirm: Confirm | None,
     clock: Clock,
 ) -> Outcome:
-    """The diagnosis, and how far the gap shrinks.
+    """The diagnosis with its curves, and how far the gap shrinks.
 
     Parameters
     ----------
@@ -99,64 +99,90 @@ def report(
     exclude : ids of effects that were withheld
     confirm : measures the corrected rotor on the virtual rig; None: the model's figure stands
     """
-    problem, nominal = answer.problem, answer.nominal
     findings = (*findings, *_form_finding(answer))
-    verdict, causes, best = _named(campaign, answer, findings, exclude)
-    drawn = problem.on(answer.whole.observed)
-    believed = drawn.bare(nominal)
-    corrected = drawn.predict(best) if best is not nominal or verdict == "no_gap" else [None] * len(believed)
-    curves = tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True))
-    equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
-    regime = _regime(causes[:1] if verdict == "cause" else equivalent, findings)
-    told = verdict != "not_enough_data"
-    where = locate(drawn, nominal, believed, regime) if told else Where()
-    if told and _may_be_the_bearings(verdict, causes[:1], equivalent):
-        where = replace(where, bearings=beside_models(drawn, nominal, best if best is not nominal else None))
+    named = _name_causes(campaign, answer, findings, exclude)
+    drawn = answer.problem.on(answer.whole.observed)
+    curves = _curves(drawn, answer, named)
+    where = _where(drawn, answer, named, curves, findings)
     clock.lap("where")
     shrink: Shrink | None = None
-    if best is not nominal:
-        shrink = measure_shrink(problem, nominal, best, answer.scale, confirm)
+    if named.best is not answer.nominal:
+        shrink = measure_shrink(answer.problem, answer.nominal, named.best, answer.scale, confirm)
         clock.lap("held out")
+    mounting = _mounting_finding(campaign, answer.problem, named.best)
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
-        verdict=verdict,
+        verdict=named.verdict,
         sentence="",
         nominal=_nominal_figures(campaign, answer, curves),
         where=where,
-        causes=causes,
-        equivalent=equivalent,
-        next_test=_next_test(campaign, answer, findings, verdict, causes, equivalent),
+        causes=named.causes,
+        equivalent=named.equivalent,
+        next_test=_next_test(campaign, answer, findings, named),
         shrink=shrink,
-        audit=(
-            *findings,
-            *_mounting_finding(campaign, problem, best),
-            *_noise_finding(problem, answer.standing.quality),
-        ),
+        audit=(*findings, *mounting, *_noise_finding(answer.problem, answer.standing.quality)),
         excluded=tuple(exclude),
         unknown_score=_doubt(answer.standing),
-        calibration=calibration(problem, best),
+        calibration=calibration(answer.problem, named.best),
         timing_s=clock.laps,
     )
     return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
 
 
-def _named(
-    campaign: Campaign, answer: Answer, findings: Sequence[Finding], exclude: Sequence[str]
-) -> tuple[Verdict, tuple[Cause, ...], Fit]:
-    """The verdict, causes by probability, and the fit that corrects the model: the nominal one where no effect does."""
-    problem, ranked, verdict = answer.problem, answer.ranked, answer.verdict
-    causes = _causes(problem, ranked, answer.scale, _known(answer))
+@dataclass(frozen=True)
+class _Named:
+    """What is answered."""
+
+    verdict: Verdict
+    causes: tuple[Cause, ...]  # by probability
+    best: Fit  # that corrects the model: the nominal one where no effect does
+
+    @property
+    def equivalent(self) -> tuple[Cause, ...]:
+        """Causes that the data cannot tell apart."""
+        return _equivalent(self.causes) if self.verdict == "ambiguous" else ()
+
+    @property
+    def answered(self) -> tuple[Cause, ...]:
+        """Causes that the verdict names."""
+        return self.causes[:1] if self.verdict == "cause" else self.equivalent
+
+
+def _name_causes(campaign: Campaign, answer: Answer, findings: Sequence[Finding], exclude: Sequence[str]) -> _Named:
+    """The answer; where the model is right on every line, the raster is the cause if it is too coarse."""
+    ranked, verdict, raster = answer.ranked, answer.verdict, _raster_effect()
+    causes = _causes(answer.problem, ranked, answer.scale, _known(answer))
     if verdict in ("cause", "ambiguous"):
-        return verdict, causes, best_of(ranked)
-    if verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings):
-        return "cause", (_raster(answer), *causes), answer.nominal
-    return verdict, causes, answer.nominal
+        return _Named(verdict, causes, best_of(ranked))
+    if verdict == "no_gap" and raster not in exclude and _is_coarse(campaign, findings):
+        return _Named("cause", (_raster_cause(answer, raster), *causes), answer.nominal)
+    return _Named(verdict, causes, answer.nominal)
 
 
-def _may_be_the_bearings(verdict: Verdict, first: Sequence[Cause], equivalent: Sequence[Cause]) -> bool:
-    """Whether what is answered leaves it open that the bearings carry the shaft in another way."""
-    answered = first if verdict == "cause" else equivalent
+def _curves(drawn: Problem, answer: Answer, named: _Named) -> tuple[Curve, ...]:
+    """All lines of the runs, with the nominal model and, where there is one, the corrected model."""
+    before = drawn.bare(answer.nominal)
+    corrects = named.best is not answer.nominal or named.verdict == "no_gap"
+    after = drawn.predict(named.best) if corrects else [None] * len(before)
+    return tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, before, after, strict=True))
+
+
+def _where(
+    drawn: Problem, answer: Answer, named: _Named, curves: Sequence[Curve], findings: Sequence[Finding]
+) -> Where:
+    """Where the gap lies, with the bearings' stiffness where that may be the cause; nothing of too few data."""
+    if named.verdict == "not_enough_data":
+        return Where()
+    where = locate(drawn, answer.nominal, [c.nominal for c in curves], _regime(named.answered, findings))
+    if not _may_be_the_bearings(named.answered):
+        return where
+    best = named.best if named.best is not answer.nominal else None
+    return replace(where, bearings=beside_models(drawn, answer.nominal, best))
+
+
+def _may_be_the_bearings(answered: Sequence[Cause]) -> bool:
+    """Whether the answered causes leave it open that the bearings carry the shaft in another way."""
     return not answered or any(place.kind == "bearings" for cause in answered for place in cause.locations)
 
 
@@ -188,28 +214,21 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.nanmean(values)) if np.isfinite(values).any() else math.nan
 
 
-def _next_test(
-    campaign: Campaign,
-    answer: Answer,
-    findings: Sequence[Finding],
-    verdict: Verdict,
-    causes: Sequence[Cause],
-    equivalent: Sequence[Cause],
-) -> NextTest | None:
+def _next_test(campaign: Campaign, answer: Answer, findings: Sequence[Finding], named: _Named) -> NextTest | None:
     """What would tell the causes, or the places, that remain apart; else what the campaign lacks."""
     if wrong := sorted({f.check for f in findings if wording.must_be_corrected(f)}):
         return NextTest(f"None before what the audit finds wrong under {' and '.join(wrong)} is corrected.")
-    rivals = _rivals(answer.ranked, causes, verdict, equivalent)
-    told = best_next_test(answer.problem, rivals) if len(rivals) > 1 else None
-    return told or missing_test(verdict, campaign, causes, equivalent)
+    rivals = _rivals(answer.ranked, named)
+    separating = best_next_test(answer.problem, rivals) if len(rivals) > 1 else None
+    return separating or missing_test(named.verdict, campaign, named.causes, named.equivalent)
 
 
-def _rivals(ranked: Ranked, causes: Sequence[Cause], verdict: Verdict, equivalent: Sequence[Cause]) -> list[Fit]:
+def _rivals(ranked: Ranked, named: _Named) -> list[Fit]:
     """What the next test should tell apart: causes, or else the places of the one that is named."""
-    groups = by_name(ranked)
-    if equivalent:
-        return [groups[name_of(cause.effects)][0][0] for cause in equivalent]
-    if verdict == "cause" and causes[0].place_probability < SURE:
+    groups, causes = by_name(ranked), named.causes
+    if named.equivalent:
+        return [groups[name_of(cause.effects)][0][0] for cause in named.equivalent]
+    if named.verdict == "cause" and causes[0].place_probability < SURE:
         return [fit for fit, _ in likely(groups[name_of(causes[0].effects)])]
     return []
 
@@ -281,10 +300,15 @@ def _is_coarse(campaign: Campaign, findings: Sequence[Finding]) -> bool:
     return bool(coarse) and 2 * len(coarse) >= len(campaign.runs)
 
 
-def _raster(answer: Answer) -> Cause:
+def _raster_effect() -> str:
+    """The effect that widens the distance of the lines."""
+    return next(name for name, effect in EFFECTS.items() if "step_hz" in effect().sweep_changes())
+
+
+def _raster_cause(answer: Answer, effect: str) -> Cause:
     """The raster as the cause, as surely as the model is right."""
-    k_b, place = _k_b(answer.problem, answer.nominal, answer.scale), Location("raster")
-    return Cause(("coarse_grid",), place, answer.ranked.no_gap, {}, k_b, math.nan, locations=(place,))
+    k_b, place = _k_b(answer.problem, answer.nominal, answer.scale), Location(EFFECTS[effect].location)
+    return Cause((effect,), place, answer.ranked.no_gap, {}, k_b, math.nan, locations=(place,))
 
 
 def _form_finding(answer: Answer) -> tuple[Finding, ...]:

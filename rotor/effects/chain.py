@@ -171,6 +171,7 @@ class CoarseGrid(Effect):
     location = "raster"
     family = "chain"
     in_fmu = False
+    remedy = "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks show."
 
     step: float = parameter(1.0, "Hz", "Distance of the lines", 0.2, 10.0, minimum=1e-4, maximum=1e3, log=True)
 
@@ -192,6 +193,10 @@ class FastSweep(Effect):
     location = "raster"
     family = "chain"
     in_fmu = False
+    remedy = (
+        "Repeat the runs and stay longer at each line near the resonances, until the response has settled: "
+        "then peaks are as high as they are, and where they are."
+    )
 
     dwell: float = parameter(
         0.5,

@@ -89,6 +89,7 @@ class Effect(ABC):
     changes_size: ClassVar[bool] = False  # of the equations: not to be switched while the rotor runs
     in_fmu: ClassVar[bool] = True
     acts_at_once: ClassVar[bool] = False  # on the accelerations of a rotor at rest, when a force sets in
+    remedy: ClassVar[str] = ""  # how to measure again without it, where it is the way of measuring that is wrong
 
     def __post_init__(self) -> None:
         for name, role in self.roles().items():

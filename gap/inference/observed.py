@@ -1,4 +1,4 @@
-"""Measured runs with their errors, and what a model leaves of them.
+"""Measured runs with their errors, and the residuals that a model leaves of them.
 
 A residual is (data - model) over the standard error of a real component; magnitudes, where only these were measured,
 are compared with the mean magnitude of a noisy response.
@@ -17,11 +17,16 @@ from rigtwin.sim.campaign import Run
 
 Values = ComplexArray | FloatArray  # responses, or magnitudes alone
 
-# A channel's own variance is at least this share of all, what the channels share apart.
-_LEAST_OWN = 0.05
 
-# Errors below this share of a run's median response are not believed.
-_LEAST_STD = 1e-4
+@dataclass(frozen=True)
+class LeastErrors:
+    """Errors that are believed at least."""
+
+    own_variance: float = 0.05  # a channel's own, over that with what all channels share
+    std: float = 1e-4  # over a run's median response
+
+
+LEAST = LeastErrors()
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ class Observed:
 
     @property
     def n_values(self) -> int:
-        """Real numbers that were measured; a node that is held still tells none."""
+        """Real numbers that were measured; a node that is held still has none."""
         moving = np.abs(np.nan_to_num(self.run.H)) > 0
         return int((self.valid & moving).sum()) * (1 if self.run.magnitude_only else 2)
 
@@ -63,7 +68,7 @@ class Observed:
 def observe(run: Run, std: FloatArray, common: float = 0.0, scatter: float = np.nan) -> Observed:
     """A run whose errors are at least what can be believed."""
     size = np.abs(run.H[np.isfinite(run.H)])
-    least = _LEAST_STD * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
+    least = LEAST.std * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
     return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least), common, scatter)
 
 
@@ -87,7 +92,7 @@ def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
 def _weight(observed: Observed, added: float) -> FloatArray:
     """(n_freq, n_channels) 1 / standard error of a real component of a channel's own; 0 where nothing is there."""
     squared = np.abs(np.nan_to_num(observed.run.H)) ** 2
-    own = np.maximum(observed.std**2 - observed.common**2 * squared, _LEAST_OWN * observed.std**2)
+    own = np.maximum(observed.std**2 - observed.common**2 * squared, LEAST.own_variance * observed.std**2)
     return np.where(observed.valid, 1 / np.sqrt((own + added**2 * squared) / 2), 0.0)
 
 

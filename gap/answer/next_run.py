@@ -23,7 +23,7 @@ from rigtwin.gap.document import NextTest
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B
 from rigtwin.gap.inference.observed import as_real
-from rigtwin.gap.inference.problem import ANY_SCALE, Problem, change_of
+from rigtwin.gap.inference.problem import ANY_SCALE, Problem
 from rigtwin.gap.model.forward import Forward, acting, nonlinear
 from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.phrases import effects_at, supports
@@ -281,7 +281,8 @@ class _View:
         u = self.fit.u.copy()
         u[j] += step
         own = (np.zeros(MODES), self._tolerance)
-        return change_of(self._modal(run, self.fit.u), self._modal(run, u), own) * self._gains(run) / step
+        change = self._modal(run, self.fit.u).change_to(self._modal(run, u), *own)
+        return change * self._gains(run) / step
 
     def _new_sensors(self) -> list[Channel]:
         return [channel for channel in self.sensors if channel not in self.problem.nuisances.sensors]

@@ -21,8 +21,8 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B
 from rigtwin.gap.inference.problem import Problem, middle_level
 from rigtwin.gap.model.forward import acting, nonlinear
-from rigtwin.gap.model.linear import Modal
-from rigtwin.gap.model.nonlinear import FINE, NonlinearModal
+from rigtwin.gap.model.nonlinear import FINE
+from rigtwin.gap.model.run_model import RunModel
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
@@ -124,13 +124,13 @@ class _Test:
         hz = run.frequency_hz[:: NONLINEAR.every]
         run = replace(run, frequency_hz=hz, H=run.H[:: NONLINEAR.every], magnitude_only=False)
         there = acting(best.effects, run.support)
-        modal = self._forward.made(with_data=False).modal(run, best.k_b, there)
-        assert isinstance(modal, NonlinearModal)
+        modal = self._forward.made(with_data=False).modal(run, best.k_b, there).as_nonlinear
+        assert modal is not None
         swept = modal.solved(None, best.nu[self._nuisances.tolerance])
         found = swept.converged
         run = replace(run, frequency_hz=hz[found], H=swept.H[found])
-        by_data = self._modal(run, best.u)
-        assert isinstance(by_data, NonlinearModal)
+        by_data = self._modal(run, best.u).as_nonlinear
+        assert by_data is not None
         by_data.begin_with(swept.joints[found])
         return run
 
@@ -144,11 +144,10 @@ class _Test:
         after = [nrmse(truth, part.corrected) for truth, part in zip(truths, self._parts, strict=True)]
         return 1 - float(np.mean(after)) / float(np.mean(before))
 
-    def _modal(self, run: Run, u: FloatArray) -> Modal | NonlinearModal:
+    def _modal(self, run: Run, u: FloatArray) -> RunModel:
         return self._forward.modal(run, K_B.value(u[0]), acting(self._best.hypothesis.effects(u[1:]), run.support))
 
     def _response(self, run: Run, u: FloatArray, nu: FloatArray) -> ComplexArray:
         """nan where there is no motion."""
         modal, tolerance = self._modal(run, u), nu[self._nuisances.tolerance]
-        H = modal.response(None, tolerance)
-        return np.where(modal.found(None, tolerance)[:, None], H, np.nan) if isinstance(modal, NonlinearModal) else H
+        return np.where(modal.found(None, tolerance)[:, None], modal.response(None, tolerance), np.nan)

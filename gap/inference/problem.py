@@ -24,8 +24,8 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
 from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weighted
 from rigtwin.gap.model.forward import Forward, acting, nonlinear, on_the_rotor
-from rigtwin.gap.model.linear import MODES, TOLERANCE, TOLERANCES, Modal
-from rigtwin.gap.model.nonlinear import BoolArray, NonlinearModal
+from rigtwin.gap.model.linear import MODES, TOLERANCE, TOLERANCES
+from rigtwin.gap.model.run_model import BoolArray, RunModel
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
@@ -93,14 +93,14 @@ class Nuisances:
         """Standard error of a run's level: that of the forces, or hardly any where they are believed."""
         return float(self.std[self.level].max(initial=_SURE))
 
-    def of_run(self, nu: FloatArray, run: int, modal: Modal | NonlinearModal) -> tuple[Any, ...]:
+    def of_run(self, nu: FloatArray, run: int, modal: RunModel) -> tuple[Any, ...]:
         """What a run's model takes: drift of its resonances, tolerances of the rig, level where it is nonlinear."""
         own = nu[self.drift[run]], nu[self.tolerance]
-        return (*own, nu[self.level][run]) if isinstance(modal, NonlinearModal) else own
+        return (*own, nu[self.level][run]) if modal.level_is_parameter else own
 
-    def places_of_run(self, run: int, modal: Modal | NonlinearModal) -> list[int]:
+    def places_of_run(self, run: int, modal: RunModel) -> list[int]:
         """Where these stand in the vector, in the order of a model's derivatives by them."""
-        level = [self.level.start + run] if isinstance(modal, NonlinearModal) else []
+        level = [self.level.start + run] if modal.level_is_parameter else []
         own = (range(part.start, part.stop) for part in (self.drift[run], self.tolerance))
         return [*itertools.chain(*own), *level]
 
@@ -109,7 +109,7 @@ class Nuisances:
         own = range(self.n)[self.own_gain[run]]
         return [self.sensor.start + self.sensors.index(channel), *own[column : column + 1]]
 
-    def gains(self, nu: FloatArray, run: int, modal: Modal | NonlinearModal) -> FloatArray:
+    def gains(self, nu: FloatArray, run: int, modal: RunModel) -> FloatArray:
         """(n_channels,) factor of a run's channels."""
         own = nu[self.own_gain[run]]
         return np.exp(nu[self.gain][run] + (own if own.size else 0.0)) * self.sensor_gains(nu, modal.run)
@@ -134,7 +134,7 @@ class Problem:
         self.runs = tuple(o.run for o in observed)
         self.nuisances = Nuisances(self.runs, forward.belief)
         self.with_k_b = any(run.support == "bearing" for run in self.runs)
-        self._memory: dict[tuple, Modal | NonlinearModal] = {}
+        self._memory: dict[tuple, RunModel] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """What a helper in another process needs: all but what is remembered."""
@@ -165,11 +165,11 @@ class Problem:
         other.nuisances = self.nuisances
         return other
 
-    def modals(self, k_b: float, effects: Sequence[Effect]) -> list[Modal | NonlinearModal]:
+    def modals(self, k_b: float, effects: Sequence[Effect]) -> list[RunModel]:
         """One for every run; what a run does not depend on is left out, so that it is solved once."""
         return [self._modal(r, k_b, effects) for r in range(len(self.runs))]
 
-    def _modal(self, r: int, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
+    def _modal(self, r: int, k_b: float, effects: Sequence[Effect]) -> RunModel:
         run = self.runs[r]
         there = acting(effects, run.support)
         key = (r, 0.0 if run.support == "rigid" else k_b, there)
@@ -177,11 +177,8 @@ class Problem:
             if len(self._memory) >= _MEMORY:
                 self._memory.pop(next(iter(self._memory)))
             rotor = on_the_rotor(there)
-            plain = self._modal(r, k_b, rotor) if len(rotor) < len(there) else None
-            if isinstance(plain, Modal):
-                self._memory[key] = plain.driven_and_read_by(there)
-            else:
-                self._memory[key] = self.forward.modal(run, k_b, there)
+            made = self._modal(r, k_b, rotor).driven_and_read_by(there) if len(rotor) < len(there) else None
+            self._memory[key] = made or self.forward.modal(run, k_b, there)
         return self._memory[key]
 
     def predict(self, fit: Fit) -> list[ComplexArray]:
@@ -430,8 +427,8 @@ class Problem:
     def _slopes(
         self,
         r: int,
-        modal: Modal | NonlinearModal,
-        moved: Sequence[tuple[float, list[Modal | NonlinearModal]]],
+        modal: RunModel,
+        moved: Sequence[tuple[float, list[RunModel]]],
         nu: FloatArray,
         added: float,
     ) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -444,7 +441,7 @@ class Problem:
         for j, (step, others) in enumerate(moved):
             if step == 0.0 or others[r] is modal:
                 continue
-            columns.append(_slope_of(modal, others[r], own) * gains / step)
+            columns.append(modal.small_change_to(others[r], *own) * gains / step)
             places.append(j)
         columns.append(H)
         places.append(n_u + self.nuisances.gain.start + r)
@@ -457,14 +454,14 @@ class Problem:
         columns += [column * gains for column in D]
         places += [n_u + place for place in self.nuisances.places_of_run(r, modal)]
         weight, residual = weighted(self.observed[r], H, added)
-        weight = np.where(_tells(modal, own), weight, 0.0)  # a line without a motion has a misfit, and no slope
+        weight = np.where(modal.tells(*own)[:, None], weight, 0.0)  # a line without a motion has a misfit, and no slope
         return residual, derivatives(self.observed[r], H, np.array(columns), weight), np.array(places)
 
     def change(self, fit: Fit, more: Sequence[Effect]) -> list[ComplexArray]:
         """What more effects change of a fit's prediction, to first order in the shifts of the resonances."""
         before, after = self.modals(fit.k_b, fit.effects), self.modals(fit.k_b, (*fit.effects, *more))
         return [
-            change_of(a, b, self.nuisances.of_run(fit.nu, r, a)) * self.nuisances.gains(fit.nu, r, b)
+            a.change_to(b, *self.nuisances.of_run(fit.nu, r, a)) * self.nuisances.gains(fit.nu, r, b)
             for r, (a, b) in enumerate(zip(before, after, strict=True))
         ]
 
@@ -475,8 +472,8 @@ class Problem:
         """
         changes = []
         for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
-            assert isinstance(modal, Modal)
-            change = modal.change_by_dwells(dwells, *self.nuisances.of_run(fit.nu, r, modal))
+            assert modal.as_linear is not None
+            change = modal.as_linear.change_by_dwells(dwells, *self.nuisances.of_run(fit.nu, r, modal))
             changes.append(change * self.nuisances.gains(fit.nu, r, modal))
         return changes
 
@@ -487,7 +484,7 @@ class Problem:
         error = self.total_error(fit.added)
         return [self._slopes(r, modals[r], moved, fit.nu, error) for r in range(len(self.runs))]
 
-    def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[Modal | NonlinearModal]]:
+    def _moved(self, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[RunModel]]:
         """A small step of one coordinate, into the range, and the models there."""
         if j == 0 and not self.with_k_b:
             return 0.0, []
@@ -511,22 +508,3 @@ def middle_level(runs: Sequence[Run]) -> list[int]:
         own.sort(key=lambda r: runs[r].force_amplitude_N or 0.0)
         places[support] = own[len(own) // 2]
     return list(places.values())
-
-
-def _tells(modal: Modal | NonlinearModal, own: tuple) -> BoolArray | bool:
-    """(n_freq, 1) whether a line's response has a slope, with a run's drifts and tolerances; any has where linear."""
-    return modal.tells(*own)[:, None] if isinstance(modal, NonlinearModal) else True
-
-
-def _slope_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
-    """``change_of`` a small step of a number, to first order."""
-    if isinstance(before, NonlinearModal) and isinstance(after, NonlinearModal):
-        return before.change_to(after, *own)
-    return change_of(before, after, own)
-
-
-def change_of(before: Modal | NonlinearModal, after: Modal | NonlinearModal, own: tuple) -> ComplexArray:
-    """(n_freq, n_channels) change of the response with a run's drifts and tolerances."""
-    if isinstance(before, Modal) and isinstance(after, Modal):
-        return before.change_to(after, *own)
-    return after.response(*own) - before.response(*own)

@@ -10,7 +10,6 @@ from scipy.linalg import block_diag
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import derivatives, weighted
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.linear import Modal
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
@@ -147,8 +146,8 @@ class Score:
         inside = int(np.sum(modal.frequencies_hz < problem.runs[r].frequency_hz[-1]))
         freed = modal.with_derivatives(*own)[1][:inside]
         if shapes:
-            assert isinstance(modal, Modal)
-            parts = modal.of_resonances(*own)[:inside]
+            assert modal.as_linear is not None
+            parts = modal.as_linear.of_resonances(*own)[:inside]
             freed = np.concatenate([freed, _each_channel(parts)])
         return np.concatenate([freed, 1j * freed]) * problem.nuisances.gains(fit.nu, r, modal)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from rigtwin.gap.model.linear import MODES, TOLERANCES, Group, Modal, chain_factors, over_receptance, resonance_numbers
 from rigtwin.gap.model.nonlinear import CORNER, FINE, Known, NonlinearModal, Resolution
+from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.tolerances import STEP, Bend, bend_of, bent_for, sensitivity_of, variants_of
 from rigtwin.rotor.effects import Effect, HubStiffening, OpenCrack
 from rigtwin.rotor.frequency.harmonic_balance import Balance
@@ -139,7 +140,7 @@ class Forward:
             spin_speed=run.spin_rpm * np.pi / 30,
         )
 
-    def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> Modal | NonlinearModal:
+    def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> RunModel:
         """The run's response with these effects. Raises ValueError where an effect is impossible."""
         if nonlinear(effects):
             return self._nonlinear(run, k_b, effects)
@@ -171,7 +172,7 @@ class Forward:
             groups.append(made)
         return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, over_receptance(run), self.manner.images)
 
-    def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal | NonlinearModal:
+    def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> RunModel:
         condition, effects, manner = self.condition(run, k_b), tuple(effects), self.manner
         plain = self._balance(condition, effects, np.zeros(len(TOLERANCES)))
         if plain is None:

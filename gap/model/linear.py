@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
+from rigtwin.gap.model.run_model import BoolArray, RunModel
 from rigtwin.gap.model.transients import as_read, transients
 from rigtwin.rotor.effects import Effect, FastSweep
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER, channel_factor, force_factor
@@ -51,7 +53,9 @@ class Group:
 
 @dataclass(frozen=True)
 class Modal:
-    """Noise-free response of one run in modal form."""
+    """Noise-free response of one run in modal form; see ``RunModel``."""
+
+    level_is_parameter: ClassVar[bool] = False
 
     run: Run
     omega: FloatArray
@@ -77,13 +81,37 @@ class Modal:
     def _onward(self) -> int:
         return -1 if self.run.sweep == "down" else 1
 
-    def response(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> ComplexArray:
+    @property
+    def as_linear(self) -> Modal:
+        """Itself."""
+        return self
+
+    @property
+    def as_nonlinear(self) -> None:
+        """None: no force law acts."""
+        return
+
+    def response(
+        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+    ) -> ComplexArray:
         """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,), all relative."""
         return self._evaluate(drift, tolerance, derivatives=False)[0]
 
-    def with_derivatives(self, drift: FloatArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def with_derivatives(
+        self, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+    ) -> tuple[ComplexArray, ComplexArray]:
         """``response`` and its (MODES + n_tolerances, n_freq, n_channels) derivatives."""
         return self._evaluate(drift, tolerance, derivatives=True)
+
+    def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
+        """(n_freq,) true throughout."""
+        return np.ones(len(self.omega), dtype=bool)
+
+    def tells(
+        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+    ) -> BoolArray:
+        """(n_freq,) true throughout."""
+        return self.found()
 
     def _evaluate(
         self, drift: FloatArray | None, tolerance: FloatArray | None, *, derivatives: bool
@@ -151,11 +179,18 @@ class Modal:
         residues = group.residues + np.tensordot(tolerance, group.bent, axes=1)
         return shares @ residues.T + group.rest + np.tensordot(tolerance, group.aside, axes=1), residues
 
-    def change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+    def change_to(self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
         """(n_freq, n_channels) another response less this one, to first order in the shifts of the resonances.
 
         A plain difference is no derivative where a resonance shifts by more than a small part of its width.
         """
+        if other.as_linear is None:
+            return other.response(drift, tolerance, level) - self.response(drift, tolerance)
+        return self._change_to(other.as_linear, drift, tolerance)
+
+    small_change_to = change_to
+
+    def _change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
         change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)
         for group in other.groups:
             twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)

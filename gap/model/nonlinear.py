@@ -15,21 +15,20 @@ the one that it believes. Derivatives by these follow from the balance's own Jac
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigtwin.gap.model.run_model import BoolArray, RunModel
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.harmonic_balance import Balance, jacobian
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.rotor.frequency.periodic_force import real_form
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Run
-
-BoolArray = NDArray[np.bool_]
 
 # A line this far from the data, and so many times as far as the median line, is started again.
 _FAR, _FARTHER = 0.05, 4.0
@@ -119,7 +118,9 @@ class Solved:
 
 @dataclass(frozen=True)
 class NonlinearModal:
-    """Noise-free fundamental of one run."""
+    """Noise-free fundamental of one run; see ``RunModel``."""
+
+    level_is_parameter: ClassVar[bool] = True
 
     run: Run
     balance_of: Callable[
@@ -136,6 +137,16 @@ class NonlinearModal:
     level: float = 0.0  # logarithm of the true force over the one that the run believes; responses are per true force
     _solved: dict[bytes, Solved] = field(default_factory=dict)
     _driven: dict[float, NonlinearModal] = field(default_factory=dict)
+
+    @property
+    def as_linear(self) -> None:
+        """None: a force law acts."""
+        return
+
+    @property
+    def as_nonlinear(self) -> NonlinearModal:
+        """Itself."""
+        return self
 
     def response(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
@@ -157,13 +168,19 @@ class NonlinearModal:
         every = np.concatenate([D, by_tolerance, there._by_level(solved)])
         return solved.H, np.where(solved.tells[:, None], every, 0.0)
 
-    def change_to(
-        self, other: NonlinearModal, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+    def change_to(self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
+        """(n_freq, n_channels) another response less this one."""
+        return other.response(drift, tolerance, level) - self.response(drift, tolerance, level)
+
+    def small_change_to(
+        self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
     ) -> ComplexArray:
         """(n_freq, n_channels) the response with other numbers of the same laws less this one, to first order."""
+        if other.as_nonlinear is None:
+            return self.change_to(other, drift, tolerance, level)
         there = self.driven(level)
         solved = there.solved(drift, tolerance)
-        balance = _drifted(*other._with_tolerance(tolerance), drift)
+        balance = _drifted(*other.as_nonlinear._with_tolerance(tolerance), drift)
         push, own = there._moved_by(solved, balance, balance.forces.harmonics(solved.joints))
         change = there._answer(solved, push[..., None], own[..., None])[0]
         return np.where(solved.tells[:, None], change, 0.0)
@@ -176,6 +193,10 @@ class NonlinearModal:
             self._driven.clear()
             self._driven[level] = replace(self, level=float(level), _solved={}, _driven={})
         return self._driven[level]
+
+    def driven_and_read_by(self, effects: Sequence[Effect]) -> None:
+        """None: what drives and reads the rotor belongs to the motions, which have to be solved again."""
+        return
 
     @property
     def frequencies_hz(self) -> FloatArray:

@@ -19,8 +19,7 @@ from rigtwin.gap.inference.descent import minimise, softened
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
 from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.linear import Modal
-from rigtwin.gap.model.nonlinear import NonlinearModal
+from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.search.laws.grid import Rest, rub_axes
 from rigtwin.gap.search.starts import Start
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
@@ -64,9 +63,10 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
     points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in grid]
     joints = {}
     for r, modal in enumerate(_modals(problem, hypothesis, points[0])):
-        if isinstance(modal, NonlinearModal) and not modal.run.magnitude_only:
+        law = modal.as_nonlinear
+        if law is not None and not law.run.magnitude_only:
             drift, tolerance, _ = problem.nuisances.of_run(nu, r, modal)
-            joints[r] = _joints(problem.observed[r], *modal.told(drift, tolerance))
+            joints[r] = _joints(problem.observed[r], *law.told(drift, tolerance))
     if not joints:
         return None
     residual = partial(_residual, problem, hypothesis, joints)
@@ -91,9 +91,9 @@ def _residual(
     if not modals:
         return None
     for r, run in joints.items():
-        modal = modals[r]
-        assert isinstance(modal, NonlinearModal)
-        force = modal.balance.forces.harmonics(run.joints)[:, 1]
+        law = modals[r].as_nonlinear
+        assert law is not None
+        force = law.balance.forces.harmonics(run.joints)[:, 1]
         z = (run.weight * (run.missed - (run.toward @ force[..., None])[..., 0])).ravel()
         left += [z.real, z.imag]
     return softened(np.concatenate(left))
@@ -103,7 +103,7 @@ def _loss(residual: FloatArray | None) -> float:
     return np.inf if residual is None else float(residual @ residual)
 
 
-def _modals(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> list[Modal | NonlinearModal]:
+def _modals(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> list[RunModel]:
     """Models of the runs; none where one of them has none."""
     try:
         return problem.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))

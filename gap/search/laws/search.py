@@ -13,7 +13,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis
 from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
 from rigtwin.gap.inference.score_test import Score
-from rigtwin.gap.model.nonlinear import FINAL, MIDDLE, ROUGH, NonlinearModal, Resolution
+from rigtwin.gap.model.nonlinear import FINAL, MIDDLE, ROUGH, Resolution
 from rigtwin.gap.search.laws.grid import Rest, axis, by_distance, by_score, distance, node_of, points_of, seen_motion
 from rigtwin.gap.search.laws.reading import READ, read
 from rigtwin.gap.search.laws.robust import (
@@ -366,10 +366,11 @@ def _largest_motion(problem: Problem, start: Start) -> FloatArray:
     fit = unfitted(problem, start.hypothesis, start.u, start.nu)
     motions = []
     for modal in problem.modals(fit.k_b, fit.effects):
-        if isinstance(modal, NonlinearModal):
-            plane = 1 if modal.run.excitation_plane == "y" else 2
-            solved = modal.solved()
-            motions.append(np.abs(solved.states[solved.converged, 1] @ modal.balance.read_out(plane).T))
+        law = modal.as_nonlinear
+        if law is not None:
+            plane = 1 if law.run.excitation_plane == "y" else 2
+            solved = law.solved()
+            motions.append(np.abs(solved.states[solved.converged, 1] @ law.balance.read_out(plane).T))
     motion = np.concatenate(motions)
     own = motion[:, node_of(start.hypothesis) - 1]
     return np.maximum(motion[own.argmax()] / own.max(), _LEAST_MOTION)

@@ -197,8 +197,8 @@ def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit)
     dwells = STRONG.grid(*hypothesis.free)
     total, shifts, near = np.zeros(len(dwells)), np.zeros((len(dwells), problem.nuisances.n)), 0
     for r, modal in enumerate(problem.modals(nominal.k_b, ())):
-        if isinstance(modal, Modal):
-            for m, n_lines, left in _resonances(modal, dwells):
+        if modal.as_linear is not None:
+            for m, n_lines, left in _resonances(modal.as_linear, dwells):
                 near += n_lines
                 total += n_lines * np.log(left.min(axis=1) + STRONG.local_error**2)
                 shifts[:, problem.nuisances.drift[r].start + m] = STRONG.shifts[left.argmin(axis=1)]

@@ -1,0 +1,91 @@
+"""What the rest of the diagnosis may ask of a run's model, whether the rotor is linear or follows a force law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Run
+
+if TYPE_CHECKING:
+    from rigtwin.gap.model.linear import Modal
+    from rigtwin.gap.model.nonlinear import NonlinearModal
+
+BoolArray = NDArray[np.bool_]
+
+
+class RunModel(Protocol):
+    """Noise-free response of one run.
+
+    Parameters of the methods
+    -------------------------
+    drift : (MODES,) relative shift of each resonance
+    tolerance : (n_tolerances,) relative error of what the workshop made
+    level : logarithm of the true force over the one that the run believes; a linear response per newton does not change
+    """
+
+    @property
+    def run(self) -> Run:
+        """The measured run, with its lines and channels."""
+        ...
+
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """Resonances that may drift, lowest first [Hz]."""
+        ...
+
+    @property
+    def level_is_parameter(self) -> bool:
+        """Whether the response per newton changes with the force, so that ``level`` has a derivative too."""
+        ...
+
+    @property
+    def as_linear(self) -> Modal | None:
+        """This model as a sum of resonances; None where a force law acts."""
+        ...
+
+    @property
+    def as_nonlinear(self) -> NonlinearModal | None:
+        """This model as motions under a force law; None where none acts."""
+        ...
+
+    def response(
+        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+    ) -> ComplexArray:
+        """(n_freq, n_channels) response."""
+        ...
+
+    def with_derivatives(
+        self, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """``response`` and its (n, n_freq, n_channels) derivatives: MODES, n_tolerances, 1 if level is a parameter."""
+        ...
+
+    def change_to(self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
+        """(n_freq, n_channels) response of another model less this one, to first order in the resonances' shifts."""
+        ...
+
+    def small_change_to(
+        self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+    ) -> ComplexArray:
+        """``change_to`` a model whose numbers differ by a small step; to first order in these, for a derivative."""
+        ...
+
+    def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
+        """(n_freq,) lines that have a response."""
+        ...
+
+    def tells(
+        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+    ) -> BoolArray:
+        """(n_freq,) lines whose response is near enough to a solution to have a derivative."""
+        ...
+
+    def driven_and_read_by(self, effects: Sequence[Effect]) -> RunModel | None:
+        """The same rotor with another exciter and other sensors; None where it has to be solved again for that."""
+        ...

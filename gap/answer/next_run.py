@@ -22,8 +22,9 @@ from rigtwin.gap.answer.causes import locations
 from rigtwin.gap.document import NextTest
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B
+from rigtwin.gap.inference.nuisances import PRIOR
 from rigtwin.gap.inference.observed import as_real
-from rigtwin.gap.inference.problem import ANY_SCALE, Problem
+from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward, acting, nonlinear
 from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.phrases import effects_at, supports
@@ -158,7 +159,7 @@ def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
         everywhere = (*everywhere, *(c for c in run.channels if c not in everywhere))
         words = f"Repeat the run {here} with an accelerometer at every node"
         made.append(Proposal(words, (replace(run, channels=everywhere, H=_no_response(lines, everywhere)),), 0.0))
-    gain_std = ANY_SCALE if run.quantity == "acceleration" else problem.nuisances.gain_std
+    gain_std = PRIOR.any_scale if run.quantity == "acceleration" else problem.nuisances.gain_std
     return [replace(each, gain_std=gain_std) for each in made]
 
 

@@ -16,10 +16,9 @@ from operator import itemgetter
 import numpy as np
 
 from rigtwin.gap.inference.descent import minimise, softened
-from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
+from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.search.laws.grid import Rest, rub_axes
 from rigtwin.gap.search.starts import Start
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
@@ -62,7 +61,7 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
     grid = itertools.product(*rub_axes(hypothesis, rest, READING.stiffnesses, READING.gaps))
     points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in grid]
     joints = {}
-    for r, modal in enumerate(_modals(problem, hypothesis, points[0])):
+    for r, modal in enumerate(problem.try_modals(hypothesis, points[0]) or ()):
         law = modal.as_nonlinear
         if law is not None and not law.run.magnitude_only:
             drift, tolerance, _ = problem.nuisances.of_run(nu, r, modal)
@@ -87,8 +86,8 @@ def _residual(
     problem: Problem, hypothesis: Hypothesis, joints: Mapping[int, _Joints], u: FloatArray
 ) -> FloatArray | None:
     """(n_residuals,) what a law leaves of the lines, large errors softened; None without a model."""
-    modals, left = _modals(problem, hypothesis, u), []
-    if not modals:
+    modals, left = problem.try_modals(hypothesis, u), []
+    if modals is None:
         return None
     for r, run in joints.items():
         law = modals[r].as_nonlinear
@@ -101,11 +100,3 @@ def _residual(
 
 def _loss(residual: FloatArray | None) -> float:
     return np.inf if residual is None else float(residual @ residual)
-
-
-def _modals(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> list[RunModel]:
-    """Models of the runs; none where one of them has none."""
-    try:
-        return problem.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))
-    except (ValueError, np.linalg.LinAlgError):
-        return []

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigtwin.gap.inference.descent import damped_step, minimise, softened, tamed
+from rigtwin.gap.inference.descent import damped_step, shorten_logarithms, minimise, soften
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
-from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weighted
+from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weights_and_residuals
 from rigtwin.gap.model.run_model import BoolArray, RunModel
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 
@@ -55,7 +55,7 @@ def rough(problem: Problem, hypothesis: Hypothesis, u: FloatArray, steps: int) -
         if modals is None:
             return None
         parts = [part for pair in zip(problem.observed, modals, strict=True) for part in _logarithms(*pair)]
-        return softened(np.concatenate(parts))
+        return soften(np.concatenate(parts))
 
     return minimise(residual, u, hypothesis.ends, problem.with_k_b, steps)
 
@@ -108,13 +108,7 @@ def fit(
 
 
 def try_fit(
-    problem: Problem,
-    hypothesis: Hypothesis,
-    u: FloatArray,
-    nu: FloatArray,
-    *,
-    anneal: Sequence[float],
-    steps: int,
+    problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, *, anneal: Sequence[float], steps: int
 ) -> Fit | None:
     """``fit``, or None where a start or a step has no model."""
     try:
@@ -176,7 +170,8 @@ class _Descent:
         # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
         for mu in JOINT.dampings:
             step = damped_step(A, g, mu, active)
-            trial_u = np.clip(u + np.where(self.log, tamed(step[:n_u]), step[:n_u]), ends[:, 0], ends[:, 1])
+            own = np.where(self.log, shorten_logarithms(step[:n_u]), step[:n_u])
+            trial_u = np.clip(u + own, ends[:, 0], ends[:, 1])
             trial_nu = nu + step[n_u:]
             value = cost(self.problem, self.hypothesis, trial_u, trial_nu, self.added)
             if value < before:
@@ -286,6 +281,6 @@ def _slopes(problem: Problem, r: int, modal: RunModel, moved: Sequence[Moved], n
             places.append(n_u + place)
     columns += [column * gains for column in D]
     places += [n_u + place for place in nuisances.places_of_run(r, modal)]
-    weight, residual = weighted(observed, H, added)
+    weight, residual = weights_and_residuals(observed, H, added)
     weight = np.where(modal.tells(*own)[:, None], weight, 0.0)  # a line without a motion has a misfit, and no slope
     return residual, derivatives(observed, H, np.array(columns), weight), np.array(places)

@@ -43,7 +43,7 @@ class Observed:
         """(n_freq, n_channels) whether a value is there."""
         return np.isfinite(self.run.H) & np.isfinite(self.std)
 
-    def less(self, H: ComplexArray) -> ComplexArray | FloatArray:
+    def difference(self, H: ComplexArray) -> ComplexArray | FloatArray:
         """(n_freq, n_channels) data less a model; magnitudes less their mean where only these were measured."""
         y = self.run.H
         return np.abs(y) - expected_magnitude(self, H)[0] if self.run.magnitude_only else y - H
@@ -53,8 +53,8 @@ class Observed:
         """(n_freq, n_channels) sqrt(E|data - truth|^2): a magnitude sees half of the noise's power."""
         return self.std / np.sqrt(2) if self.run.magnitude_only else self.std
 
-    def divided(self, factor: float) -> Observed:
-        """The same in another unit."""
+    def divide_by(self, factor: float) -> Observed:
+        """The same in another unit, which is so many times as large."""
         std = None if self.run.std is None else self.run.std / factor
         return replace(self, run=replace(self.run, H=self.run.H / factor, std=std, harmonics={}), std=self.std / factor)
 
@@ -81,7 +81,7 @@ def residual(observed: Observed, H: ComplexArray, added: float) -> Values:
 
 
 def _left(observed: Observed, H: ComplexArray, weight: FloatArray) -> Values:
-    return _independent(observed, np.where(observed.valid, observed.less(H) * weight, 0.0), weight)
+    return _independent(observed, np.where(observed.valid, observed.difference(H) * weight, 0.0), weight)
 
 
 def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
@@ -111,8 +111,8 @@ def _independent(observed: Observed, z: Values, weight: FloatArray) -> Values:
     return z - part * w * np.sum(w.conj() * z, axis=-1, keepdims=True)
 
 
-def weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
-    """Weights (n_freq, n_channels) and real residuals."""
+def weights_and_residuals(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
+    """(n_freq, n_channels) weights and (n_residuals,) real residuals."""
     weight = _weight(observed, added)
     left = _left(observed, H, weight)
     return weight, _flat(left.real if observed.run.magnitude_only else left)

@@ -152,7 +152,7 @@ class Problem:
         """
         gains = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[self.nuisances.gain], 0.0)
         gains[np.abs(gains) < np.log(LIMITS.no_si_unit)] = 0.0
-        observed = [o.divided(np.exp(gain)) if gain else o for o, gain in zip(self.observed, gains, strict=True)]
+        observed = [o.divide_by(np.exp(gain)) if gain else o for o, gain in zip(self.observed, gains, strict=True)]
         nu = fit.nu.copy()
         nu[self.nuisances.gain] -= gains
         return Problem(self.forward, observed, self.model_error), replace(fit, nu=nu)

@@ -15,7 +15,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from rigtwin.gap.inference.descent import minimise, softened
+from rigtwin.gap.inference.descent import minimise, soften
 from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
@@ -95,7 +95,7 @@ def _residual(
         force = law.balance.forces.harmonics(run.joints)[:, 1]
         z = (run.weight * (run.missed - (run.toward @ force[..., None])[..., 0])).ravel()
         left += [z.real, z.imag]
-    return softened(np.concatenate(left))
+    return soften(np.concatenate(left))
 
 
 def _loss(residual: FloatArray | None) -> float:

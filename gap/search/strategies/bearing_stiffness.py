@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import differential_evolution, least_squares
 
 from rigtwin.gap.document import BearingStiffness
-from rigtwin.gap.inference.descent import softened
+from rigtwin.gap.inference.descent import soften
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
 from rigtwin.gap.inference.observed import Observed
@@ -205,7 +205,7 @@ def _off(forward: Forward, seat: Carried, law: Hypothesis, u: FloatArray) -> Flo
     """ln(law / D) over its error, real and imaginary."""
     D = _of_law(forward, seat, K_B.value(u[0]), law.effects(u[1:]))
     z = np.log(D / seat.D) / np.hypot(seat.error, LAW_SEARCH.error)
-    return softened(np.concatenate([z.real, z.imag]))
+    return soften(np.concatenate([z.real, z.imag]))
 
 
 def _of_law(forward: Forward, seat: Carried, k_b: float, effects: Sequence[Effect]) -> ComplexArray:

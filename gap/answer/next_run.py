@@ -54,7 +54,7 @@ class Proposal:
 
     words: str
     runs: tuple[Run, ...]  # their settings and lines; no response
-    gain_std: float  # prior of the force gain
+    gain_std: float = 0.0  # prior of the force gain
     added: tuple[Effect, ...] = ()  # what is clamped to the rotor on purpose
 
     @property
@@ -151,14 +151,14 @@ def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
     if any(nonlinear(fit.effects) for fit in fits):
         force = run.force_amplitude_N or 1.0
         levels = tuple(replace(run, force_amplitude_N=factor * force) for factor in PROPOSED.levels)
-        made.append(Proposal(f"Drive the rotor {here} at a third and at three times the force", levels, 0.0))
+        made.append(Proposal(f"Drive the rotor {here} at a third and at three times the force", levels))
     else:
         made += _with_known_mass(run, structure, here)
     everywhere = tuple(Channel(node, run.excitation_plane) for node in range(1, structure.n_nodes + 1))
     if not set(everywhere) <= set(run.channels):
         everywhere = (*everywhere, *(c for c in run.channels if c not in everywhere))
         words = f"Repeat the run {here} with an accelerometer at every node"
-        made.append(Proposal(words, (replace(run, channels=everywhere, H=_no_response(lines, everywhere)),), 0.0))
+        made.append(Proposal(words, (replace(run, channels=everywhere, H=_no_response(lines, everywhere)),)))
     gain_std = PRIOR.any_scale if run.quantity == "acceleration" else problem.nuisances.gain_std
     return [replace(each, gain_std=gain_std) for each in made]
 
@@ -169,14 +169,14 @@ def _driven(runs: Sequence[Run], run: Run, structure: Structure, measured: bool)
     nodes = [node for node in structure.free_nodes if node not in used] if measured else [run.excitation_node]
     for node in nodes:
         words = f"Drive the rotor on {supports(run.support)} at node {node}, accelerometers as they are"
-        yield Proposal(words, (replace(run, excitation_node=node),), 0.0)
+        yield Proposal(words, (replace(run, excitation_node=node),))
 
 
 def _with_known_mass(run: Run, structure: Structure, here: str) -> Iterator[Proposal]:
     mass = float(f"{PROPOSED.added_mass * _total_mass(structure):.1g}")
     for node in structure.free_nodes:
         words = f"Clamp a known mass of {mass:g} kg to node {node}, add it to the rig file, and repeat the run {here}"
-        yield Proposal(words, (run,), 0.0, (known_mass(mass, node),))
+        yield Proposal(words, (run,), added=(known_mass(mass, node),))
 
 
 def _total_mass(structure: Structure) -> float:
@@ -292,12 +292,12 @@ class _View:
         """Inverse covariance of what may change, in the order of ``_derivatives``."""
         n_u, nuisances = len(self.fit.u), self.problem.nuisances
         kept = np.r_[np.arange(n_u), n_u + np.r_[nuisances.sensor], n_u + np.r_[nuisances.tolerance]]
-        told = np.linalg.inv(self.fit.covariance()[np.ix_(kept, kept)])
+        known = np.linalg.inv(self.fit.covariance()[np.ix_(kept, kept)])
         own = [self.proposal.gain_std**-2, *[nuisances.drift_std**-2] * MODES, nuisances.level_std**-2]
         fresh = own * len(self.proposal.runs)
         fresh += [nuisances.sensor_std**-2] * len(self._new_sensors())
         prior = np.zeros((len(kept) + len(fresh),) * 2)
-        prior[: len(kept), : len(kept)] = told
+        prior[: len(kept), : len(kept)] = known
         prior[range(len(kept), len(prior)), range(len(kept), len(prior))] = fresh
         return prior
 

@@ -187,7 +187,7 @@ def _may_be_the_bearings(answered: Sequence[Cause]) -> bool:
 
 
 def _known(answer: Answer) -> float:
-    """Probability that it is a known effect, or none, at all."""
+    """Probability that a known effect, or none at all, is the answer."""
     return 1 - _doubt(answer.standing) if answer.verdict == "unknown" else 1.0
 
 
@@ -197,7 +197,7 @@ def _doubt(standing: Standing) -> float:
 
 
 def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]) -> dict[str, Any]:
-    """What is said of the recalibrated nominal model."""
+    """What the diagnosis says about the recalibrated nominal model."""
     problem, nominal = answer.problem, answer.nominal
     return {
         "k_b": _k_b(problem, nominal, answer.scale) if nominal.n_data else None,
@@ -244,7 +244,7 @@ def _causes(problem: Problem, ranked: Ranked, scale: float, known: float) -> tup
 
     Parameters
     ----------
-    known : probability that it is a known effect, or none, at all
+    known : probability that a known effect, or none at all, is the answer
     """
     causes = []
     for places in by_name(ranked).values():

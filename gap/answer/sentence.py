@@ -23,7 +23,7 @@ class Mention:
 MENTION = Mention()
 
 
-def named(cause: Cause) -> str:
+def name_cause(cause: Cause) -> str:
     """Effects of a cause, each with its place, and where else they may be if that is not sure."""
     words = effects_at(cause.effects, cause.locations or (cause.location,))
     if cause.place_probability >= SURE or not cause.other_places:
@@ -62,13 +62,13 @@ def _verdict(diagnosis: Diagnosis) -> str:
             f"Model and measurement agree line by line, but the lines are too far apart to show the peaks ({surely})."
         )
     tail = _takes_away(diagnosis.shrink)
-    first = named(diagnosis.causes[0])
+    first = name_cause(diagnosis.causes[0])
     if diagnosis.verdict == "cause":
         return f"The gap comes from {first} (probability {part(diagnosis.causes[0].probability)}){tail}"
     if len(diagnosis.equivalent) < 2:
         surely = part(diagnosis.causes[0].probability)
         return f"The gap may come from {first} (probability {surely}), or be none{tail}"
-    choices = [*map(named, diagnosis.equivalent), *(["no gap at all"] if _may_be_none(diagnosis) else [])]
+    choices = [*map(name_cause, diagnosis.equivalent), *(["no gap at all"] if _may_be_none(diagnosis) else [])]
     words = f"These data cannot tell apart {', or '.join(choices)}"
     return f"{words}." if tail == "." else f"{words}; the first{tail}"
 
@@ -82,7 +82,7 @@ def _may_be_none(diagnosis: Diagnosis) -> bool:
 
 
 def _takes_away(shrink: Shrink | None) -> str:
-    """What the cause explains, and what gains and tolerances would without it, where that is much."""
+    """How much of the gap the cause takes away, and how much gains and tolerances would alone, where that is much."""
     if shrink is None or not math.isfinite(shrink.explainable) or shrink.before < MENTION.gap_over_floor * shrink.floor:
         return "."
     words = f": it takes away {part(shrink.explainable)} of the gap that can be explained"
@@ -93,7 +93,7 @@ def _takes_away(shrink: Shrink | None) -> str:
 
 
 def _acts_like(diagnosis: Diagnosis) -> str:
-    """What one joint stiffness would have to be, where one at a single node explains nearly all of what is right."""
+    """What a single joint stiffness would have to be, where one at one node explains nearly the whole gap."""
     joint = diagnosis.where.joint
     if joint is None or any(map(must_be_corrected, diagnosis.audit)):
         return "."

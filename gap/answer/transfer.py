@@ -110,7 +110,7 @@ class _Test:
             there = replace(problem.runs[r], excitation_node=node, harmonics={}, std=None)
             effects = acting(best.effects, there.support)
             if nonlinear(effects):
-                there = self._swept(there, best)
+                there = self._follow(there, best)
                 corrected = there.H
             else:
                 self._forward.bend(there, best.k_b, effects)
@@ -119,8 +119,8 @@ class _Test:
             plain = self._forward.modal(there, nominal.k_b).response()
             self._parts.append(_Part(there, plain, corrected))
 
-    def _swept(self, run: Run, best: Fit) -> Run:
-        """Some lines of a run with what the corrected model says of them: the branch that its motions are on."""
+    def _follow(self, run: Run, best: Fit) -> Run:
+        """Some lines of a run with the corrected model's response, which says on which branch its motions are."""
         hz = run.frequency_hz[:: NONLINEAR.every]
         run = replace(run, frequency_hz=hz, H=run.H[:: NONLINEAR.every], magnitude_only=False)
         there = acting(best.effects, run.support)

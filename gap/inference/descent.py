@@ -74,5 +74,5 @@ def damped_step(A: FloatArray, g: FloatArray, mu: float, active: BoolArray) -> F
 
 
 def shorten_logarithms(step: FloatArray) -> FloatArray:
-    """Shorten steps s of logarithms to ln(1 + s) up or down: the number, or its reciprocal, grows by s times its size."""
+    """Shorten steps s of logarithms to ln(1 + s): the number, or downwards its reciprocal, grows by s times itself."""
     return np.sign(step) * np.log1p(np.abs(step))

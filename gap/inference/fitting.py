@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigtwin.gap.inference.descent import damped_step, shorten_logarithms, minimise, soften
+from rigtwin.gap.inference.descent import damped_step, minimise, shorten_logarithms, soften
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
 from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weights_and_residuals

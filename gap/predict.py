@@ -1,4 +1,4 @@
-"""What a diagnosis predicts for runs that it never saw."""
+"""What a diagnosis predicts for runs that took no part in it."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
         raise MeasurementError(f"diagnosis: schema is {document.get('schema')!r}, expected {SCHEMA!r}; diagnose again")
     damaged = "the file is damaged or of another rig, diagnose again"
     try:
-        told = _told(document)
+        models = _models(document)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise MeasurementError(f"diagnosis: {error}; {damaged}") from error
     try:
-        return tuple(_predict(told, campaign))
+        return tuple(_predict(models, campaign))
     except MeasurementError:  # of the campaign
         raise
     except ValueError as error:  # effects that do not go with its rotor
@@ -59,8 +59,8 @@ def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted,
 
 
 @dataclass(frozen=True)
-class _Told:
-    """What a document says of the rig."""
+class _Models:
+    """The nominal and the corrected model, as a document gives them."""
 
     nominal_k_b: float  # [N/m]
     k_b: float  # of the corrected model [N/m]
@@ -70,10 +70,10 @@ class _Told:
     sensor_gain: Mapping[str, float]  # by channel
 
 
-def _told(document: Mapping[str, Any]) -> _Told:
+def _models(document: Mapping[str, Any]) -> _Models:
     effects, k_b = corrected_rotor(document)
     calibration = (document.get("calibration") if explains(document) else None) or {}
-    return _Told(
+    return _Models(
         nominal_k_b=Condition(k_b=_nominal_k_b(document)).k_b,  # which refuses what is no stiffness
         k_b=Condition(k_b=float(k_b)).k_b,
         effects=effects,
@@ -83,18 +83,18 @@ def _told(document: Mapping[str, Any]) -> _Told:
     )
 
 
-def _predict(told: _Told, campaign: Campaign) -> Iterator[Predicted]:
-    forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **told.damping)))
+def _predict(models: _Models, campaign: Campaign) -> Iterator[Predicted]:
+    forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **models.damping)))
     forward = forward.made(refined=True, resolution=FINAL, with_data=False)
-    forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, told.k_b)
+    forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, models.k_b)
     for run in campaign.runs:
-        before = forward.modal(run, told.nominal_k_b).response()
-        there = acting(told.effects, run.support)
+        before = forward.modal(run, models.nominal_k_b).response()
+        there = acting(models.effects, run.support)
         if not nonlinear(there):
-            forward.bend(run, told.k_b, there)
-        after = forward.modal(run, told.k_b, there)
-        gains = np.array([told.sensor_gain.get(str(channel), 1.0) for channel in run.channels])
-        yield Predicted(run, _with(run, before), _with(run, after.response(None, told.tolerance) * gains))
+            forward.bend(run, models.k_b, there)
+        after = forward.modal(run, models.k_b, there)
+        gains = np.array([models.sensor_gain.get(str(channel), 1.0) for channel in run.channels])
+        yield Predicted(run, _with(run, before), _with(run, after.response(None, models.tolerance) * gains))
 
 
 def _nominal_k_b(document: Mapping[str, Any]) -> float:
@@ -120,7 +120,7 @@ def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], fl
 
 
 def _by_location(cause: Mapping[str, Any]) -> dict[str, Any]:
-    """Places of the effects where only locations are told."""
+    """Places of the effects of a cause that gives only locations."""
     located = zip(cause["effects"], cause.get("locations") or [cause["location"]], strict=False)
     numbers = [(name, {"node": spot.get("node"), "position": spot.get("x_m")}) for name, spot in located]
     return {
@@ -137,7 +137,7 @@ def explains(document: Mapping[str, Any]) -> bool:
 
 
 def _of_effect(table: Mapping[str, Any], effect: str, *, alone: bool) -> dict[str, Any]:
-    """Entries of one effect, by plain name; of a single effect the names are plain already."""
+    """Entries of one effect by the parameter's own name, which is all that a single effect needs."""
     prefix = f"{effect}."
     return {
         key.removeprefix(prefix): v for key, v in table.items() if key.startswith(prefix) or (alone and "." not in key)

@@ -24,9 +24,6 @@ from rigtwin.sim.setup import SetupError
 # Measures a run with effects and k_b on the virtual rig: (runs, effects, k_b) -> responses, and what measured.
 Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[ComplexArray], str]]
 
-# Stretches of lines that a run is parted into; every second one is held out.
-STRETCHES = 10
-
 # Held-out lines of a nonlinear run that the virtual rig reads: settling takes four times as long as passing a line.
 INTEGRATED = 8
 
@@ -80,8 +77,8 @@ def _held_out(n: int) -> BoolArray:
 
 
 def _stretches(n: int) -> int:
-    """How many stretches n lines are divided into."""
-    return min(STRETCHES, n)
+    """How many stretches n lines are divided into, of which every second one is held out."""
+    return min(10, n)
 
 
 def _measure_corrected(

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,8 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import SURE
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.linear import TOLERANCES
-from rigtwin.gap.search.strategies.bearing_stiffness import beside_models
-from rigtwin.gap.verdict.adequacy import Adequacy, judge
+from rigtwin.gap.search.strategies.bearing_stiffness import compare_with_models
+from rigtwin.gap.verdict.adequacy import judge
 from rigtwin.gap.verdict.ranking import ANSWERED, AT_MOST, Ranked, best_of, by_name, likely, name_of, together
 from rigtwin.gap.verdict.standing import ADEQUATE_MISFIT, BELIEVED_SCALE, Standing, scale_of
 from rigtwin.rotor.effects.library import EFFECTS
@@ -77,6 +78,11 @@ class Answer:
     standing: Standing
     verdict: Verdict
 
+    @cached_property
+    def all_lines(self) -> Problem:
+        """The problem of the fits on all lines."""
+        return self.problem.on(self.whole.observed)
+
     @property
     def scale(self) -> float:
         """True over believed error."""
@@ -101,15 +107,10 @@ def report(
     """
     findings = (*findings, *_form_finding(answer))
     named = _name_causes(campaign, answer, findings, exclude)
-    drawn = answer.problem.on(answer.whole.observed)
-    curves = _curves(drawn, answer, named)
-    where = _where(drawn, answer, named, curves, findings)
+    curves = _curves(answer, named)
+    where = _where(answer, named, curves, findings)
     clock.lap("where")
-    shrink: Shrink | None = None
-    if named.best is not answer.nominal:
-        shrink = measure_shrink(answer.problem, answer.nominal, named.best, answer.scale, confirm)
-        clock.lap("held out")
-    mounting = _mounting_finding(campaign, answer.problem, named.best)
+    shrink = _shrink(answer, named.best, confirm, clock)
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
@@ -121,7 +122,7 @@ def report(
         equivalent=named.equivalent,
         next_test=_next_test(campaign, answer, findings, named),
         shrink=shrink,
-        audit=(*findings, *mounting, *_noise_finding(answer.problem, answer.standing.quality)),
+        audit=(*findings, *_mounting_finding(campaign, answer.problem, named.best), *_noise_finding(answer)),
         excluded=tuple(exclude),
         unknown_score=_doubt(answer.standing),
         calibration=calibration(answer.problem, named.best),
@@ -160,25 +161,33 @@ def _name_causes(campaign: Campaign, answer: Answer, findings: Sequence[Finding]
     return _Named(verdict, causes, answer.nominal)
 
 
-def _curves(drawn: Problem, answer: Answer, named: _Named) -> tuple[Curve, ...]:
+def _curves(answer: Answer, named: _Named) -> tuple[Curve, ...]:
     """All lines of the runs, with the nominal model and, where there is one, the corrected model."""
+    drawn = answer.all_lines
     before = drawn.bare(answer.nominal)
     corrects = named.best is not answer.nominal or named.verdict == "no_gap"
     after = drawn.predict(named.best) if corrects else [None] * len(before)
     return tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, before, after, strict=True))
 
 
-def _where(
-    drawn: Problem, answer: Answer, named: _Named, curves: Sequence[Curve], findings: Sequence[Finding]
-) -> Where:
+def _where(answer: Answer, named: _Named, curves: Sequence[Curve], findings: Sequence[Finding]) -> Where:
     """Where the gap lies, with the bearings' stiffness where that may be the cause; nothing of too few data."""
     if named.verdict == "not_enough_data":
         return Where()
-    where = locate(drawn, answer.nominal, [c.nominal for c in curves], _regime(named.answered, findings))
+    where = locate(answer.all_lines, answer.nominal, [c.nominal for c in curves], _regime(named.answered, findings))
     if not _may_be_the_bearings(named.answered):
         return where
     best = named.best if named.best is not answer.nominal else None
-    return replace(where, bearings=beside_models(drawn, answer.nominal, best))
+    return replace(where, bearings=compare_with_models(answer.all_lines, answer.nominal, best))
+
+
+def _shrink(answer: Answer, best: Fit, confirm: Confirm | None, clock: Clock) -> Shrink | None:
+    """How far the gap shrinks; None where no effect corrects the model."""
+    if best is answer.nominal:
+        return None
+    shrink = measure_shrink(answer.problem, answer.nominal, best, answer.scale, confirm)
+    clock.lap("held out")
+    return shrink
 
 
 def _may_be_the_bearings(answered: Sequence[Cause]) -> bool:
@@ -337,9 +346,10 @@ def _mounting_finding(campaign: Campaign, problem: Problem, fit: Fit) -> tuple[F
     return (Finding("repeatability", "warning", f"{words}.", "", size, problem.nuisances.sensor_std),)
 
 
-def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:
-    low, high = BELIEVED_SCALE
-    if all(run.std is None for run in problem.runs) or low <= quality.scale <= high:
+def _noise_finding(answer: Answer) -> tuple[Finding, ...]:
+    """That the values scatter otherwise than their standard errors say."""
+    (low, high), quality = BELIEVED_SCALE, answer.standing.quality
+    if all(run.std is None for run in answer.problem.runs) or low <= quality.scale <= high:
         return ()
     words = (
         f"the values scatter {quality.scale:.2g} times as much as their standard errors say; "

@@ -34,9 +34,6 @@ LAWS = (
     ("a hysteretic damper", "N/m", "imaginary and constant", lambda w: 1j * np.ones(len(w))),
 )
 
-# Share of the joint stiffness, in the median, that a law may leave and still be named.
-UNEXPLAINED = 0.5
-
 
 def locate(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], regime: Regime) -> Where:
     """Shares of the gap over bands, supports, levels and nodes.
@@ -183,7 +180,7 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
 
 
 def _order(Z: ComplexArray, omega: FloatArray) -> str:
-    """The simple law that is nearest in the median, with its size, in words."""
+    """The simple law that is nearest in the median, with its size, in words; none where all leave more than half."""
     if len(Z) < 3:
         return "too few lines to say"
     found = []
@@ -193,7 +190,7 @@ def _order(Z: ComplexArray, omega: FloatArray) -> str:
         left = float(np.median(np.abs(Z - size * shape)) / max(np.median(np.abs(Z)), 1e-300))
         found.append((left, f"{name} of {_plain(size)} {unit} ({looks})"))
     left, words = min(found)
-    return words if left < UNEXPLAINED else "none of stiffness, mass, viscous or hysteretic damper alone"
+    return words if left < 0.5 else "none of stiffness, mass, viscous or hysteretic damper alone"
 
 
 def _plain(size: float) -> str:

@@ -180,7 +180,7 @@ class _Descent:
 
     def _linearise(self, u: FloatArray, nu: FloatArray) -> tuple[float, FloatArray, FloatArray] | None:
         """chi2, -gradient/2 and Hessian/2 of the data's misfit by (u, nu); None without a model."""
-        parts = _slopes_of_runs(self.problem, self.hypothesis, u, nu, self.added)
+        parts = linear_parts(self.problem, self.hypothesis, u, nu, self.added)
         if parts is None:
             return None
         n = len(u) + self.problem.nuisances.n
@@ -225,27 +225,19 @@ def costs(problem: Problem, fit: Fit, changes: Sequence[ComplexArray], added: fl
     return total
 
 
-def linear_parts(problem: Problem, fit: Fit) -> list[Slopes]:
-    """Of every run: residuals, their derivatives (n_columns, n_residuals), and which of (u, nu) each column is."""
-    parts = _slopes_of_runs(problem, fit.hypothesis, fit.u, fit.nu, fit.added)
-    if parts is None:
-        raise ValueError(f"{fit.hypothesis}: the fit has no model")
-    return parts
-
-
-def _slopes_of_runs(
+def linear_parts(
     problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float
 ) -> list[Slopes] | None:
-    """``linear_parts`` at a point; None without a model."""
+    """Of every run: residuals, their derivatives, and which of (u, nu) each column is; None without a model."""
     modals = problem.try_modals(hypothesis, u)
     if modals is None:
         return None
     moved = [_step_aside(problem, hypothesis, u, j) for j in range(len(u))]
-    runs = range(len(problem.runs))
-    return [_slopes(problem, r, modals[r], moved, nu, problem.total_error(added)) for r in runs]
+    error = problem.total_error(added)
+    return [_slopes(problem, r, modal, moved, nu, error) for r, modal in enumerate(modals)]
 
 
-def _step_aside(problem: Problem, hypothesis: Hypothesis, u: FloatArray, j: int) -> tuple[float, list[RunModel]]:
+def _step_aside(problem: Problem, hypothesis: Hypothesis, u: FloatArray, j: int) -> Moved:
     """A small step of one coordinate, into the range, and the models there; 0 where it has none."""
     if j == 0 and not problem.with_k_b:
         return 0.0, []

@@ -35,7 +35,10 @@ class Score:
     """
 
     def __init__(self, problem: Problem, fit: Fit, *, settled: bool = False):
-        self._problem, self.fit, self._parts = problem, fit, problem.linear_parts(fit)
+        parts = problem.linear_parts(fit.hypothesis, fit.u, fit.nu, fit.added)
+        if parts is None:
+            raise ValueError(f"{fit.hypothesis}: the fit has no model")
+        self._problem, self.fit, self._parts = problem, fit, parts
         self._model = problem.predict(fit)
         self._weights = [
             weights_and_residuals(observed, H, problem.total_error(fit.added))[0]

@@ -337,7 +337,7 @@ def test_where_newtons_method_was_left_nothing_is_told(hardening):
     (law,) = candidates(hardening, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
     fit = unfitted(problem, law, np.log([K_B, 3e15]), np.zeros(problem.nuisances.n))
     (modal,) = problem.modals(fit.k_b, fit.effects)
-    ((residual, J, _),) = problem.linear_parts(fit)
+    ((residual, J, _),) = problem.linear_parts(law, fit.u, fit.nu, fit.added)
     by_line = np.abs(J).reshape(len(J), 2, *modal.run.H.shape).sum(axis=(1, 3))  # (n_columns, n_freq)
     told = modal.tells()
     assert 3 < np.count_nonzero(~told) < len(told) - 3

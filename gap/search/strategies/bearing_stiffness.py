@@ -65,7 +65,7 @@ LAW_SEARCH = LawSearch()
 
 
 @dataclass(frozen=True)
-class Carried:
+class MeasuredStiffness:
     """The bearings' dynamic stiffness as a run shows it."""
 
     run: Run
@@ -80,7 +80,7 @@ class Carried:
         return self.std / np.abs(self.D)
 
 
-def carried(problem: Problem, nominal: Fit) -> Carried | None:
+def measured_stiffness(problem: Problem, nominal: Fit) -> MeasuredStiffness | None:
     """The stiffness as the run shows it that shows it best; None where it is not common to all bearings.
 
     It takes a run on bearings, per force, with phases, and two sensors or more along the force.
@@ -92,8 +92,8 @@ def carried(problem: Problem, nominal: Fit) -> Carried | None:
         plain = not run.magnitude_only and run.quantity != "acceleration"
         if run.support == "bearing" and plain and len(columns) > 1:
             found.append(_read(forward, observed, columns, nominal.k_b))
-    common = [seat for seat in found if np.quantile(seat.misfit, 0.75) < LINE_FIT.common_misfit]
-    return min(common, key=lambda seat: float(np.median(seat.error)), default=None)
+    common = [each for each in found if np.quantile(each.misfit, 0.75) < LINE_FIT.common_misfit]
+    return min(common, key=lambda each: float(np.median(each.error)), default=None)
 
 
 class _Lines:
@@ -113,7 +113,7 @@ class _Lines:
         )
         self.n_values = np.maximum(valid.sum(axis=1), 1)
 
-    def left(self, z: ComplexArray) -> ComplexArray:
+    def misfit(self, z: ComplexArray) -> ComplexArray:
         """(n_freq, n_sensors) misfit over its error where all bearings are stiffer by z."""
         held = np.eye(self.A.shape[1]) + z[:, None, None] * self.A
         pull = np.linalg.solve(held, z[:, None, None] * self.b[:, :, None])
@@ -122,16 +122,16 @@ class _Lines:
     def slope(self, z: ComplexArray, e: ComplexArray) -> ComplexArray:
         """(n_freq, n_sensors) derivative of the misfit e at z."""
         step = 1e-6 * (np.abs(z + self.k_b) + 1e-3 * self.k_b)
-        return (self.left(z + step) - e) / step[:, None]
+        return (self.misfit(z + step) - e) / step[:, None]
 
     def descend(self, z: ComplexArray) -> tuple[ComplexArray, FloatArray]:
-        """Gauss-Newton steps of all lines; where they end, and the squares there."""
+        """Gauss-Newton steps of all lines: where they end, and the squared misfit there."""
         for _ in range(LINE_FIT.steps):
-            e = self.left(z)
+            e = self.misfit(z)
             J = self.slope(z, e)
             step = -np.sum(J.conj() * e, axis=1) / np.maximum(np.sum(np.abs(J) ** 2, axis=1), 1e-300)
             z = z + step / np.maximum(np.abs(step) / np.abs(z + self.k_b) / LINE_FIT.largest_step, 1.0)
-        return z, np.sum(np.abs(self.left(z)) ** 2, axis=1)
+        return z, np.sum(np.abs(self.misfit(z)) ** 2, axis=1)
 
     def exact(self) -> ComplexArray:
         """(n_freq, n_sensors * n_bearings) every z that gives one sensor's value exactly; nan where there is none.
@@ -142,17 +142,17 @@ class _Lines:
         left, right = (np.zeros((n_freq, n_sensors, n + 1, n + 1), dtype=complex) for _ in range(2))
         left[..., :n, :n], left[..., :n, n], left[..., n, n] = np.eye(n), -self.b[:, None], self.y - self.H0
         right[..., :n, :n], right[..., n, :n] = self.A[:, None], self.a
-        told = (self.weight > 0) & (self.y != self.H0)
-        left[~told] = np.eye(n + 1)
+        usable = (self.weight > 0) & (self.y != self.H0)
+        left[~usable] = np.eye(n + 1)
         inverse = np.linalg.eigvals(np.linalg.solve(left, right))
         inverse = np.take_along_axis(inverse, np.argsort(np.abs(inverse)), axis=-1)[..., 1:]  # one is 0 always
-        told = told[..., None] & (self.k_b * np.abs(inverse) * LINE_FIT.stiffest > 1)
-        return np.where(told, -LINE_FIT.beside / np.where(told, inverse, 1.0), np.nan).reshape(n_freq, -1)
+        usable = usable[..., None] & (self.k_b * np.abs(inverse) * LINE_FIT.stiffest > 1)
+        return np.where(usable, -LINE_FIT.beside / np.where(usable, inverse, 1.0), np.nan).reshape(n_freq, -1)
 
     def nearest(self) -> tuple[ComplexArray, FloatArray]:
         """(n_freq,) z that leaves least, of starts from each sensor's own, and what it leaves."""
         z = np.zeros(len(self.y), dtype=complex)
-        squares = np.sum(np.abs(self.left(z)) ** 2, axis=1)
+        squares = np.sum(np.abs(self.misfit(z)) ** 2, axis=1)
         for start in self.exact().T:
             tried, left = self.descend(np.where(np.isfinite(start), start, 0.0))
             lower = left < squares
@@ -160,24 +160,25 @@ class _Lines:
         return z, squares
 
 
-def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: float) -> Carried:
+def _read(forward: Forward, observed: Observed, columns: Sequence[int], k_b: float) -> MeasuredStiffness:
     """The stiffness of one run, line by line."""
     lines, omega = _Lines(forward, observed, columns, k_b), 2 * np.pi * observed.run.frequency_hz
     z, squares = lines.nearest()
-    told = np.sqrt(np.sum(np.abs(lines.slope(z, lines.left(z))) ** 2, axis=1))
+    slope = np.sqrt(np.sum(np.abs(lines.slope(z, lines.misfit(z))) ** 2, axis=1))
     misfit = squares / lines.n_values
     D = z + k_b + 1j * omega * forward.belief.bearing_damping_Ns_per_m
-    return Carried(observed.run, omega, D, np.sqrt(np.maximum(misfit, 1.0)) / np.maximum(told, 1e-300), misfit)
+    std = np.sqrt(np.maximum(misfit, 1.0)) / np.maximum(slope, 1e-300)
+    return MeasuredStiffness(observed.run, omega, D, std, misfit)
 
 
-def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> list[FloatArray]:
+def law_starts(problem: Problem, measured: MeasuredStiffness, law: Hypothesis, k_b: float) -> list[FloatArray]:
     """Where fits of a law that all bearings follow begin: (1 + n_free,) coordinates, those nearest to D first."""
 
     def residual(u: FloatArray) -> FloatArray:
         try:
-            return _off(problem.forward, seat, law, u)
+            return _law_misfit(problem.forward, measured, law, u)
         except (ValueError, np.linalg.LinAlgError):
-            return np.full(2 * len(seat.omega), LAW_SEARCH.no_law)
+            return np.full(2 * len(measured.omega), LAW_SEARCH.no_law)
 
     ends = law.ends.copy()
     ends[0] = np.clip(np.log(k_b) + np.array([LAW_SEARCH.softest, LAW_SEARCH.stiffest]), *ends[0])
@@ -201,21 +202,21 @@ def law_starts(problem: Problem, seat: Carried, law: Hypothesis, k_b: float) -> 
     return kept
 
 
-def _off(forward: Forward, seat: Carried, law: Hypothesis, u: FloatArray) -> FloatArray:
+def _law_misfit(forward: Forward, measured: MeasuredStiffness, law: Hypothesis, u: FloatArray) -> FloatArray:
     """ln(law / D) over its error, real and imaginary."""
-    D = _of_law(forward, seat, K_B.value(u[0]), law.effects(u[1:]))
-    z = np.log(D / seat.D) / np.hypot(seat.error, LAW_SEARCH.error)
+    D = _law_stiffness(forward, measured, K_B.value(u[0]), law.effects(u[1:]))
+    z = np.log(D / measured.D) / np.hypot(measured.error, LAW_SEARCH.error)
     return soften(np.concatenate([z.real, z.imag]))
 
 
-def _of_law(forward: Forward, seat: Carried, k_b: float, effects: Sequence[Effect]) -> ComplexArray:
+def _law_stiffness(forward: Forward, at: MeasuredStiffness, k_b: float, effects: Sequence[Effect]) -> ComplexArray:
     """(n_freq,) stiffness by linear effects, of the bearings' mean."""
-    condition = forward.condition(seat.run, k_b)
+    condition = forward.condition(at.run, k_b)
     plane = condition.excitation_plane
-    return bearing_stiffness(forward.structure, condition, effects, seat.omega, plane).mean(axis=1)
+    return bearing_stiffness(forward.structure, condition, effects, at.omega, plane).mean(axis=1)
 
 
-def beside_models(problem: Problem, nominal: Fit, best: Fit | None) -> BearingStiffness | None:
+def compare_with_models(problem: Problem, nominal: Fit, best: Fit | None) -> BearingStiffness | None:
     """The stiffness that a run shows beside the nominal model's and a linear candidate's; None where no run shows it.
 
     Parameters
@@ -223,15 +224,16 @@ def beside_models(problem: Problem, nominal: Fit, best: Fit | None) -> BearingSt
     nominal : recalibrated model without effects
     best : candidate that explains the runs; None: there is none
     """
-    seat = carried(problem, nominal)
-    if seat is None:
+    measured = measured_stiffness(problem, nominal)
+    if measured is None:
         return None
-    told = seat.error < LINE_FIT.shown_error
+    usable = measured.error < LINE_FIT.shown_error
     models: list[tuple[float, Sequence[Effect]]] = [(nominal.k_b, ())]
     if best is not None and not nonlinear(best.effects):
         models.append((best.k_b, on_the_rotor(best.effects)))
-    curves = (_of_law(problem.forward, seat, k_b, effects) for k_b, effects in models)
-    shown: dict[str, FloatArray] = {"frequency_hz": seat.run.frequency_hz, "std": seat.std}
-    for name, D in zip(("", "nominal_", "corrected_"), (seat.D, *curves), strict=False):
+    curves = (_law_stiffness(problem.forward, measured, k_b, effects) for k_b, effects in models)
+    shown: dict[str, FloatArray] = {"frequency_hz": measured.run.frequency_hz, "std": measured.std}
+    for name, D in zip(("", "nominal_", "corrected_"), (measured.D, *curves), strict=False):
         shown |= {f"{name}real": D.real, f"{name}imag": D.imag}
-    return BearingStiffness(seat.run.name, **{name: tuple(values[told].tolist()) for name, values in shown.items()})
+    lists = {name: tuple(values[usable].tolist()) for name, values in shown.items()}
+    return BearingStiffness(measured.run.name, **lists)

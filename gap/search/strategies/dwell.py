@@ -80,33 +80,26 @@ class StrongTransients:
 
 
 @dataclass(frozen=True)
-class Images:
-    """Refinement of a dwell with the images of the transients."""
+class Refinement:
+    """Fits of all lines from a dwell, and at last the images of the transients."""
 
+    steps: int = 6
+    error: float = 0.02  # relative, added to all lines
+    dwells_at_once: int = 25  # that are processed together, by all lines
+    dwells_at_once_near: int = 200  # by one resonance
     least_gain: float = 50.0  # misfit that a fit must have taken away for images to be added
     least_share: float = 0.3  # the same, of what the nominal model leaves above noise
-    aside: float = 4e-4  # [s] that dwells are tried to either side, wider in proportion from a second on
+    aside: float = 4e-4  # [s] to either side that dwells are tried with images, wider in proportion from a second on
     step: float = 1e-6  # [s] between them, wider likewise
     apart: float = 4e-6  # [s] between minima that are fitted
-    fitted: int = 3  # minima that are fitted
+    kept: int = 3  # minima that are fitted
     rounds: int = 4
     better: float = 2.0  # misfit that a round must take away for another one
 
 
-@dataclass(frozen=True)
-class FinalFit:
-    """What all fits of a dwell share."""
-
-    steps: int = 6
-    error: float = 0.02  # relative, added to all lines
-    dwells_at_once_near: int = 200  # processed together, by one resonance
-    dwells_at_once: int = 25  # by all lines
-
-
 WEAK = WeakTransients()
 STRONG = StrongTransients()
-IMAGES = Images()
-FINAL = FinalFit()
+REFINED = Refinement()
 
 
 def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
@@ -123,14 +116,14 @@ def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[F
     fits.sort(key=lambda fit: fit.cost)
     if fits:
         gain = nominal.cost - problem.cost(hypothesis, fits[0].u, fits[0].nu)
-        if gain > max(IMAGES.least_gain, IMAGES.least_share * (nominal.cost - nominal.n_data)):
+        if gain > max(REFINED.least_gain, REFINED.least_share * (nominal.cost - nominal.n_data)):
             return [_add_images(problem, fits[0]), *fits[1:]]
     return fits
 
 
 def _fit(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, anneal: Sequence[float]) -> list[Fit]:
     """The fit in a list, which is empty where there is no model."""
-    fit = problem.try_fit(hypothesis, u, nu, anneal=anneal, steps=FINAL.steps)
+    fit = problem.try_fit(hypothesis, u, nu, anneal=anneal, steps=REFINED.steps)
     return [] if fit is None else [fit]
 
 
@@ -146,7 +139,7 @@ def _fit_weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fi
     for dwell, *_ in coarse:
         near = np.maximum(dwell + around, hypothesis.free[0].low)
         _, u, nu = _most_promising(problem, hypothesis, nominal, near)[0]
-        fits += _fit(problem, hypothesis, u, nu, (FINAL.error,))
+        fits += _fit(problem, hypothesis, u, nu, (REFINED.error,))
     return fits
 
 
@@ -164,7 +157,7 @@ def _most_promising(
     problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray
 ) -> list[tuple[float, FloatArray, FloatArray]]:
     """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
-    found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, FINAL.dwells_at_once))
+    found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, REFINED.dwells_at_once))
     gain, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
     chosen = _minima(dwells, (-gain).tolist(), 1.5 * WEAK.even_step, WEAK.kept)
     places = [np.split(np.concatenate([nominal.u, nominal.nu]) + moved[k], [1]) for k in chosen]
@@ -188,12 +181,12 @@ def _fit_strong(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[
     for dwell, nu in _dwells_of_all_lines(problem, hypothesis, nominal):
         u = np.array([nominal.u[0], np.log(dwell)])
         for loose in _fit(problem.loosened(STRONG.loose), hypothesis, u, nu, (STRONG.rough_error, 0.1)):
-            fits += _fit(problem, hypothesis, loose.u, loose.nu, (0.1, FINAL.error))
+            fits += _fit(problem, hypothesis, loose.u, loose.nu, (0.1, REFINED.error))
     return fits
 
 
 def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[tuple[float, FloatArray]]:
-    """Dwells and the nuisances that go with them, by the misfit of all lines."""
+    """Lowest minima of the misfit of all lines, round the dwell that resonances agree on, each with its nuisances."""
     dwells = STRONG.grid(*hypothesis.free)
     total, shifts, near = np.zeros(len(dwells)), np.zeros((len(dwells), problem.nuisances.n)), 0
     for r, modal in enumerate(problem.modals(nominal.k_b, ())):
@@ -205,23 +198,11 @@ def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit)
     if total[-1] - total.min() <= STRONG.seen * near:
         return []
     shifts[:, problem.nuisances.gain] = nominal.nu[problem.nuisances.gain]
-    return _rivals(problem, hypothesis, nominal, dwells, shifts, float(dwells[np.argmin(total)]))
-
-
-def _rivals(
-    problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray, nus: FloatArray, middle: float
-) -> list[tuple[float, FloatArray]]:
-    """The lowest minima of the misfit of all lines round a dwell, each with its nuisances.
-
-    Parameters
-    ----------
-    dwells, nus : (n_dwells,) that were tried near resonances [s], and (n_dwells, n_nuisances) that go with them
-    middle : the one of them that resonances agree on [s]
-    """
+    middle = float(dwells[np.argmin(total)])
     step = max(STRONG.fine_step, STRONG.fine_relative_step * middle)
     low, high = max(middle / STRONG.within, dwells[0]), min(middle * STRONG.within, dwells[-1])
     fine = np.arange(low, high, step)
-    nus = nus[np.searchsorted(dwells, fine).clip(max=len(dwells) - 1)]
+    nus = shifts[np.searchsorted(dwells, fine).clip(max=len(dwells) - 1)]
     loose = problem.loosened(1 / np.finfo(float).eps)
     costs = [
         loose.cost(hypothesis, np.array([nominal.u[0], np.log(dwell)]), nu, STRONG.rough_error)
@@ -262,7 +243,7 @@ def _resonances(modal: Modal, dwells: FloatArray) -> Iterator[tuple[int, int, Fl
         straight, _ = np.linalg.qr(np.vander(omega[near] - abs(pole), 2))
         misfit = [
             _misfit(trace, _near_shares(ringing, pole, some)[near - since], straight, modal.run.magnitude_only)
-            for some in _in_blocks(dwells, FINAL.dwells_at_once_near)
+            for some in _in_blocks(dwells, REFINED.dwells_at_once_near)
         ]
         yield m, len(near), np.concatenate(misfit)
 
@@ -298,20 +279,21 @@ def _misfit(
 def _add_images(problem: Problem, fit: Fit) -> Fit:
     """Go on from a fit with images: to the best of the many minima round it, as long as that gets better."""
     last = np.inf
-    for _ in range(IMAGES.rounds):
+    for _ in range(REFINED.rounds):
         dwell = float(np.exp(fit.u[1]))
-        dwells = dwell + max(dwell, 1.0) * np.arange(-IMAGES.aside, IMAGES.aside, IMAGES.step)
+        dwells = dwell + max(dwell, 1.0) * np.arange(-REFINED.aside, REFINED.aside, REFINED.step)
         dwells = dwells[dwells > fit.hypothesis.free[0].low]
         settled = replace(fit, hypothesis=NOMINAL, u=fit.u[:1])
-        costs = np.concatenate(list(each(partial(_costs, problem, settled), _in_blocks(dwells, FINAL.dwells_at_once))))
+        blocks = _in_blocks(dwells, REFINED.dwells_at_once)
+        costs = np.concatenate(list(each(partial(_costs, problem, settled), blocks)))
         found = [] if last == np.inf else [fit]
-        for k in _minima(dwells, costs.tolist(), IMAGES.apart, IMAGES.fitted):
+        for k in _minima(dwells, costs.tolist(), REFINED.apart, REFINED.kept):
             u = np.array([fit.u[0], np.log(dwells[k])])
-            found += _fit(problem, fit.hypothesis, u, fit.nu, (FINAL.error, 0.0))
+            found += _fit(problem, fit.hypothesis, u, fit.nu, (REFINED.error, 0.0))
         if not found:
             return fit
         fit = min(found, key=lambda each: each.cost)
-        if last - fit.cost < IMAGES.better:
+        if last - fit.cost < REFINED.better:
             return fit
         last = fit.cost
     return fit
@@ -319,4 +301,4 @@ def _add_images(problem: Problem, fit: Fit) -> Fit:
 
 def _costs(problem: Problem, settled: Fit, dwells: FloatArray) -> FloatArray:
     """(k,) misfit and penalty with transients of k dwells."""
-    return problem.costs(settled, problem.change_by_dwells(settled, dwells), FINAL.error)
+    return problem.costs(settled, problem.change_by_dwells(settled, dwells), REFINED.error)

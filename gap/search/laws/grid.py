@@ -18,7 +18,7 @@ from rigtwin.gap.inference.hypotheses import K_B_RANGE, Free, Hypothesis
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.linear import over_receptance
-from rigtwin.gap.search.laws.robust import robust_misfit, unfitted
+from rigtwin.gap.search.laws.robust import fit_at_start, robust_misfit
 from rigtwin.gap.search.starts import Start
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.model.structure import FloatArray
@@ -145,7 +145,7 @@ def by_distance(problem: Problem, hypothesis: Hypothesis, rest: Rest, nu: FloatA
     for point, factor in itertools.product(points_of(hypothesis, rest), _AT_REST.get(hypothesis.ids[0], (1.0,))):
         u = hypothesis.clipped(point + np.log(factor) * (np.arange(len(point)) == 0))
         try:
-            cost = far(unfitted(problem, hypothesis, u, nu))
+            cost = far(fit_at_start(problem, hypothesis, u, nu))
         except (ValueError, np.linalg.LinAlgError):
             cost = np.inf
         found.append(Start(hypothesis, u, nu, cost))

@@ -57,7 +57,7 @@ def robust_fit(
 
     Its ``chi2`` is that loss; ``precision`` is that of the weighted lines. None where the start has no model.
     """
-    fit = unfitted(problem, hypothesis, u, np.zeros(problem.nuisances.n) if nu is None else nu)
+    fit = fit_at_start(problem, hypothesis, u, np.zeros(problem.nuisances.n) if nu is None else nu)
     for _ in range(rounds):
         try:
             weighted = without_outliers(problem, fit)
@@ -105,28 +105,29 @@ def _weighted(problem: Problem, squares: Sequence[FloatArray]) -> Problem:
     return problem.on(observed)
 
 
-def unfitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> Fit:
-    """A candidate as it stands, with neither misfit nor precision."""
+def fit_at_start(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> Fit:
+    """A candidate at its start, with neither misfit nor precision."""
     n = len(u) + len(nu)
     return Fit(hypothesis, u, nu, 0.0, 0.0, np.zeros((n, n)), 0, problem.nuisances.std, problem.with_k_b)
 
 
-def fitted(problem: Problem, starts: Sequence[Start | Fit], **settings: int) -> list[Fit]:
+def robust_fits(problem: Problem, starts: Sequence[Start | Fit], **settings: int) -> list[Fit]:
     """Robust fits from every start that has a model."""
-    return [fit for _, fit in anew(problem, partial(_robustly, **settings), starts) if fit is not None]
+    fits = each_from_scratch(problem, partial(_robust_fit_of, **settings), starts)
+    return [fit for _, fit in fits if fit is not None]
 
 
-def _robustly(problem: Problem, start: Start | Fit, **settings: int) -> Fit | None:
+def _robust_fit_of(problem: Problem, start: Start | Fit, **settings: int) -> Fit | None:
     return robust_fit(problem, start.hypothesis, start.u, start.nu, **settings)
 
 
 def descend(problem: Problem, starts: Sequence[Start], anneal: Sequence[float]) -> list[Start]:
     """Down from every start with ever smaller errors added; the best of every candidate, best first."""
-    found = (down for _, down in anew(problem, partial(descended, anneal=anneal), starts))
+    found = (down for _, down in each_from_scratch(problem, partial(_descend_from, anneal=anneal), starts))
     return best_of_each([down for down in found if down is not None])
 
 
-def descended(problem: Problem, start: Start, anneal: Sequence[float]) -> Start | None:
+def _descend_from(problem: Problem, start: Start, anneal: Sequence[float]) -> Start | None:
     """Where a start ends; None where it has no model."""
     fit = problem.try_fit(start.hypothesis, start.u, start.nu, anneal=anneal, steps=4)
     if fit is None:
@@ -137,11 +138,11 @@ def descended(problem: Problem, start: Start, anneal: Sequence[float]) -> Start 
 
 def settle(problem: Problem, starts: Sequence[Start]) -> list[Start]:
     """Robust fits from every start, which lines on another branch of the response pull nowhere; as in ``descend``."""
-    fits = fitted(problem, starts, rounds=ROBUST.quick_rounds, steps=ROBUST.quick_steps)
+    fits = robust_fits(problem, starts, rounds=ROBUST.quick_rounds, steps=ROBUST.quick_steps)
     return best_of_each([Start(fit.hypothesis, fit.u, fit.nu, fit.cost) for fit in fits])
 
 
-def thinned(problem: Problem, every: int, k_b: float, error: float) -> Problem:
+def thin_out(problem: Problem, every: int, k_b: float, error: float) -> Problem:
     """Every n-th line of every run; the tolerances bend the modes of the runs that no law acts in."""
     few = problem.thinned(every, error)
     for run in few.runs:
@@ -149,14 +150,14 @@ def thinned(problem: Problem, every: int, k_b: float, error: float) -> Problem:
     return few
 
 
-def anew(
+def each_from_scratch(
     problem: Problem, function: Callable[[Problem, Item], Result], items: Sequence[Item]
 ) -> Iterator[tuple[Item, Result]]:
-    """Every item with what the function makes of it, each from nothing: no answer depends on who made the others."""
-    yield from zip(items, each(partial(_alone, problem, function), items), strict=True)
+    """Every item with its result, each solved from scratch: no answer depends on who solved the others."""
+    yield from zip(items, each(partial(_from_scratch, problem, function), items), strict=True)
     problem.forget()
 
 
-def _alone(problem: Problem, function: Callable[[Problem, Item], Result], item: Item) -> Result:
+def _from_scratch(problem: Problem, function: Callable[[Problem, Item], Result], item: Item) -> Result:
     problem.forget()
     return function(problem, item)

@@ -17,16 +17,16 @@ from rigtwin.gap.model.nonlinear import FINAL, MIDDLE, ROUGH, Resolution
 from rigtwin.gap.search.laws.grid import Rest, axis, by_distance, by_score, distance, node_of, points_of, seen_motion
 from rigtwin.gap.search.laws.reading import READ, read
 from rigtwin.gap.search.laws.robust import (
-    anew,
     best_of_each,
     cost_of,
     descend,
-    fitted,
+    each_from_scratch,
+    fit_at_start,
     robust_fit,
+    robust_fits,
     robust_misfit,
     settle,
-    thinned,
-    unfitted,
+    thin_out,
 )
 from rigtwin.gap.search.linear import NEAR, Progress, Search, best_first, first_of_each, recalibrate
 from rigtwin.gap.search.starts import Start
@@ -101,11 +101,11 @@ def search_nonlinear(
     loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
     rest = Rest(calm, loud, seen_motion(problem, calm.k_b), held)
     final = problem.made(resolution=FINAL, refined=True)
-    every, lines = thinned(final, _FIT_LINES, calm.k_b, MODEL_ERROR), _FIT_LINES
+    every, lines = thin_out(final, _FIT_LINES, calm.k_b, MODEL_ERROR), _FIT_LINES
     nominal = every.fit(NOMINAL, calm.u, nu)
     small = nominal.chi2 < NEAR * nominal.n_data
     if small:
-        every, lines = thinned(final, _ALL_LINES, calm.k_b, MODEL_ERROR), _ALL_LINES
+        every, lines = thin_out(final, _ALL_LINES, calm.k_b, MODEL_ERROR), _ALL_LINES
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
@@ -120,12 +120,12 @@ def search_nonlinear(
     if abs(np.log(rest.loud / calm.k_b)) < _ALIKE:
         left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
-    several = thinned(problem.made(resolution=_SEVERAL), lines, calm.k_b, MODEL_ERROR)
-    first = fitted(several, left, rounds=1, steps=3)
+    several = thin_out(problem.made(resolution=_SEVERAL), lines, calm.k_b, MODEL_ERROR)
+    first = robust_fits(several, left, rounds=1, steps=3)
     fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[:_FINALISTS]
     near, far = _parted(fits, _CLEAR)
-    nearest, behind = _parted(_or_vaguer(several, fitted(several, near)), _CLEARLY)
-    fits = [*fitted(every, nearest), *behind, *far]
+    nearest, behind = _parted(_or_vaguer(several, robust_fits(several, near)), _CLEARLY)
+    fits = [*robust_fits(every, nearest), *behind, *far]
     fits += _bent(problem, every, fits)
     fits = best_first(fit for fit in fits if fit.log_evidence() > linear.log_evidence())
     if fits and _adequate(fits[0]):
@@ -140,7 +140,7 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     shifts that are free of each other are not.
     """
     rest = Rest(fit, fit.k_b, seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
-    every = thinned(problem.made(resolution=ROUGH), _ALL_LINES, fit.k_b, MODEL_ERROR)
+    every = thin_out(problem.made(resolution=ROUGH), _ALL_LINES, fit.k_b, MODEL_ERROR)
     score = Score(every, every.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 
@@ -183,14 +183,14 @@ def _far(
     whether the gap is plain, and where the descents ended
     """
     calm = rest.calm
-    few = thinned(problem.made(resolution=ROUGH), _GRID_LINES, calm.k_b, _ROUGH_ERROR)
+    few = thin_out(problem.made(resolution=ROUGH), _GRID_LINES, calm.k_b, _ROUGH_ERROR)
     grid: dict[str, list[Start]] = {}
-    for hypothesis, points in anew(few, partial(by_distance, rest=rest, nu=nu), hypotheses):
+    for hypothesis, points in each_from_scratch(few, partial(by_distance, rest=rest, nu=nu), hypotheses):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
     tell("descents")
     rough = descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
-    some = thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
+    some = thin_out(problem.made(resolution=MIDDLE), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
     left = settle(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost])
     left = best_of_each([*left, *settle(some, [*_told(some, left), *_read(problem, hypotheses, rest, nu)])])
     if not left or left[0].cost > _GAINED * robust_misfit(some, linear)[0]:
@@ -200,7 +200,7 @@ def _far(
 
 def _read(problem: Problem, hypotheses: Sequence[Hypothesis], rest: Rest, nu: FloatArray) -> list[Start]:
     """The places of laws that the forces in the runs tell of best; a coarse grid of responses misses soft contacts."""
-    lines = thinned(problem.made(resolution=ROUGH), _FIT_LINES, rest.calm.k_b, MODEL_ERROR)
+    lines = thin_out(problem.made(resolution=ROUGH), _FIT_LINES, rest.calm.k_b, MODEL_ERROR)
     found = each(partial(read, lines, rest, nu), [h for h in hypotheses if h.ids[0] in READ])
     return sorted((start for start in found if start), key=cost_of)[:_PLACES]
 
@@ -231,7 +231,7 @@ def _or_vaguer(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     for fit in fits:
         start = Start(fit.hypothesis, fit.u, fit.nu, fit.cost)
         ends = [replace(start, u=points[-1]) for points in _ranges(start)]
-        others = fitted(problem, [*_told(problem, [start]), *ends])
+        others = robust_fits(problem, [*_told(problem, [start]), *ends])
         chosen.append(max([fit, *others], key=lambda each: each.log_evidence()))
     return chosen
 
@@ -251,7 +251,7 @@ def _ranges(start: Start) -> list[FloatArray]:
 def _misfit(problem: Problem, start: Start) -> float:
     """Robust misfit of a start as it stands; infinite where it has no model."""
     try:
-        return robust_misfit(problem, unfitted(problem, start.hypothesis, start.u, start.nu))[0]
+        return robust_misfit(problem, fit_at_start(problem, start.hypothesis, start.u, start.nu))[0]
     except (ValueError, np.linalg.LinAlgError):
         return np.inf
 
@@ -262,9 +262,9 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
     How stiff it is on average is another number for every resonance, and takes several harmonics. Single lines near a
     resonance are on another branch of the response at times, so the fits are robust.
     """
-    low = thinned(_at_level(problem.made(resolution=_SEVERAL), min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
+    low = thin_out(_at_level(problem.made(resolution=_SEVERAL), min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
     points = list(each(partial(_of_mean, low, hypothesis, calm), _RATIOS))
-    found = sorted(fitted(low, points, **_UNEVEN_EFFORT), key=lambda fit: fit.cost)
+    found = sorted(robust_fits(low, points, **_UNEVEN_EFFORT), key=lambda fit: fit.cost)
     near = [Start(hypothesis, fit.u, nu, fit.cost) for fit in found if fit.cost < _WITHIN * found[0].cost]
     return first_of_each(near, lambda start: tuple(np.round(start.u / _SAME)))
 
@@ -276,7 +276,7 @@ def _of_mean(low: Problem, hypothesis: Hypothesis, calm: Fit, log_ratio: float) 
     for mean in _MEANS:
         low.forget()
         u = hypothesis.clipped(np.array([np.log(mean * calm.k_b) + _softer(log_ratio), ratio]))
-        starts.append(Start(hypothesis, u, calm.nu, distance(low, unfitted(low, hypothesis, u, calm.nu))))
+        starts.append(Start(hypothesis, u, calm.nu, distance(low, fit_at_start(low, hypothesis, u, calm.nu))))
     return min(starts, key=cost_of)
 
 
@@ -293,8 +293,8 @@ def _near(
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
     k_b, rough = rest.calm.k_b, problem.made(resolution=ROUGH)
-    every = thinned(rough, lines, k_b, MODEL_ERROR)
-    finer = thinned(problem.made(resolution=MIDDLE), lines, k_b, MODEL_ERROR)
+    every = thin_out(rough, lines, k_b, MODEL_ERROR)
+    finer = thin_out(problem.made(resolution=MIDDLE), lines, k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     grid: dict[str, list[Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
@@ -304,7 +304,7 @@ def _near(
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
         if hypothesis.ids[0] in _SHARES_STIFFNESS:
-            few = thinned(rough, _DESCENT_LINES, k_b, MODEL_ERROR)
+            few = thin_out(rough, _DESCENT_LINES, k_b, MODEL_ERROR)
             beside += sorted(by_distance(few, hypothesis, rest, nu), key=cost_of)[:1]
     tell("descents")
     chosen = _few_of_each([start for points in grid.values() for start in _promising(points)])[:_NEAR_STARTS]
@@ -322,8 +322,8 @@ def _bent(problem: Problem, every: Problem, fits: Sequence[Fit]) -> list[Fit]:
     starts = [Start(law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
     if not starts:
         return []
-    some = thinned(problem.made(resolution=MIDDLE), _DESCENT_LINES, plain.k_b, _MIDDLE_ERROR)
-    return fitted(every, settle(some, descend(some, starts, _FIRST))[:1])
+    some = thin_out(problem.made(resolution=MIDDLE), _DESCENT_LINES, plain.k_b, _MIDDLE_ERROR)
+    return robust_fits(every, settle(some, descend(some, starts, _FIRST))[:1])
 
 
 def _adequate(fit: Fit) -> bool:
@@ -340,10 +340,10 @@ def _at_believed_levels(problem: Problem, fits: Sequence[Fit]) -> tuple[Problem,
         nu = fit.nu.copy()
         nu[sure.nuisances.level] = 0.0
         starts.append(Start(fit.hypothesis, fit.u, nu, fit.cost))
-    best = fitted(sure, starts[:1])
+    best = robust_fits(sure, starts[:1])
     if not best or best[0].log_evidence() < fits[0].log_evidence():
         return problem, fits
-    return sure, best_first([*best, *fitted(sure, starts[1:])])
+    return sure, best_first([*best, *robust_fits(sure, starts[1:])])
 
 
 def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequence[Start]) -> list[Start]:
@@ -363,7 +363,7 @@ def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequen
 
 def _largest_motion(problem: Problem, start: Start) -> FloatArray:
     """(n_nodes,) displacements where the node of a start moves most, relative to that node's."""
-    fit = unfitted(problem, start.hypothesis, start.u, start.nu)
+    fit = fit_at_start(problem, start.hypothesis, start.u, start.nu)
     motions = []
     for modal in problem.modals(fit.k_b, fit.effects):
         law = modal.as_nonlinear

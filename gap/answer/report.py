@@ -316,7 +316,7 @@ def _raster_effect() -> str:
 
 def _raster_cause(answer: Answer, effect: str) -> Cause:
     """The raster as the cause, as surely as the model is right."""
-    k_b, place = _k_b(answer.problem, answer.nominal, answer.scale), Location(EFFECTS[effect].location)
+    k_b, place = _k_b(answer.problem, answer.nominal, answer.scale), Location("raster")
     return Cause((effect,), place, answer.ranked.no_gap, {}, k_b, math.nan, locations=(place,))
 
 

@@ -50,6 +50,7 @@ class Problem:
     model_error : what the model itself leaves at sharp places, relative to the response
     """
 
+    # The joint fit: functions of ``fitting`` that take the problem first.
     rough = fitting.rough
     fit = fitting.fit
     try_fit = fitting.try_fit

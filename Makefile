@@ -8,8 +8,9 @@
 # make clean   without dist, build and runs
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
+# make method-figures   the figures of docs/diagnosis-method.md
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
-# make laws   print the force laws anew, for Python and for C, after a change of rotor/force_laws.py
+# make laws   print the force laws anew, for Python and for C, after a change of rotor/model/force_laws.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
 PYTHON3 ?= python3
@@ -21,7 +22,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-blind paper-rig laws effect-pages clean
+.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-blind method-figures paper-rig laws effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -79,6 +80,9 @@ benchmark-lab-data: $(VENV)/installed
 benchmark-blind: $(VENV)/installed
 	$(VENV)/bin/rigtwin blind W1 --split report --seed $(BLIND_SEED) --count 200 --out runs/blind --page docs/blind.md
 	$(VENV)/bin/rigtwin blind W2 W3 W4 W5 W6 W7 W8 --split report --seed $(BLIND_SEED) --count 60 --out runs/blind --page docs/blind.md
+
+method-figures: $(VENV)/installed
+	$(PYTHON) -m benchmarks.method_figures
 
 paper-rig: $(VENV)/installed
 	$(PYTHON) -m benchmarks.paper_rig

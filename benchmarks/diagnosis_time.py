@@ -87,10 +87,13 @@ def _page(rows: Sequence[tuple[str, ...]], bars: Sequence[str]) -> str:
     header = ("campaign", "how many", "median, s", "longest, s", "confirmation by the FMU, median, s")
     return f"""# What a diagnosis costs
 
-Written by `python -m benchmarks.diagnosis_time` ({machine()}), one diagnosis at a time,
-shared by two processes of one thread, as `rigtwin diagnose` does on two cores.
-Campaigns of the blind generator: two supports, 280 lines, seven nodes or one; the nonlinear ones at three levels.
-Building the FMU and measuring the held-out lines on it are timed apart.
+This page says how long one diagnosis takes. `python -m benchmarks.diagnosis_time` writes it ({machine()}). The
+diagnoses run one after another. Each is shared by two processes of one thread, as `rigtwin diagnose` does on two cores.
+
+The campaigns come from the generator of the blind benchmark. Each has two supports and 280 lines, with accelerometers
+at seven nodes or at one. Campaigns with a nonlinear effect are measured at three force levels. The last column is a
+separate time that the other columns do not contain: it is the time for building the FMU and measuring, on that FMU, the
+lines that were held out to confirm the diagnosis.
 
 {table(header, rows)}
 {"".join(f"{line}" + chr(10) for line in bars)}"""

@@ -122,8 +122,9 @@ def _accuracy_section(title: str, answers: Answers) -> str:
 |---|---|---|---|
 {chr(10).join(rows)}
 
-`valid` on {np.mean(answers.network[:, 4]):.1%} of them; the 90 % interval covers the truth on {np.mean(inside):.1%}
-(a binomial 95 % range for 90 % of {len(answers.truth)} is {_binomial_range(len(answers.truth))}).
+The estimator set `valid` on {np.mean(answers.network[:, 4]):.1%} of the rigs. Its 90 % interval contains the true k_b
+on {np.mean(inside):.1%} of them. If the interval is right, this share lies in the range
+{_binomial_range(len(answers.truth))} for {len(answers.truth)} rigs (95 % range of the binomial distribution).
 {_verdict(answers)}
 """
 
@@ -135,7 +136,8 @@ def _verdict(answers: Answers) -> str:
     )
     better = "better" if look_up < network else "no better"
     return (
-        f"On accuracy alone a look-up on the model is {better} than the network: {look_up:.3%} against {network:.3%}."
+        f"If only accuracy counts, root finding is {better} than the network: its median error is {look_up:.3%}, "
+        f"that of the network {network:.3%}."
     )
 
 
@@ -166,7 +168,10 @@ def _validity_section(ask: _EstimatorFmu, clean: Dataset, outside: list[Dataset]
         f"| {name} | {len(v)} | {wanted} | {np.mean(v if wanted == 'valid' else 1 - v):.1%} |"
         for name, v, wanted in rows
     )
-    return f"""## `valid`
+    return f"""## When the estimator says `valid`
+
+The output `valid` must be true for a measurement of a rig like those of the training, and false for inputs that the
+network was not trained for. The table gives the share of the cases in which it was right.
 
 | inputs | cases | wanted | got it right |
 |---|---|---|---|
@@ -203,14 +208,19 @@ def _card_lines() -> str:
 
 _HEAD = """# The estimator, measured
 
-Written by `python -m benchmarks.estimator_accuracy`.
+This page says how accurate the bearing-stiffness estimator is on rigs that it has not seen during training.
+`python -m benchmarks.estimator_accuracy` writes it. The estimator is described by these facts:
 
 {card}
 
-The rigs below were drawn with seeds of their own: k_b log-uniform over 1e6 to 1e8 N/m, shaft damping 0.05 to 0.5 %,
-bearings undamped (40 %) or with 0.5 to 60 N s/m. They were built with four times the training rigs' elements, run
-through `RotorRig.fmu` by the virtual rig, and their features handed to `StiffnessEstimator.fmu`. Beside it stands what
-anyone would try first: finding the root on the six-element model, which knows the rotor and nothing of the damping.
+The rigs below were drawn at random with other seeds than those of the training. The bearing stiffness k_b is spread
+evenly on a logarithmic scale from 1e6 to 1e8 N/m, and the shaft damping from 0.05 to 0.5 %. Of the rigs, 40 % have
+undamped bearings and the others have bearings with 0.5 to 60 N s/m.
+
+Each rig was modelled with four times as many elements as the training rigs. The virtual rig measured it through
+`RotorRig.fmu`, and the features of that measurement were given to `StiffnessEstimator.fmu`. The tables compare the
+estimator with the method that anyone would try first: look up, on the model with six elements, which k_b gives the
+measured frequency shift (root finding). That method knows the rotor, but it knows nothing about the damping.
 """
 
 

@@ -138,11 +138,16 @@ def _page(outcomes: dict[str, list[Outcome]]) -> str:
     )
     return f"""# Campaigns as laboratories have them
 
-Written by `python -m benchmarks.lab_data` ({machine()}). {COUNT} campaigns of the blind
-generator, one linear effect or error of the measurement chain each, large and small ones, two supports, 280 lines and
-seven nodes. They are diagnosed whole, and with something taken away; an effect of which nothing is left then (a delay
-without phases, a support that was not measured) does not count in that row. "k_b": median relative error of the
-stiffness.
+Laboratory data are often incomplete. This page says how well the diagnosis works when a part of the data is missing.
+`python -m benchmarks.lab_data` writes it ({machine()}).
+
+The {COUNT} campaigns come from the generator of the blind benchmark. Each hides one linear effect or one error of the
+measurement chain, large or small, and has two supports, 280 lines and seven nodes. Every campaign is diagnosed
+complete, and then again with a part taken away. Some effects leave no trace in what remains, for example a delay when
+there are no phases, or an effect of a support that was not measured. Such campaigns do not count in that row.
+
+The column "named first" counts the campaigns whose first answer is right, and "in the answered set" those in which the
+right effect is among the answers. The column "k_b" is the median relative error of the bearing stiffness.
 
 {table(header, [_row(words, of) for words, of in outcomes.items()])}"""
 

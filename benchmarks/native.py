@@ -229,18 +229,25 @@ def _page(
     linear = max(a.worst for a in agreements if a.family != "nonlinear")
     other = max(a.worst for a in agreements if a.family == "nonlinear" and a.spread < PERIODIC)
     chance = ", ".join(a.effect for a in agreements if a.spread >= PERIODIC and a.family == "nonlinear") or "none"
+    over_empty = steps["native"] / steps["empty"]
+    grown = f"growth of the process memory after {CYCLES} instances were created and freed"
     drive, special = json.dumps(DRIVE), json.dumps({k: v for values in SPECIAL.values() for k, v in values.items()})
     return f"""# The self-contained FMUs, measured
 
-Written by `python -m benchmarks.native` ({machine()}). Timings depend on the machine; quote the ratios.
+This page compares the self-contained FMUs, which are compiled from C and need no Python, with the FMUs that pythonfmu
+builds and that run in a Python interpreter. `python -m benchmarks.native` writes it ({machine()}). The times depend on
+the machine, so quote the ratios and not the seconds.
 
 ## The same motion
 
-`RotorRig.fmu` in C against pythonfmu's, each of the FMU's effects switched on in turn, {N_STEPS * STEP:g} s in steps
-of {STEP:g} s under `{drive}`, with `{special}` where
-they belong, spinning effects at 100 rad/s.
-Largest difference over all outputs, of each output's peak; how well the motion repeats after a period; and how many
-times faster the C one runs, the virtual rig's loop included.
+Both versions of `RotorRig.fmu` are run with each of the FMU's effects switched on in turn, for {N_STEPS * STEP:g} s in
+steps of {STEP:g} s. All runs have the inputs and parameters `{drive}`. Some effects need more to be felt and to give a
+periodic motion; their runs have, in addition, the entry that belongs to them of `{special}`. Spinning effects are run
+at 100 rad/s.
+
+The column "difference" is the largest difference between the two versions over all outputs, relative to the peak of the
+output. The column "repeats to" says how much the motion changes from the last period but one to the last. The column
+"times faster" compares the running times, the loop of the virtual rig included.
 
 | effect | family | difference | repeats to | times faster |
 |:--|:--|--:|--:|--:|
@@ -248,7 +255,8 @@ times faster the C one runs, the virtual rig's loop included.
 
 {bar("largest difference, linear effects", linear, at_most=1e-9)}
 {bar("largest difference, nonlinear effects with a periodic motion", other, at_most=1e-6)}
-Not periodic, where two exact solvers part in their last digits: {chance}.
+If a motion is not periodic, the two versions may differ because rounding in the last digits grows with time. Nonlinear
+effects of this kind: {chance}.
 
 ## Cost
 
@@ -256,18 +264,18 @@ Not periodic, where two exact solvers part in their last digits: {chance}.
 |:--|--:|--:|--:|
 | one step through fmpy: 1 set, doStep, 7 gets | {1e6 * steps["python"]:.1f} µs | {1e6 * steps["native"]:.1f} µs | \
 {steps["python"] / steps["native"]:.1f} |
-| two-support sweep, refined, 7 nodes | {sweeps["python"]:.2f} s | {sweeps["native"]:.2f} s | \
+| sweep on both supports, refined around resonances, 7 nodes | {sweeps["python"]:.2f} s | {sweeps["native"]:.2f} s | \
 {sweeps["python"] / sweeps["native"]:.1f} |
 | one estimate through fmpy: set, get | {1e6 * calls["python"]:.1f} µs | {1e6 * calls["native"]:.1f} µs | \
 {calls["python"] / calls["native"]:.1f} |
 
-{bar("a step over one of an empty FMU with the same variables", steps["native"] / steps["empty"], at_most=1.3)}
-{bar("two-support sweep", sweeps["native"], at_most=0.7, unit="s")}
-{bar("a call of the estimator's network by C", 1e6 * calls["network"], at_most=1.0, unit="µs")}
-{bar("estimator against onnxruntime, of k_b", calls["difference"], at_most=1e-6)}
-{bar(f"growth of the process over {CYCLES} instances made and freed", growth, at_most=0.1, unit="MB")}
-Changing k_b while it runs takes {1e3 * change:.2f} ms: the core builds its matrices and modes anew; propagators
-follow with the next step.
+{bar("time of a step divided by that of an empty FMU with the same variables", over_empty, at_most=1.3)}
+{bar("sweep on both supports", sweeps["native"], at_most=0.7, unit="s")}
+{bar("a call of the estimator's network from C", 1e6 * calls["network"], at_most=1.0, unit="µs")}
+{bar("difference between the estimator in C and onnxruntime, relative to k_b", calls["difference"], at_most=1e-6)}
+{bar(grown, growth, at_most=0.1, unit="MB")}
+Changing k_b while the FMU runs takes {1e3 * change:.2f} ms, because its core computes the matrices and the modes again.
+The matrices that advance the motion by one step are computed with the next step.
 """
 
 

@@ -25,11 +25,11 @@ PAGE = DOCS / "paper-rig.md"
 # Other assumptions about the reader of the curves, beside those of the diagnosis.
 READINGS = {
     "as above": Reading(),
-    "resonances are easily overlooked": Reading(seen=0.5),
-    "none is overlooked": Reading(seen=0.99),
+    "resonances are often overlooked": Reading(seen=0.5),
+    "no resonance is overlooked": Reading(seen=0.99),
     "foreign peaks are common": Reading(foreign=1.0),
     "foreign peaks are rare": Reading(foreign=0.01),
-    "overlooked easily, and foreign peaks rare": Reading(seen=0.5, foreign=0.01),
+    "resonances are often overlooked and foreign peaks are rare": Reading(seen=0.5, foreign=0.01),
 }
 
 # Lines on which the motion across the force is computed [Hz].
@@ -67,22 +67,27 @@ def main() -> None:
 def _introduction() -> str:
     return """# The paper's own rig: what six resonances can prove
 
-Palariya, Rajasekhar and Srinivas measured a rotor with two disks on double-row ball bearings and published its
-frequency responses as a small figure (their Fig. 9) and a few sentences. What survives are six resonances: two on rigid
-supports, four on the bearings. Of the latter, those at 151 and 172 Hz have no place in the paper's own model; it
-ascribes them to "the internal bearing dynamics". This page puts them before the diagnosis. It is written by
-`make paper-rig`; do not edit it by hand. The campaign is `examples/nit-rourkela-rig`, the statistics are those of
-`gap/peaks.py`:
+Palariya, Rajasekhar and Srinivas measured a rotor with two disks on double-row ball bearings. They published its
+frequency responses as a small figure (their Fig. 9) and a few sentences. Only six resonance frequencies can be read
+from these: two on rigid supports and four on the bearings. Of the four, those at 151 and 172 Hz do not exist in the
+paper's own model, and the paper explains them by "the internal bearing dynamics". This page says what the diagnosis
+makes of the six frequencies.
+
+The page is written by `make paper-rig`; do not edit it by hand. The campaign is `examples/nit-rourkela-rig`, and the
+statistics are those of `gap/peaks/`:
 
 ```
 rigtwin diagnose examples/nit-rourkela-rig --out runs/paper-rig
 ```
 
-The standard errors are ours, half a division of the figure's scale; the paper gives none. A list is read off a curve by
-a person. A resonance that stands out of the curve is listed with a probability of 90 %, one whose peak at the drive
-point is below 5 % of the highest with less; a list holds 0.1 peaks on average that are none of the rotor's at all.
-So a listed peak without a counterpart costs a model about as much as one that is 3.4 standard errors off, and a
-resonance that it predicts and nobody listed costs it a factor of ten.
+The paper gives no standard errors. We assume half a division of the figure's scale. We also make assumptions about the
+person who read the peaks from the curve. A resonance that stands out of the curve is listed with a probability of 90 %.
+One whose peak at the drive point is below 5 % of the highest peak is listed with a smaller probability. On average a
+list contains 0.1 peaks that do not belong to the rotor at all.
+
+With these assumptions, a listed peak that a model does not have counts against the model about as much as a peak that
+is 3.4 standard errors off. A resonance that the model predicts and that nobody listed makes the model ten times less
+probable.
 """
 
 
@@ -102,11 +107,13 @@ def _peaks(ranking: Ranking) -> str:
 With its best bearing stiffness, {_k_b(nominal)} MN/m (the paper says 1.3), the nominal model has:
 
 {table(("support", "listed, Hz", "nominal model, Hz", "listed − model, standard errors"), rows)}
-(`make demo` finds more from the paper's shifts: it takes 190 Hz for the second resonance, as the paper does; this fit
-prefers 172 Hz.) Two things are wrong, and they are independent. On bearings, {_count(nominal.n_foreign)} of the four
-peaks have no counterpart: the nominal rotor has two resonances below 200 Hz in the plane of the force, and four are
-listed. On **rigid** supports, where no bearing acts, the first resonance is {off} below the model.
-No effect of the bearings can mend the second, and no effect of the shaft alone the first.
+(`make demo` finds a larger stiffness from the paper's shifts, because it takes 190 Hz for the second resonance, as the
+paper does. This fit prefers 172 Hz.)
+
+Two things do not agree, and they are independent of each other. First, on bearings {_count(nominal.n_foreign)} of the
+four peaks do not exist in the model: the nominal rotor has two resonances below 200 Hz in the plane of the force, and
+four are listed. Second, on **rigid** supports, where no bearing acts, the first resonance is {off} below the model. An
+effect of the shaft alone cannot explain the first, and an effect of the bearings cannot explain the second.
 """
 
 
@@ -129,20 +136,25 @@ def _candidates(campaign: Campaign, lists: Lists, ranking: Ranking) -> str:
     every = [_spelled(s) for s in adding]
     return f"""## Single effects
 
-Every effect of the library that moves resonances, at its best place:
+The table shows every effect of the library that changes resonance frequencies, at the place where it fits best:
 
 {table(header, rows)}
-Unmatched: listed peaks that the model lacks; χ²: of the matched ones, in their standard errors; freedom: matched peaks
-less fitted numbers; p: probability of a larger χ² by reading errors alone; determined: combinations of the fitted
-numbers, k_b among them, that the peaks determine; ± is one standard error, and as wide as the prior where a number is
-not determined. Probability: of the effect with all its places; "nominal model" beforehand has 95 %, as in every
-diagnosis, and both of its unmatched peaks are then foreign.
+The columns mean:
+
+- "unmatched": the number of listed peaks that the model does not have.
+- "χ²": the sum of the squared differences of the matched peaks, in their standard errors.
+- "freedom": the number of matched peaks minus the number of fitted numbers.
+- "p": the probability of a larger χ² by reading errors alone.
+- "determined": how many combinations of the fitted numbers, k_b included, the peaks determine. The sign ± is one
+  standard error; it is as wide as the prior range where a number is not determined.
+- "probability": the probability of the effect, summed over all its places. The nominal model has 95 % before the data
+  are seen, as in every diagnosis; both of its unmatched peaks are then taken for peaks that do not belong to the rotor.
 
 {figure}
-Only {names} give the rotor additional resonances on bearings where peaks are listed:
-{"; ".join(every)}. Pedestals do because there are two of them, and they
-move with and against each other. Neither touches the rigid supports' first resonance. What ranks before them mends the
-rigid supports and leaves the additional peaks to something foreign.
+Only {names} give the rotor additional resonances on bearings where peaks are listed: {"; ".join(every)}. Pedestals add
+two resonances because there are two pedestals, which can move in the same direction or in opposite directions. Neither
+of these effects changes the first resonance on rigid supports. The effects that rank before them explain the rigid
+supports, and they assume that the additional peaks do not belong to the rotor.
 """
 
 
@@ -150,7 +162,7 @@ def _spelled(scored: Scored) -> str:
     bearing = next(m for m in scored.matches if m.peaks.support == "bearing")
     met = [f"{f:.0f}" for f, own in zip(bearing.peaks.frequencies_hz, bearing.model_hz, strict=True) if own is not None]
     name = EFFECTS[scored.hypothesis.ids[0]].title.lower()
-    return f"{name} meet{'s' if not name.endswith('s') else ''} {', '.join(met)} Hz (χ² of these {bearing.chi2:.1f})"
+    return f"{name} match{'es' if not name.endswith('s') else ''} {', '.join(met)} Hz (χ² of these {bearing.chi2:.1f})"
 
 
 def _assumptions(readings: dict[str, Ranking]) -> str:
@@ -163,10 +175,12 @@ def _assumptions(readings: dict[str, Ranking]) -> str:
     firsts = {next(iter(_ordered(ranking))) for ranking in readings.values()}
     return f"""## How much of that is assumption
 
-The probabilities rest on six numbers and on what is assumed of who read them:
+The probabilities depend on six numbers and on the assumptions about the person who read them. The table shows them
+under other assumptions. "Foreign" peaks are listed peaks that do not belong to the rotor:
 
 {table(header, rows)}
-{_count(len(firsts)).capitalize()} different effects come first among these six readings. That alone forbids a verdict.
+{_count(len(firsts)).capitalize()} different effects come first under these six assumptions. For this reason alone no
+verdict is possible.
 """
 
 
@@ -210,14 +224,16 @@ def _two_effects(pairs: Sequence[Pair]) -> str:
     reach = f" Their k_b reach from {min(k_b):.2f} to {max(k_b):.2f} MN/m." if k_b else ""
     return f"""## Two effects together
 
-Since two things are wrong, one effect may not suffice. Each effect that adds resonances, beside every other one, the
-best fits first:
+Since two things do not agree, one effect may not be enough. The table combines each effect that adds resonances with
+every other effect and lists the best fits first:
 
 {table(header, rows)}
-Not listed: resonances that stand out of the model's curve within the tested range and are in no list.
+The column "not listed" counts the resonances that stand out of the model's curve within the tested range and are in no
+list.
 
-{_best_pair(pairs)} Pairs that can be tested, pass at 1 % and predict nothing besides: {_count(len(good))}.{reach}
-No evidence is given for pairs, because their priors would decide it.
+{_best_pair(pairs)} Number of pairs that have at least one degree of freedom left for a test, pass it at 1 % and predict
+no further peaks: {_count(len(good))}.{reach} The page gives no probabilities for pairs, because the assumed prior
+probabilities would decide them.
 """
 
 
@@ -226,8 +242,8 @@ def _best_pair(pairs: Sequence[Pair]) -> str:
     scored = pairs[0].scored
     p = "" if np.isnan(scored.p_value) else f" (p = {scored.p_value:.2g})"
     return (
-        f"The best, {pairs[0].names}, takes {scored.n_parameters} numbers for {scored.n_matched} peaks and still "
-        f"leaves χ² = {scored.chi2:.1f}{p}."
+        f"The best pair is {pairs[0].names}. It fits {scored.n_parameters} numbers to {scored.n_matched} peaks, and "
+        f"χ² = {scored.chi2:.1f}{p} is still left."
     )
 
 
@@ -239,14 +255,14 @@ def _verdict(campaign: Campaign, lists: Lists, ranking: Ranking) -> str:
 
 `{diagnosis.verdict}`. {diagnosis.sentence}
 
-- **Shown**, if the errors are what we take them for: the nominal rotor does not explain the lists. Its matched peaks
+- **Shown**, if the assumed standard errors are right: the nominal rotor does not explain the lists. Its matched peaks
   have p = {ranking.nominal.p_value:.2g}, and {_count(ranking.nominal.n_foreign)} peaks match nothing.
-- **Possible**: {titles} make more peaks on bearings than the nominal
-  model, where peaks are listed (above), without any dynamics inside the bearings. So the paper's "internal bearing
-  dynamics" is one reading among several.
-- **Not proven**: any of them. Nor is it excluded that both peaks are the exciter's, the frame's, or of a nonlinear
-  motion; a list does not tell.
-- **k_b** hangs on the cause: see the columns above. A single number with a small error cannot be had from these data.
+- **Possible**: {titles} give more peaks on bearings than the nominal model, at frequencies that are listed (see above),
+  and they need no dynamics inside the bearings. So the paper's "internal bearing dynamics" is one explanation among
+  several.
+- **Not proven**: none of these explanations is proven. It is also possible that both peaks come from the exciter, from
+  the frame or from a nonlinear motion. A list of frequencies cannot tell.
+- **k_b** depends on the cause, as the columns above show. These data do not give a single value with a small error.
 """
 
 
@@ -257,13 +273,17 @@ def _decide(campaign: Campaign, lists: Lists, ranking: Ranking) -> str:
         rows.append((name, f"{100 * _across(campaign, lists, s):.0f} %"))
     return f"""## What would decide
 
-Largest motion across the force over the largest along it, at node 2, from 60 to 200 Hz:
+The table gives, for each model, the largest motion perpendicular to the force divided by the largest motion along it,
+at node 2 from 60 to 200 Hz:
 
-{table(("model at its best", "across over along"), rows)}
-One accelerometer across the force on the rotor, one on a bearing housing, and the phase: bearings that differ in two
-directions move the rotor across the force, pedestals move the housings, and nothing else in the table does either.
-Three force levels besides tell whether a peak belongs to a linear motion at all. Record the exciter's force, not its
-current: the paper held 0.4 A.
+{table(("model at its best", "perpendicular over along"), rows)}
+Three measurements would decide:
+
+- Measure with one accelerometer on the rotor perpendicular to the force and with one on a bearing housing, and record
+  the phase. Bearings that differ in two directions move the rotor perpendicular to the force, and pedestals move the
+  housings. Nothing else in the table does either.
+- Measure at three force levels. This tells whether a peak belongs to a linear motion at all.
+- Record the force of the exciter and not its current. The paper held the current at 0.4 A.
 """
 
 

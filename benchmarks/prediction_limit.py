@@ -125,21 +125,31 @@ def _page(rows: list[tuple[str, ...]]) -> str:
     )  # fmt: skip
     return f"""# What limits the worst predictions
 
-Written by `python -m benchmarks.prediction_limit` ({machine()}).
+This page asks why a few predictions of the corrected model are bad. `python -m benchmarks.prediction_limit` writes it
+({machine()}).
 
-The worst explained gaps of large effects in W1, in the draw that [blind.md](blind.md) shows, belong to nonlinear ones.
-Each is predicted at a node that no run drove: by place and numbers of the diagnosis, and by the sealed ones (law, k_b,
-tolerances, damping) in the same model. Gaps are errors relative to the response free of noise, gains and drift.
+In the set W1 of the draw that [blind.md](blind.md) shows, the large effects whose predictions are worst are nonlinear.
+Three of these rigs are examined here. Each is predicted for a force at a node that was not driven in any run of the
+campaign. The prediction is made twice with the same model: once with the place and the numbers that the diagnosis found
+("diagnosed"), and once with the true ones from the sealed label ("sealed": the force law, k_b, the tolerances and the
+damping).
+
+The columns "before" and "after" are the gap of the nominal model and of the corrected model. A gap is the relative
+error against the true response, free of noise, sensor gains and drift. "A repeat run" is the gap that a second
+measurement of the same rig would have, and so the best that can be expected.
 
 {table(header, rows)}
-Of the rub at node 3 the sealed numbers leave as much as the diagnosed ones. Far past its resonance on bearings this
-rig has two motions. Both predicted sweeps stay on the large one; the measured one falls off it, in a repeat run of
-the same rig eight lines later. How far from line to line the large motion is held lies with the generator's solver,
-as it would with the transients of a rig; even rounding decides it (on the processor that made [blind.md](blind.md)
-this rig is 1439 times its limit). The rub at node 5 is taken for one at node 4, with nodes 5 and 6 named as other
-places: seen by one accelerometer they differ by less than noise. Its sweep on rigid supports falls five lines too
-late. Of the Hertz contact one line at the jump is the whole error: with the diagnosed numbers it is on the lower
-branch already, with the sealed ones still on the upper one.
+**Rub at node 3.** On bearings the sealed numbers predict this rig as badly as the diagnosed ones, so the diagnosis is
+not the cause. Far above its resonance this rig has two possible motions, a large one and a small one. Both predicted
+sweeps stay on the large motion, but the measured sweep falls to the small one; in a repeat run of the same rig it falls
+eight lines later. Where it falls depends on the generator's solver, as it would depend on transients on a real rig.
+Even rounding decides it: on the processor that made [blind.md](blind.md) this rig is 1439 times its limit.
+
+**Rub at node 5.** The diagnosis names node 4 first and nodes 5 and 6 as other possible places. With one accelerometer
+these places differ by less than the noise. On rigid supports the predicted sweep falls five lines too late.
+
+**Hertzian contact.** On bearings, one line at the jump makes the whole error: with the diagnosed numbers the prediction
+is already on the lower branch there, and with the sealed numbers it is still on the upper branch.
 """
 
 

@@ -115,35 +115,42 @@ def _page(
         [(f"{preload:g}", f"{seconds:.1f}", f"{100 * share:.0f} %") for preload, seconds, share in nonlinear],
     )
     rates = table(
-        ("samples", "processes", "time, s", "a second"),
+        ("samples", "processes", "time, s", "samples per second"),
         [(str(n), str(workers), f"{s:.1f}", f"{n / s:.1f}") for n, workers, s in sampled],
     )
     (_, _, alone), (_, _, together), (_, _, whole) = sampled
+    sharing = f"time of {FEW} samples by {WORKERS} processes divided by half the time of one process"
     return f"""# What large work costs
 
-Written by `python -m benchmarks.scale` ({machine()}). Through the compiled FMU; timings depend on the machine.
+This page says how long large jobs take and how the time grows with their size. `python -m benchmarks.scale` writes it
+({machine()}). All sweeps go through the compiled FMU. The times depend on the machine.
 
 ## A nonlinear rig
 
-Clearance in both bearings, {levels} N, on rigid supports and on bearings, {LINES} lines each, {WORKERS} processes.
-Lines on bearings are settled one from another, as a sweep upwards finds them; the exciter glides from each to the next.
-A smooth motion is read from 128 samples a period, one with contacts at 150 kHz.
+Both bearings have a clearance. The rig is swept with a force of {levels} N, on rigid supports and on bearings, with
+{LINES} lines each, by {WORKERS} processes. On bearings each line starts from the settled motion of the line before, as
+in an upward sweep, and the exciter changes its frequency smoothly from one line to the next. A smooth motion is read
+from 128 samples per period. A motion with contacts is sampled at 150 kHz. The last column says on how many of the lines
+on bearings the motion repeats from period to period.
 
 {rigs}
-{bar(f"clearance with {nonlinear[0][0]:g} N of preload", nonlinear[0][1], at_most=15.0, unit="s")}
-Without a preload the shaft rattles in the gap and most lines do not repeat. Each is then watched for twelve windows,
-a quarter of a second apart, while contacts of less than a microsecond are resolved: that is what it costs.
+{bar(f"all sweeps of the rig with {nonlinear[0][0]:g} N of preload", nonlinear[0][1], at_most=15.0, unit="s")}
+Without a preload the shaft rattles in the gap, and on most lines the motion does not repeat. The rig reads each such
+line in twelve windows that are a quarter of a second apart, and it resolves contacts that last less than a microsecond.
+This is why the second row takes so much longer.
 
 ## Samples for training
 
-A sample is a rig of the prior swept on both supports, refined, with its modes fitted: six features.
+One training sample of the estimator is a rig that is drawn at random, swept on both supports with lines refined around
+the resonances, and reduced to six features by a modal fit.
 
 {rates}
 {bar(f"{SAMPLES} samples, {WORKERS} processes", whole / 60, at_most=15.0, unit="min")}
-{bar(f"{FEW} samples by {WORKERS} processes, over half the time of one", together / (alone / WORKERS), at_most=1.25)}
+{bar(sharing, together / (alone / WORKERS), at_most=1.25)}
 ## How cost grows
 
-Both supports, {LINES} lines each unless the table says otherwise, no refinement, one process.
+Each row is one sweep on each of the two supports in one process, with {LINES} lines each unless the table says
+otherwise and without lines added around the resonances.
 
 {growth}"""
 

@@ -206,40 +206,49 @@ def _page(accuracies: list[Accuracy], sweeps: list[Sweep], hasty: float, timings
     windows = sum(line.windows for s in sweeps for line in s.lines)
     sampled, one = timings.sampled_line * (first + second), timings.compiled
     ways = [
-        ("virtual rig, compiled FMU, each line settled from the one before", one),
-        ("the same with pythonfmu's FMU", timings.on_python),
-        ("virtual rig, compiled FMU, every line settled from rest", timings.from_rest),
+        ("virtual rig, compiled FMU, each line starts from the motion of the line before", one),
+        ("the same with the FMU that pythonfmu builds", timings.on_python),
+        ("virtual rig, compiled FMU, each line starts from rest", timings.from_rest),
         ("`fmpy.simulate_fmu`, compiled FMU, a 20 kHz sampled sine for each line", sampled),
-        ("`fmpy.simulate_fmu`, compiled FMU, one sampled hammer's blow on each support", timings.blows),
+        ("`fmpy.simulate_fmu`, compiled FMU, one sampled hammer blow on each support", timings.blows),
     ]
     speed = table(("how", "time, s", "ratio"), [(name, f"{s:.3g}", f"{s / one:.3g}") for name, s in ways])
     return f"""# The virtual rig, measured
 
-Written by `python -m benchmarks.virtual_rig`. Timings depend on the machine; quote the ratios.
+This page says how exactly the virtual rig measures and how fast it is. `python -m benchmarks.virtual_rig` writes it.
+The times depend on the machine, so quote the ratios and not the seconds.
 
 ## Exactness
 
-Accelerance measured through `RotorRig.fmu` (compiled, built-in sine, {PLAN.samples_per_period} samples a period,
-settled lines, 20 to 400 Hz, refined round the resonances) against the direct frequency response of the same matrices.
-Largest complex error relative to each line's own value, over all moving nodes, where the line is above 1 % of its
-channel's median.
+The virtual rig measures the accelerance through the compiled `RotorRig.fmu`: it drives the rotor with the FMU's
+built-in sine, waits at every frequency line until the motion has settled, and reads {PLAN.samples_per_period} samples
+per period. The lines run from 20 to 400 Hz and are closer together around the resonances. The result is compared with
+the frequency response that is computed directly from the same matrices.
+
+The table shows the largest error of the complex value, relative to the value of the same line, over all nodes that
+move. Lines below 1 % of the median of their channel are left out, because a relative error says little there.
 
 {exactness}
-{bar("largest error", max(a.worst for a in accuracies), at_most=1e-4)}
-The same lines with a tenth of the settling time and the check switched off: {hasty:.1e}.
+{bar("largest error of all six runs", max(a.worst for a in accuracies), at_most=1e-4)}
+For comparison, the error is {hasty:.1e} when the same lines are measured with a tenth of the settling time and without
+the check that the motion has settled.
 
 ## Speed
 
-Two supports, {first} + {second} lines, 7 nodes, from rest, {PLAN.settle_time:g} s between windows, {windows} windows in
-all, largest drift {drift:.0e} per period.
+The work that is timed is a sweep on each of the two supports, with {first} + {second} lines and 7 nodes, starting from
+rest. The rig waits {PLAN.settle_time:g} s of simulated time before each window in which it reads the motion. It needs
+{windows} windows in all, and in no window that it accepts does the motion change by more than {drift:.0e} per period.
 
 {speed}
-{bar("two supports", one, at_most=0.7, unit="s")}
-{bar("its share of the time that a sampled sine for each line takes", one / sampled, at_most=1 / 2000)}
-A sampled line is {DURATION:g} s, of which three were timed, {timings.sampled_line:.2f} s each. A sampled force is held
-between samples, so the result also carries a phase error of half a sample and more (see the FMU's documentation). The
-blows, {DURATION:g} s of ring-down each, give the whole band at once, in lines {1 / DURATION:.4g} Hz apart, with errors
-of up to {100 * timings.blow_error:.1f} % of a channel's largest value, near which the virtual rig's are below 1e-6 %.
+{bar("sweep on both supports", one, at_most=0.7, unit="s")}
+{bar("this time divided by that of a sampled sine for each line", one / sampled, at_most=1 / 2000)}
+The time for the sampled sine is an estimate: three lines of {DURATION:g} s of simulated time were timed, each took
+{timings.sampled_line:.2f} s, and this was multiplied by the number of lines. Such a force is constant between two
+samples, so its result also has a phase error of half a sample or more (see the FMU's documentation).
+
+Each hammer blow is followed by {DURATION:g} s in which the rotor rings down. It gives the whole frequency band at once,
+in lines {1 / DURATION:.4g} Hz apart. Its errors reach {100 * timings.blow_error:.1f} % of the largest value of a
+channel. Near that largest value the errors of the virtual rig are below 1e-6 %.
 """
 
 

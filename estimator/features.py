@@ -87,6 +87,11 @@ def features_of_peaks(
     Raises
     ------
     MeasurementError : the supports are mixed up, or a list has fewer than two resonances
+
+    >>> rigid = PeakList("rigid", np.array([100.0, 320.0]), std_hz=np.array([0.3, 0.3]))
+    >>> bearing = PeakList("bearing", np.array([96.0, 300.0]), std_hz=np.array([0.4, 0.4]))
+    >>> features_of_peaks(rigid, bearing, amplitude_ratio=1.2, amplitude_ratio_std=0.1).as_array()
+    array([ 4. , 20. ,  1.2,  0.5,  0.5,  0.1])
     """
     _check_supports(rigid, bearing, "peak list")
     if len(rigid.frequencies_hz) < 2 or len(bearing.frequencies_hz) < 2:

@@ -242,7 +242,11 @@ def train(
 
 @dataclass(frozen=True)
 class MinMax:
-    """Straight-line normalisation: ``low`` goes to ``to[0]``, ``high`` to ``to[1]``."""
+    """Straight-line normalisation: ``low`` goes to ``to[0]``, ``high`` to ``to[1]``.
+
+    >>> MinMax.of(np.array([10.0, 30.0])).normalise(np.array([10.0, 20.0, 30.0]))
+    array([0. , 0.5, 1. ])
+    """
 
     low: FloatArray  # (n_columns,) or (), smallest value, in the unit of the data
     high: FloatArray  # like low, largest value

@@ -47,6 +47,10 @@ class Prior:
         n : number of rigs
         seed : of the scrambling
         k_b : range of k_b [N/m], default the trained one
+
+        >>> rigs = PRIOR.draw(8, seed=1, k_b=(1e6, 1e8))
+        >>> len(rigs), bool(((rigs.k_b >= 1e6) & (rigs.k_b <= 1e8)).all())
+        (8, True)
         """
         u = qmc.Sobol(4, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(n))))[:n]
         damped = u[:, 3] >= self.undamped_share

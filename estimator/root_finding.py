@@ -40,7 +40,11 @@ class StiffnessFinder:
         self._rigid = self._frequencies(rigid=True)
 
     def shifts(self, k_b: float) -> np.ndarray:
-        """(2,) shifts of modes 1 and 2, rigid minus bearing support [Hz]."""
+        """(2,) shifts of modes 1 and 2, rigid minus bearing support [Hz].
+
+        >>> StiffnessFinder(assemble(load_rig("nit-rourkela"))).shifts(k_b=1e7).round(1)
+        array([ 4., 26.])
+        """
         return self._rigid - self._frequencies(k_b=k_b)
 
     def from_shift(self, mode: int, shift_hz: float) -> float:

@@ -62,7 +62,12 @@ class StiffnessEstimator:
         return np.asarray(outputs[0], dtype=float)
 
     def estimate(self, features: np.ndarray) -> Estimate:
-        """Estimate of one test; features is (6,)."""
+        """Estimate of one test; features is (6,).
+
+        >>> found = StiffnessEstimator().estimate(np.array([4.035, 25.996, 1.2, 0.01, 0.02, 0.01]))
+        >>> found.valid, f"{found.k_b:.1e}"
+        (True, '1.0e+07')
+        """
         k, std, low, high, valid = self(np.asarray(features)[None, :])[0].tolist()
         return Estimate(k, std, low, high, valid > 0.5)
 

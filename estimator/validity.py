@@ -18,6 +18,9 @@ def objections(features: Features, estimate: Estimate, card: dict[str, Any]) -> 
     features : what the estimate was made from
     estimate : the network's answer
     card : the network's model card
+
+    >>> objections(Features(4.0, 26.0, 1.2, 0.01, 0.02, 0.01), Estimate(1e7, 1e4, 9.9e6, 1.01e7, valid=True), card={})
+    []
     """
     if estimate.valid:
         return []

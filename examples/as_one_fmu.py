@@ -1,8 +1,8 @@
-"""The rotor and the estimator packed into one FMU, by the FMU Manipulation Toolbox; fmpy runs it.
+"""Pack the rotor and the estimator into one FMU with the FMU Manipulation Toolbox, and run it with fmpy.
 
     python examples/as_one_fmu.py
 
-It needs `pip install fmu-manipulation-toolbox` and a C compiler or `pip install ziglang`.
+The example needs `pip install fmu-manipulation-toolbox` and a C compiler or `pip install ziglang`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SINE = {"force_amplitude": 1.0, "force_frequency": 60.0}
 
 
 def pack(folder: Path) -> Path:
-    """Build both FMUs into a folder and pack them into one; inputs and outputs are theirs."""
+    """Build both FMUs into a folder and pack them into one, which has the inputs and outputs of both."""
     build_native_rotor_fmu(load_rig("nit-rourkela"), folder, targets=[this_machine()])
     build_native_estimator_fmu(folder, targets=[this_machine()])
     plan = {
@@ -51,7 +51,7 @@ def pack(folder: Path) -> Path:
 
 
 def main() -> None:
-    """Pack, validate, run, read."""
+    """Pack the FMUs, validate the result, run it, and read k_b."""
     inputs = MEASURED | ERRORS | SINE
     held = np.array([(t, *inputs.values()) for t in (0.0, STOP)], dtype=[(name, float) for name in ("time", *inputs)])
     with tempfile.TemporaryDirectory() as name:

@@ -1,8 +1,8 @@
 """Hide a collar of 60 g on the virtual rig and find it: python examples/diagnose_a_campaign.py
 
-Two stepped sines through RotorRig.fmu, on rigid supports and on the bearings, with an effect that the
-nominal model lacks. The diagnosis sees the runs only. With files of a real rig it is the same:
-sim.campaign_folder.load_campaign, or rigtwin diagnose.
+The rotor in RotorRig.fmu is measured with two stepped sines, on rigid supports and on bearings. It has a
+collar that the nominal model lacks, and the diagnosis sees only the runs. Data of a real rig are loaded with
+rigtwin.sim.campaign_folder.load_campaign, or diagnosed with the command rigtwin diagnose.
 """
 
 import tempfile
@@ -20,7 +20,7 @@ from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 HIDDEN = AttachedMass(mass=0.06, node=4)  # [kg]
 TRUTH = {"k_b": 3e6, "bearing_damping": 20.0, "shaft_damping_ratio": 0.003}  # [N/m], [N s/m], [-]
 
-# The bearings and sensors are trusted here, and the shaft was inspected: fewer candidates, a faster answer.
+# Effects that are ruled out here: those of bearings and sensors, and the crack. Fewer candidates give a faster answer.
 TRUSTED = [name for name, effect in EFFECTS.items() if effect.family != "structure" or name == "open_crack"]
 
 
@@ -47,7 +47,7 @@ def main() -> float:
     assert (found.causes[0].effects, found.causes[0].location.node) == (("attached_mass",), HIDDEN.node)
     assert k_b is not None
     print(f"k_b = {k_b.value:.5g} +- {k_b.std:.1g} N/m, true {TRUTH['k_b']:g} N/m")
-    # Noise of 1 % on every line; the mass is known to a fraction of a percent.
+    # With noise of 1 % on every line the mass is found to a fraction of a percent.
     assert abs(mass.value / HIDDEN.mass - 1) < 0.02
     return mass.value
 

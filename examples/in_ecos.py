@@ -2,9 +2,9 @@
 
     python examples/in_ecos.py
 
-One SSP holds the rotor on rigid supports, driven by its own sine, the rotor on bearings, driven by
-the first one's force, and the estimator. It needs `pip install ecospy`, which brings the command,
-and a C compiler or `pip install ziglang`.
+One SSP contains the rotor on rigid supports, the rotor on bearings and the estimator. The first rotor
+is driven by its own sine, and its force also drives the second rotor. The example needs
+`pip install ecospy`, which contains the command, and a C compiler or `pip install ziglang`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ K_B = 1.1e6  # [N/m]
 
 
 def ecos() -> Path:
-    """The command that comes with ecospy, and the helper that it starts, made executable."""
+    """Path of the command that comes with ecospy; it and the program it starts are made executable."""
     spec = find_spec("ecospy")
     if spec is None or not spec.origin:
         raise SystemExit("ecospy is missing: pip install ecospy")
@@ -47,7 +47,7 @@ def peak(table: Path, column: str) -> float:
 
 
 def main() -> None:
-    """Build, wire, run, read."""
+    """Build the FMUs, connect them, run, and read the results."""
     with tempfile.TemporaryDirectory() as name:
         folder, target = Path(name), [this_machine()]
         rotor = build_native_rotor_fmu(load_rig("nit-rourkela"), folder, targets=target)

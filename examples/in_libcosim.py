@@ -2,8 +2,9 @@
 
     python examples/in_libcosim.py
 
-The first rotor's own sine drives the second one as well, through a connection. The first stands on
-rigid supports, the second on bearings; the estimator turns the paper's measured numbers into k_b.
+The first rotor stands on rigid supports and the second on bearings. The built-in sine of the first
+rotor drives the second one through a connection. The estimator turns the paper's measured numbers
+into k_b.
 It needs `pip install libcosimpy` and a C compiler or `pip install ziglang`.
 """
 
@@ -30,12 +31,12 @@ ERRORS = {"delta_f1_std": 2.1, "delta_f2_std": 4.2, "amplitude_ratio_std": 0.08}
 
 
 def references(fmu: Path) -> dict[str, int]:
-    """Value references by name."""
+    """Value references of an FMU's variables, by name."""
     return {v.name: v.valueReference for v in read_model_description(str(fmu)).modelVariables}
 
 
 def main() -> None:
-    """Build, connect, run, read."""
+    """Build the FMUs, connect them, run, and read the results."""
     log_output_level(CosimLogLevel.WARNING)
     with tempfile.TemporaryDirectory() as folder:
         rotor = build_native_rotor_fmu(load_rig("nit-rourkela"), Path(folder), targets=[this_machine()])

@@ -1,8 +1,8 @@
 """Measure a bearing's stiffness on the virtual rig: python examples/measure_k_b.py
 
-Two stepped sines through RotorRig.fmu, on rigid supports and on the bearings; three numbers from
-their modal fits; StiffnessEstimator.fmu says which k_b they mean. On a real rig, the two runs come
-from files instead: sim.formats.read_run.
+The rotor in RotorRig.fmu is measured with two stepped sines, on rigid supports and on bearings. The
+modal fits give three numbers: two frequency shifts and an amplitude ratio. StiffnessEstimator.fmu
+turns them into k_b. On a real rig the two runs come from files: rigtwin.sim.formats.read_run.
 """
 
 import tempfile
@@ -15,7 +15,7 @@ from rigtwin.sim.sensors import SensorNoise
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
 
-TRUE_K_B = 6.2e6  # [N/m], what the estimator is to find
+TRUE_K_B = 6.2e6  # [N/m], the estimator has to find it
 BEARINGS = {"k_b": TRUE_K_B, "bearing_damping": 8.0}  # [N s/m]
 PLAN = SweepPlan(n_lines=96, periods=4, noise=SensorNoise(relative=0.01, seed=1))
 
@@ -39,7 +39,7 @@ def main() -> float:
         f"shifts {features.delta_f1:.4f} and {features.delta_f2:.4f} Hz, amplitude ratio {features.amplitude_ratio:.4f}"
     )
     print(f"k_b = {k_b:.4g} +- {std:.1g} N/m, true {TRUE_K_B:g} N/m, valid: {bool(valid)}")
-    # The network itself is good to a few 1e-4; 1 % noise on every line adds less.
+    # The error of the network itself is a few 1e-4. The noise of 1 % on every line adds less.
     assert valid
     assert abs(k_b / TRUE_K_B - 1) < 2e-3
     return k_b

@@ -1,7 +1,7 @@
 """A rotor of your own, from its TOML to its bearing's stiffness: python examples/own_rotor.py
 
-The shipped network knows the paper's rotor only. For another one, either train a network
-(rigtwin train --rig examples/own_rotor.toml) or, as here, look k_b up on the finite-element model.
+The shipped network knows only the paper's rotor. For another rotor you can train a network
+(rigtwin train --rig examples/own_rotor.toml), or find k_b on the finite-element model, as it is done here.
 """
 
 import tempfile
@@ -22,7 +22,7 @@ TRUE_K_B = 3.4e6  # [N/m]
 
 
 def main() -> float:
-    """Build, measure, look up; returns the stiffness found [N/m]."""
+    """Build, measure, find k_b; returns the stiffness found [N/m]."""
     rig = load_rig(Path(__file__).with_name("own_rotor.toml"))
     structure = assemble(rig)
     f_rigid = natural_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)
@@ -37,7 +37,7 @@ def main() -> float:
     damping = Condition(shaft_damping_ratio=rig.shaft_damping_ratio)
     k_b = StiffnessFinder(structure, damping, node=rig.excitation_node).from_shift(1, features.delta_f1)
     print(f"shift of mode 1: {features.delta_f1:.5f} Hz, so k_b = {k_b:.6g} N/m; true {TRUE_K_B:g} N/m")
-    # The virtual rig's frequencies are good to 1e-8, and the shift is a sixth of the frequency.
+    # The frequencies of the virtual rig have an error of 1e-8, and the shift is a sixth of the frequency.
     assert abs(k_b / TRUE_K_B - 1) < 1e-5
     return k_b
 

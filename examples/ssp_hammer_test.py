@@ -1,10 +1,11 @@
-"""Both FMUs in one SSP: a hammer blow on two rotors, k_b out of the estimator.
+"""Both FMUs in one SSP: a hammer blow on two rotors, and k_b from the estimator.
 
     python examples/ssp_hammer_test.py
 
-The system holds the rotor on rigid supports, the rotor on bearings and the estimator. A force
-pulse hits both rotors; their ring-down gives two frequency responses, those the shifts and the
-amplitude ratio, and those go back into the system, where the estimator turns them into k_b.
+The system contains the rotor on rigid supports, the rotor on bearings and the estimator. A force
+pulse hits both rotors. Their ring-down gives two frequency responses, and these give the frequency
+shifts and the amplitude ratio. The three numbers go back into the system, where the estimator
+turns them into k_b.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from rigtwin.sim.campaign import Channel, Run
 
 TRUE_K_B = 8e6  # [N/m]
 STEP = 1e-4  # [s]
-RING_DOWN = 4.0  # [s], long enough for 0.5 % damping
+RING_DOWN = 4.0  # [s], long enough for a damping ratio of 0.5 %
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """fmpy does not read the bindings inside the SSP; it wants them here."""
+    """Start values of the system. fmpy does not read those inside the SSP, so they are passed to it like this."""
 
     parameters: list[Parameter]
 
@@ -55,7 +56,7 @@ START_VALUES = ParameterSet(
 def hammer(t: float, duration: float = 3e-3, peak: float = 100.0) -> float:
     """Force of a soft hammer tip [N]: a smooth pulse that leaves the modes above 1 kHz alone.
 
-    A single sample of force would excite modes of many kHz, which the sampling then folds back.
+    A pulse of a single sample would excite modes of many kHz, which sampling would fold into the band.
     """
     return peak * np.sin(np.pi * t / duration) ** 2 if t < duration else 0.0
 
@@ -84,7 +85,7 @@ def measure(ssp: Path) -> float:
 
 
 def main() -> None:
-    """Build, pack, measure, check one number."""
+    """Build the FMUs, pack them, measure, and check k_b."""
     with tempfile.TemporaryDirectory() as folder:
         fmus = build_rotor_fmu(load_rig("nit-rourkela"), Path(folder)), build_estimator_fmu(Path(folder))
         k_b = measure(write_ssp(*fmus, Path(folder) / "StiffnessTest.ssp"))

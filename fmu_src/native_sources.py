@@ -1,17 +1,19 @@
 """The C sources of a self-contained FMU: the core in ``native/``, and what is printed for one rig.
 
-The core is written by hand and knows rotors, not rigs. A rig's numbers, its variables, and which
-variable is which word of the core's ``Design`` are printed from the same tables that the Python
-FMU is made of.
+The core is written by hand and knows rotors, not rigs. A rig's numbers, its variables and the core's
+``Design`` (the test condition and every effect's parameters) are printed from the same tables that the
+Python FMU is made of.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from inspect import getmodule
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
@@ -19,10 +21,10 @@ from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmu_src.model_description import Model, variability
 from rigtwin.fmu_src.rotor_variables import effects_in_fmu
 from rigtwin.fmu_src.variables import Variable
-from rigtwin.rotor.effects import nonlinear, supports
-from rigtwin.rotor.effects.effect import SWITCH
+from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model import design, system
-from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import Structure, to_arrays
 from rigtwin.rotor.time import nonlinear_stepper, simulator, stepper
 
 NATIVE = Path(__file__).with_name("native")
@@ -32,83 +34,17 @@ INSTANCE = ("instance",)
 ROTOR_CORE = ("laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
-# Words of the core's ``Design``: the rotor's own parameters, by the same names, and those of every effect's.
-CONDITION_WORDS = (
-    "spin_speed", "k_b", "bearing_damping", "shaft_damping_ratio",
-    "rigid_support", "excitation_node", "excitation_plane",
-)  # fmt: skip
-EFFECT_WORDS = {
-    "attached_mass": {"mass": "mass[0]", "half_width": "mass_half_width[0]", "node": "mass_node[0]"},
-    "sensor_mass": {"mass": "mass[1]", "node": "mass_node[1]"},
-    "exciter_suspension": {"stiffness": "ground_stiffness", "damping": "ground_damping"},
-    "disk_mass": {"change": "disk_mass_change"},
-    "disk_inertia": {"factor": "disk_inertia_factor"},
-    "hub_stiffening": {"factor": "hub_factor"},
-    "shaft_modulus": {"factor": "modulus_factor"},
-    "axial_load": {"force": "tension"},
-    "open_crack": {"reduction": "crack_lost", "position": "crack_position"},
-    "shaft_damping": {"damping_ratio": "shaft_damping_ratio"},
-    "bearing_damping": {"damping": "bearing_damping"},
-    "bearing_tilt_stiffness": {"stiffness": "tilt_stiffness"},
-    "pedestal_flexibility": {
-        SWITCH: "has_pedestal",
-        "stiffness": "pedestal_stiffness",
-        "mass": "pedestal_mass",
-        "damping": "pedestal_damping",
-        "block_compliance": "block_compliance",
-        "block_mass": "block_mass",
-    },
-    "bearing_asymmetry": {"asymmetry": "asymmetry"},
-    "bearing_offset": {"offset": "offset"},
-    "compliant_rigid_support": {"stiffness": "rigid_stiffness"},
-    "plane_anisotropy": {"anisotropy": "anisotropy", "angle": "anisotropy_angle"},
-    "viscoelastic_support": {
-        SWITCH: "has_branch",
-        "strength": "branch_strength",
-        "relaxation_time": "branch_time",
-        "spread": "branch_spread",
-    },
-    "gyroscopic": {"factor": "gyroscopic_factor"},
-    "sensor_position": {"offset": "sensor_offset", "node": "sensor_node"},
-    "bearing_cubic": {"stiffness": "cubic_stiffness"},
-    "bearing_hertz": {"preload": "hertz_preload"},
-    "bearing_clearance": {"gap": "clearance_gap", "preload": "clearance_preload"},
-    "bearing_friction": {"force": "friction_force", "stiffness": "friction_stiffness", "spread": "friction_spread"},
-    "bilinear_support": {"ratio": "bilinear_ratio"},
-    "rub": {"stiffness": "rub_stiffness", "gap": "rub_gap", "node": "rub_node"},
-    "unbalance": {"node": "unbalance_node", "moment": "unbalance_moment", "phase": "unbalance_phase"},
-}
-
-# Numbers that decide what the core computes, where they are written in Python; C knows them without an underscore.
-_CONSTANTS: tuple[tuple[ModuleType, tuple[str, ...]], ...] = (
-    (design, ("CRACK_LENGTH", "WEAKEST_BRANCH", "GROUND_COMPLIANCE")),
-    (supports, ("BRANCHES",)),
-    (nonlinear, ("SHARP", "SHARP_LENGTH", "SEAT_PARTS")),
-    (system, ("_NO_STRAIN",)),
-    (stepper, ("_NO_STEADY_STATE",)),
-    (simulator, ("TICKS_PER_SECOND", "_SAME_TIME", "_LAST_TIME")),
-    (
-        nonlinear_stepper,
-        (
-            "FORCE_ERROR", "_BEND", "_UNNOTICED", "_VELOCITY_CHANGE", "_STIFFNESS", "_EASY", "_PER_PERIOD",
-            "_PERIODS_KEPT", "_SUBSTEPS_BETWEEN", "_FIRST", "_SHORTEST", "_MOST_SUBSTEPS", "_NEWTON_SHARE",
-            "_NEWTON_RELATIVE", "_NEWTON_STEPS", "_ROUND_OFF", "_STRAIGHT", "_CENTRE",
-        ),
-    ),
-)  # fmt: skip
+# Numbers that decide what the core computes stand in these modules and in the effects'; C leaves their underscore out.
+_MODULES_WITH_CONSTANTS = (design, system, stepper, simulator, nonlinear_stepper)
 
 _PRINTED = "/* Printed when the FMU was built; do not edit. */\n"
 
 
 def rotor_sources(model: Model, structure: Structure, fmi: str) -> dict[str, str]:
     """C sources of ``RotorRig`` by file name, headers among them; those of FMI come from elsewhere."""
-    names = (*INSTANCE, *ROTOR_CORE, SHELLS[fmi])
-    printed = {
-        "constants.h": constants_code(),
-        "variables.c": variables_code(model),
-        "rig.c": rig_code(model, structure),
-    }
-    return {**_written((*names, "rotor_model")), **printed}
+    written = _written((*INSTANCE, *ROTOR_CORE, SHELLS[fmi], "rotor_model"))
+    check_core_reads_every_effect("".join(written.values()))
+    return {**written, **core_code(model), "variables.c": variables_code(model), "rig.c": rig_code(model, structure)}
 
 
 def estimator_sources(model: Model, onnx_file: Path, fmi: str) -> dict[str, str]:
@@ -133,10 +69,106 @@ def _written(names: Iterable[str]) -> dict[str, str]:
     return {path.name: path.read_text(encoding="utf-8") for path in files}
 
 
-def constants_code() -> str:
-    """``constants.h``: the core's numbers."""
-    named = [(name.lstrip("_"), getattr(module, name)) for module, names in _CONSTANTS for name in names]
-    return _PRINTED + "".join(f"#define {name} {value!r}\n" for name, value in named)
+def check_core_reads_every_effect(core: str) -> None:
+    """Raises CompileError where the text of the C core does not read a parameter of an effect."""
+    names = [effect.full_name(name) for effect in effects_in_fmu() for name in effect.roles()]
+    unread = [name for name in names if not re.search(rf"->{re.escape(name)}\b", core)]
+    if unread:
+        raise CompileError(
+            f"the C core does not read {', '.join(unread)}: add the line that does to {NATIVE / 'rotor.c'}, "
+            "or set in_fmu = False in the effect's class"
+        )
+
+
+def core_code(model: Model) -> dict[str, str]:
+    """What the hand-written core of a rotor needs to be compiled, by file name."""
+    return {"constants.h": _constants_code(), "design.h": _design_header(model), "design.c": _design_code(model)}
+
+
+def _constants_code() -> str:
+    """``constants.h``: every number in Python that the core calls by name and does not define itself."""
+    core = "".join((NATIVE / f"{name}.c").read_text(encoding="utf-8") for name in ROTOR_CORE)
+    called = set(re.findall(r"\b[A-Z]\w+", core)) - set(re.findall(r"#define (\w+)", core))
+    modules = dict.fromkeys([*_MODULES_WITH_CONSTANTS, *map(getmodule, effects_in_fmu())])
+    named = [(name.lstrip("_"), value) for module in modules for name, value in vars(module).items()]
+    lines = [
+        f"#define {name} {value!r}\n" for name, value in named if name in called and isinstance(value, int | float)
+    ]
+    return _PRINTED + "".join(dict.fromkeys(lines))
+
+
+def _design_header(model: Model) -> str:
+    """``design.h``: the core's ``Design``, a struct for the test condition and one for each effect."""
+    effects = effects_in_fmu()
+    structs = [_struct(model, "Condition", _condition_members())]
+    structs += [_struct(model, effect.__name__, map(effect.full_name, _effect_members(effect))) for effect in effects]
+    members = "".join(f"    {effect.__name__} {effect.id};\n" for effect in effects)
+    return f"""{_PRINTED}#ifndef RIGTWIN_DESIGN_H
+#define RIGTWIN_DESIGN_H
+
+{"".join(structs)}/* The rotor with its effects. The numbers of an effect that is off change nothing. */
+typedef struct {{
+    Condition condition;
+{members}}} Design;
+
+/* The design that the values of all variables stand for. */
+void design_of(const double *values, Design *design);
+
+#endif
+"""
+
+
+def _struct(model: Model, name: str, variables: Iterable[str]) -> str:
+    members = [model.table[model.reference(variable)] for variable in variables]
+    rows = [f"    {_c_type(v)} {v.name.rpartition('.')[2]}; /* {v.description} [{v.unit or '-'}] */\n" for v in members]
+    return f"typedef struct {{\n{''.join(rows)}}} {name};\n\n"
+
+
+def _c_type(variable: Variable) -> str:
+    return "double" if variable.kind == "Real" else "int"
+
+
+def _condition_members() -> list[str]:
+    """The numbers of the test condition, without those that stand in an effect's struct because it can replace them."""
+    replaced = {p.null for effect in effects_in_fmu() for p in effect.parameters().values()}
+    return [f.name for f in fields(Condition) if f.name not in replaced]
+
+
+def _effect_members(effect: type[Effect]) -> list[str]:
+    """An effect's numbers, and its switch where the effect changes the size of the equations."""
+    return [*([SWITCH] if effect.changes_size else []), *effect.roles()]
+
+
+def _design_code(model: Model) -> str:
+    """``design.c``: where the numbers of a design come from."""
+    lines = [f"    design->condition.{name} = {_value(model, name)};\n" for name in _condition_members()]
+    for effect in effects_in_fmu():
+        switch = _value(model, effect.full_name(SWITCH))
+        for name in _effect_members(effect):
+            full_name, neutral = effect.full_name(name), _neutral(model, effect, name)
+            lines.append(f"    design->{full_name} = {switch} ? {_value(model, full_name)} : {neutral};\n")
+    return f"""{_PRINTED}#include "design.h"
+
+#include <math.h>
+#include <string.h>
+
+void design_of(const double *values, Design *design)
+{{
+    memset(design, 0, sizeof *design); /* designs are compared byte by byte, gaps between their members included */
+{"".join(lines)}}}
+"""
+
+
+def _value(model: Model, name: str) -> str:
+    """A variable's value in C."""
+    number = model.reference(name)
+    return f"values[{number}]" if model.table[number].kind == "Real" else f"(int)values[{number}]"
+
+
+def _neutral(model: Model, effect: type[Effect], name: str) -> str:
+    """The number of an effect that is off, in C; zero where another number of the effect decides."""
+    null = effect.parameters()[name].null if name in effect.parameters() else None
+    return _value(model, null) if isinstance(null, str) else _number(null or 0.0)
 
 
 def variables_code(model: Model) -> str:
@@ -176,66 +208,27 @@ def _variable(variable: Variable) -> str:
 
 
 def rig_code(model: Model, structure: Structure) -> str:
-    """``rig.c``: the rotor's numbers, and the design that its variables' values stand for."""
-    s = structure
-    doubles = {
-        "M": s.M, "K": s.K, "G": s.G, "K_TENSION": s.K_tension, "X": s.x,
-        "BENDING": s.bending_stiffness, "SHEAR": s.shear_stiffness, "DIAMETER": s.diameter,
-        "DISK_MASS": s.disk_mass, "DISK_THICKNESS": s.disk_thickness,
-        "DISK_DIAMETRAL": s.disk_lumped_diametral, "DISK_POLAR": s.disk_lumped_polar,
-        "SUPPORT_STIFFNESS": s.support_stiffness, "SUPPORT_TILT": s.support_tilt_stiffness,
-        "SUPPORT_DAMPING": s.support_damping,
-    }  # fmt: skip
-    ints = {"STATIONS": s.stations, "DISK_NODE": s.disk_node, "SUPPORT_NODE": s.support_node}
-    arrays = [_array("double", name, values) for name, values in doubles.items()]
-    arrays += [_array("int", name, values) for name, values in ints.items()]
-    force = ", ".join(f"{name.upper()} = {model.reference(name)}" for name in _EXCITER)
+    """``rig.c``: the rotor's numbers, and where the exciter's variables are."""
+    arrays = to_arrays(structure)
+    counts = {"n_mesh": "x", "n_nodes": "stations", "n_disks": "disk_node", "n_supports": "support_node"}
+    members = [f"    .{count} = {len(arrays[name])},\n" for count, name in counts.items()]
+    members += [f"    .{name} = {name.upper()},\n" for name in arrays]
+    exciter = ("force", "force_amplitude", "force_frequency")
+    places = ", ".join(f"{name.upper()} = {model.reference(name)}" for name in exciter)
     return f"""{_PRINTED}#include "rotor_model.h"
 
 #include <math.h>
 
-{"".join(arrays)}
-const Structure STRUCTURE = {{
-    {len(s.x)}, {s.n_nodes}, {len(s.disk_node)}, {len(s.support_node)},
-    M, K, G, K_TENSION, X, STATIONS, BENDING, SHEAR, DIAMETER,
-    DISK_NODE, DISK_MASS, DISK_THICKNESS, DISK_DIAMETRAL, DISK_POLAR,
-    SUPPORT_NODE, SUPPORT_STIFFNESS, SUPPORT_TILT, SUPPORT_DAMPING,
-}};
+{"".join(_array(name.upper(), values) for name, values in arrays.items())}const Structure STRUCTURE = {{
+{"".join(members)}}};
 
-const int {force};
-
-void design_of(const double *values, Design *design)
-{{
-    design_nominal(design);
-{_design_lines(model)}}}
+const int {places};
 """
 
 
-_EXCITER = ("force", "force_amplitude", "force_frequency")
-
-
-def _design_lines(model: Model) -> str:
-    """Assignments to the design; an effect's, where it is switched on."""
-    lines = [_assignment(model, name, name, "    ") for name in CONDITION_WORDS]
-    for effect in effects_in_fmu():
-        lines.append(f"    if (values[{model.reference(effect.full_name(SWITCH))}] != 0) {{\n")
-        if effect.id not in EFFECT_WORDS:
-            raise CompileError(f"the effect {effect.id} has no words in C: give them in EFFECT_WORDS, {__name__}")
-        words = EFFECT_WORDS[effect.id].items()
-        lines += [_assignment(model, effect.full_name(name), word, "        ") for name, word in words]
-        lines.append("    }\n")
-    return "".join(lines)
-
-
-def _assignment(model: Model, name: str, word: str, indent: str) -> str:
-    number = model.reference(name)
-    cast = "" if model.table[number].kind == "Real" else "(int)"
-    return f"{indent}design->{word} = {cast}values[{number}]; /* {name} */\n"
-
-
-def _array(kind: str, name: str, values: np.ndarray) -> str:
-    flat = np.asarray(values).ravel().tolist() or [0]
-    written = [_number(x) for x in flat] if kind == "double" else [str(int(x)) for x in flat]
+def _array(name: str, values: np.ndarray) -> str:
+    kind, write = ("int", str) if np.issubdtype(values.dtype, np.integer) else ("double", _number)
+    written = [write(x) for x in values.ravel().tolist() or [0]]
     rows = (", ".join(written[k : k + 12]) for k in range(0, len(written), 12))
     return f"static const {kind} {name}[] = {{\n    " + ",\n    ".join(rows) + ",\n};\n\n"
 

@@ -5,6 +5,7 @@ room           what it holds                                                    
 =============  ==========================================================================  =====================
 ``diagnose``   a campaign in, a diagnosis out: the order of everything                     ``diagnose``
 ``prepare``    a campaign's model, runs and recalibrated nominal model                     ``prepared``
+``explain``    which effects explain the runs: the order of the searches                   ``explain``
 ``audit``      is the measurement itself sound?                                            ``audit.findings``
 ``model``      rotors built and solved: the model of a measured run                        ``model.forward``
 ``inference``  how well a candidate explains the runs, and how probable that makes it      ``inference.problem``
@@ -16,5 +17,6 @@ room           what it holds                                                    
 ``curves``     measured runs beside their models                                           ``nrmse``
 ``phrases``    places, parts of a whole and lists in words                                 ``place``, ``part``
 ``document``   the contents of diagnosis.json                                              ``Diagnosis``
+``clock``      seconds that each step of a diagnosis takes                                 ``Clock``
 =============  ==========================================================================  =====================
 """

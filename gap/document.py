@@ -5,16 +5,22 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from rigtwin.sim.formats.atomic import replacing
 
 SCHEMA = "rigtwin.diagnosis/1"
 FILE_NAME = "diagnosis.json"
+
+# A number that may not be known: null in the file, nan here.
+Number = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 
 Verdict = Literal["no_gap", "cause", "ambiguous", "unknown", "not_enough_data"]
 Regime = Literal["linear", "amplitude_dependent", "measurement_chain", "spin_dependent"]
@@ -26,7 +32,7 @@ class Estimate:
     """A number with its standard error."""
 
     value: float
-    std: float
+    std: Number = math.nan
     unit: str = "1"
 
 
@@ -45,10 +51,10 @@ class Cause:
 
     effects: tuple[str, ...]
     location: Location  # of the first effect
-    probability: float
+    probability: Number
     parameters: dict[str, Estimate]  # by name; of a pair "<effect>.<name>"
     k_b: Estimate | None  # None: no run on bearings
-    log_evidence: float
+    log_evidence: Number = math.nan
     ess: float | None = None  # effective sample size of the evidence, where it was sampled
     log_evidence_error: float | None = None  # its standard error by the same draws
     locations: tuple[Location, ...] = ()  # of every effect
@@ -130,6 +136,10 @@ class NextTest:
     run: dict[str, Any] = field(default_factory=dict)  # settings of a [[run]]
 
 
+class DocumentError(ValueError):
+    """A text is no diagnosis; the message says what is wrong, and where."""
+
+
 def explainable(before: float, after: float, floor: float) -> float:
     """Share of a gap above the floor that goes away; nan where there is none."""
     return (before - after) / (before - floor) if before > floor else float("nan")
@@ -140,12 +150,12 @@ class Shrink:
     """How far the gap shrinks on data that were held out."""
 
     held_out: str
-    before: float  # NRMSE of the recalibrated nominal model
-    after: float  # with the effect
-    floor: float  # noise alone
-    shrink: float  # 1 - after / before
-    explainable: float  # (before - after) / (before - floor)
-    ci90: tuple[float, float]  # of what it explains of noise-free data with another node driven; nan: not known
+    before: Number  # NRMSE of the recalibrated nominal model
+    after: Number  # with the effect
+    floor: Number  # noise alone
+    shrink: Number  # 1 - after / before
+    explainable: Number  # (before - after) / (before - floor)
+    ci90: tuple[Number, Number]  # of what it explains of noise-free data with another node driven; nan: not known
     verified_by: Literal["fmu", "rig", "model"]
     after_model: float | None = None  # the same after-figure by the fitting model
     without_effect: float | None = None  # NRMSE with gains and tolerances strained in its place
@@ -187,6 +197,40 @@ class Diagnosis:
         """The file's text; numbers that are not finite become null."""
         return json.dumps({"schema": SCHEMA, **_plain(self)}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
+    @classmethod
+    def from_json(cls, text: str) -> Diagnosis:
+        """A diagnosis from the file's text; what a file by hand may leave out is empty. Raises DocumentError."""
+        try:
+            document = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise DocumentError(f"line {error.lineno}: not valid JSON ({error.msg}); diagnose again") from error
+        return cls.from_document(document)
+
+    @classmethod
+    def from_document(cls, document: Any) -> Diagnosis:
+        """The same from the file's JSON types."""
+        schema = document.get("schema") if isinstance(document, Mapping) else None
+        if schema != SCHEMA:
+            raise DocumentError(f"schema is {schema!r}, not {SCHEMA!r}; give a {FILE_NAME} of rigtwin diagnose")
+        blank = {"title": "", "rig": "", "sentence": "", "where": {}}
+        if "causes" not in document:
+            raise DocumentError("causes is missing; the file is damaged, diagnose again")
+        whole = {**blank, **document}
+        if isinstance(whole.get("causes"), list):
+            whole["causes"] = [_located(cause) for cause in whole["causes"]]
+        try:
+            diagnosis = _adapter(cls).validate_python(whole)
+            k_b = diagnosis.nominal.get("k_b")
+            nominal = {**diagnosis.nominal, "k_b": k_b and _adapter(Estimate).validate_python(k_b)}
+        except ValidationError as error:
+            raise DocumentError(f"{_first_fault(error)}; the file is damaged, diagnose again") from error
+        return dataclasses.replace(diagnosis, nominal=nominal)
+
+    @property
+    def names_a_cause(self) -> bool:
+        """Whether the corrected model is another than the nominal one."""
+        return self.verdict in ("cause", "ambiguous") and bool(self.causes)
+
     def save(self, folder: Path) -> Path:
         """Write ``diagnosis.json`` into a folder and return its path."""
         folder.mkdir(parents=True, exist_ok=True)
@@ -194,6 +238,27 @@ class Diagnosis:
         with replacing(path) as beside:
             beside.write_text(self.to_json(), encoding="utf-8")
         return path
+
+
+@lru_cache
+def _adapter(kind: type) -> TypeAdapter:
+    return TypeAdapter(kind)
+
+
+def _located(cause: Any) -> Any:
+    """A cause of a file by hand may say its places alone."""
+    places = isinstance(cause, dict) and "places" in cause
+    return {"location": {"kind": "node"}, "probability": None, **cause} if places else cause
+
+
+def _first_fault(error: ValidationError) -> str:
+    """The first thing that is wrong, with its place: 'cause 1 k_b is missing'."""
+    fault = error.errors(include_url=False)[0]
+    place = " ".join(str(part + 1) if isinstance(part, int) else str(part) for part in fault["loc"])
+    where = place.replace("causes ", "cause ") or "the document"
+    if fault["type"] == "missing":
+        return f"{where} is missing"
+    return f"{where} is {str(fault['input'])[:40]!r}: {fault['msg'][:1].lower()}{fault['msg'][1:]}"
 
 
 def _plain(value: Any) -> Any:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from rigtwin.gap.document import DAMPING, SCHEMA
+from rigtwin.gap.document import DAMPING, Cause, Diagnosis
+from rigtwin.gap.model.campaign_model import forward_of
 from rigtwin.gap.model.forward import acting, nonlinear
 from rigtwin.gap.model.linear import TOLERANCES
 from rigtwin.gap.model.nonlinear import FINAL
-from rigtwin.gap.prepare import forward_of
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.geometry.rig import load_rig
@@ -30,37 +29,32 @@ class Predicted:
     corrected: Run
 
 
-def predict(document: Mapping[str, Any], campaign: Campaign) -> tuple[Predicted, ...]:
+def predict(diagnosis: Diagnosis, campaign: Campaign) -> tuple[Predicted, ...]:
     """Predict every run of a campaign.
 
     Parameters
     ----------
-    document : the contents of a diagnosis.json
-    campaign : any campaign of the same rig; of its data only the lines and channels are used, and of what it believes
-        only what the diagnosis does not say
+    diagnosis : of another campaign of the same rig, as ``Diagnosis.from_json`` reads it
+    campaign : of its data only the lines and channels are used, and of what it believes only what the diagnosis does
+        not say
 
     Raises
     ------
-    MeasurementError : the document is not a diagnosis, or does not hold what is needed
+    MeasurementError : the diagnosis names effects that do not exist, or that do not go with the campaign's rotor
     """
-    if document.get("schema") != SCHEMA:
-        raise MeasurementError(f"diagnosis: schema is {document.get('schema')!r}, expected {SCHEMA!r}; diagnose again")
     damaged = "the file is damaged or of another rig, diagnose again"
     try:
-        models = _models(document)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise MeasurementError(f"diagnosis: {error}; {damaged}") from error
-    try:
+        models = _models(diagnosis)
         return tuple(_predict(models, campaign))
     except MeasurementError:  # of the campaign
         raise
-    except ValueError as error:  # effects that do not go with its rotor
+    except (KeyError, TypeError, ValueError) as error:
         raise MeasurementError(f"diagnosis: {error}; {damaged}") from error
 
 
 @dataclass(frozen=True)
 class _Models:
-    """The nominal and the corrected model, as a document gives them."""
+    """The nominal and the corrected model, as a diagnosis gives them."""
 
     nominal_k_b: float  # [N/m]
     k_b: float  # of the corrected model [N/m]
@@ -70,16 +64,16 @@ class _Models:
     sensor_gain: Mapping[str, float]  # by channel
 
 
-def _models(document: Mapping[str, Any]) -> _Models:
-    effects, k_b = corrected_rotor(document)
-    calibration = (document.get("calibration") if explains(document) else None) or {}
+def _models(diagnosis: Diagnosis) -> _Models:
+    effects, k_b = corrected_rotor(diagnosis)
+    calibration = diagnosis.calibration if diagnosis.names_a_cause else {}
     return _Models(
-        nominal_k_b=Condition(k_b=_nominal_k_b(document)).k_b,  # which refuses what is no stiffness
-        k_b=Condition(k_b=float(k_b)).k_b,
+        nominal_k_b=Condition(k_b=_nominal_k_b(diagnosis)).k_b,  # which refuses what is no stiffness
+        k_b=Condition(k_b=k_b).k_b,
         effects=effects,
-        damping={key: float(value) for key in DAMPING if (value := document["nominal"].get(key)) is not None},
-        tolerance=np.array([float(calibration.get("tolerance", {}).get(name, 0.0)) for name in TOLERANCES]),
-        sensor_gain={channel: float(gain) for channel, gain in calibration.get("sensor_gain", {}).items()},
+        damping={key: float(value) for key in DAMPING if (value := diagnosis.nominal.get(key)) is not None},
+        tolerance=np.array([calibration.get("tolerance", {}).get(name, 0.0) for name in TOLERANCES]),
+        sensor_gain=calibration.get("sensor_gain", {}),
     )
 
 
@@ -97,46 +91,45 @@ def _predict(models: _Models, campaign: Campaign) -> Iterator[Predicted]:
         yield Predicted(run, _with(run, before), _with(run, after.response(None, models.tolerance) * gains))
 
 
-def _nominal_k_b(document: Mapping[str, Any]) -> float:
+def _nominal_k_b(diagnosis: Diagnosis) -> float:
     """Bearing stiffness [N/m] of the nominal model; the default where the diagnosis does not know it."""
-    return float((document["nominal"].get("k_b") or {}).get("value", Condition.k_b))
+    known = diagnosis.nominal.get("k_b")
+    return Condition.k_b if known is None else known.value
 
 
-def corrected_rotor(document: Mapping[str, Any]) -> tuple[tuple[Effect, ...], float]:
+def corrected_rotor(diagnosis: Diagnosis) -> tuple[tuple[Effect, ...], float]:
     """Effects and bearing stiffness [N/m] of the corrected model; no effect where none is named."""
-    nominal = _nominal_k_b(document)
-    if not explains(document):
+    nominal = _nominal_k_b(diagnosis)
+    if not diagnosis.names_a_cause:
         return (), nominal
-    cause = document["causes"][0]
-    places = cause["places"] if "places" in cause else _by_location(cause)
-    effects = []
-    for name in cause["effects"]:
-        values = _of_effect(cause["parameters"], name, alone=len(cause["effects"]) == 1)
-        values = {key: entry["value"] for key, entry in values.items()} | _of_effect(places, name, alone=False)
-        if "node" in values:
-            values["node"] = int(values["node"])
-        effects.append(EFFECTS[name](**values))
-    return tuple(effects), (cause["k_b"] or {}).get("value", nominal)
+    cause = diagnosis.causes[0]
+    values = {name: estimate.value for name, estimate in cause.parameters.items()}
+    places = cause.places or _by_location(cause)
+    alone = len(cause.effects) == 1
+    effects = [_effect(name, _of(name, values, alone=alone) | _of(name, places, alone=False)) for name in cause.effects]
+    return tuple(effects), nominal if cause.k_b is None else cause.k_b.value
 
 
-def _by_location(cause: Mapping[str, Any]) -> dict[str, Any]:
+def _effect(name: str, values: Mapping[str, float]) -> Effect:
+    """An effect with its numbers. Raises KeyError, TypeError and ValueError where there is no such effect."""
+    kind = EFFECTS[name]
+    nodes = {place for place, role in kind.places().items() if role.kind == "node"}
+    return kind(**{key: int(value) if key in nodes else value for key, value in values.items()})
+
+
+def _by_location(cause: Cause) -> dict[str, float]:
     """Places of the effects of a cause that gives only locations."""
-    located = zip(cause["effects"], cause.get("locations") or [cause["location"]], strict=False)
-    numbers = [(name, {"node": spot.get("node"), "position": spot.get("x_m")}) for name, spot in located]
+    located = zip(cause.effects, cause.locations or (cause.location,), strict=False)
+    spots = [(name, {"node": spot.node, "position": spot.x_m}) for name, spot in located]
     return {
-        f"{name}.{key}": value
-        for name, values in numbers
-        for key, value in values.items()
-        if value is not None and key in EFFECTS[name].roles()
+        f"{name}.{place}": value
+        for name, by_kind in spots
+        for place, role in EFFECTS[name].places().items()
+        if (value := by_kind[role.kind]) is not None
     }
 
 
-def explains(document: Mapping[str, Any]) -> bool:
-    """Whether a diagnosis names a cause, so that the corrected model is another than the nominal one."""
-    return document["verdict"] in ("cause", "ambiguous") and bool(document["causes"])
-
-
-def _of_effect(table: Mapping[str, Any], effect: str, *, alone: bool) -> dict[str, Any]:
+def _of(effect: str, table: Mapping[str, float], *, alone: bool) -> dict[str, float]:
     """Entries of one effect by the parameter's own name, which is all that a single effect needs."""
     prefix = f"{effect}."
     return {

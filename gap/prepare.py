@@ -1,42 +1,22 @@
-"""A campaign made ready: the model of its rig, its runs with their errors, and the recalibrated nominal model."""
+"""A campaign made ready: its runs with their errors and model, and the recalibrated nominal model."""
 
 from __future__ import annotations
 
-from rigtwin.gap.audit.findings import believed_errors, common_error, scatter_over
+from dataclasses import replace
+
+from rigtwin.gap.audit.checked_run import prepare
+from rigtwin.gap.audit.noise import believed_errors, common_error, scatter_over
+from rigtwin.gap.audit.wild import left_out, silenced
+from rigtwin.gap.document import Finding
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import Observed, observe
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.forward import Forward
-from rigtwin.gap.search.linear import recalibrate
-from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.gap.model.campaign_model import forward_of
+from rigtwin.gap.search.nominal import recalibrate
+from rigtwin.gap.verdict.adequacy import odd_lines
+from rigtwin.gap.verdict.standing import adequate
 from rigtwin.rotor.geometry.rig import load_rig
-from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Campaign, Run
-
-# Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
-# A crack or a hub inside an element needs more of them.
-_ELEMENTS, _FINE_ELEMENTS = 2, 8
-
-
-def elements_between_nodes(rig: str, least: int = _ELEMENTS) -> int:
-    """So many, or the rig's own number, if that is larger."""
-    return max(least, load_rig(rig).elements_between_nodes)
-
-
-def structure_of(rig: str, least: int = _ELEMENTS) -> Structure:
-    """The campaign's rig, with at least so many elements between two nodes."""
-    return assemble(load_rig(rig), elements_between_nodes=elements_between_nodes(rig, least))
-
-
-def forward_of(campaign: Campaign) -> Forward:
-    """The model of a campaign's rig, meshed finely enough for a diagnosis.
-
-    Raises MeasurementError where a run has a node that the rig lacks.
-    """
-    structure = structure_of(campaign.rig)
-    for run in campaign.runs:
-        run.check_nodes(structure.n_nodes)
-    return Forward(structure, campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
 
 
 def _observed(run: Run) -> Observed:
@@ -51,3 +31,20 @@ def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     problem, first = problem.in_si(recalibrate(problem))
     problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)
     return problem, recalibrate(problem, first)
+
+
+def without_odd_lines(
+    campaign: Campaign, problem: Problem, nominal: Fit
+) -> tuple[Campaign, Problem, Fit, tuple[Finding, ...]]:
+    """Leave out single lines that alone keep the nominal model from explaining the runs, and say which."""
+    unchanged = campaign, problem, nominal, ()
+    odd = [] if adequate(problem, nominal) else odd_lines(problem, nominal)
+    if not any(lines.any() for lines in odd):
+        return unchanged
+    left = replace(campaign, runs=tuple(map(silenced, campaign.runs, odd)))
+    problem_left, nominal_left = prepared(left)
+    if not adequate(problem_left, nominal_left):
+        return unchanged
+    why = "Only here, far from any resonance, the nominal model misses what was measured, as where a mains hum is read"
+    named = [(p, p.run.frequency_hz[lines]) for p, lines in zip(prepare(campaign.runs), odd, strict=True)]
+    return left, problem_left, nominal_left, tuple(left_out(p, f, why) for p, f in named if len(f))

@@ -13,5 +13,6 @@ room            what it holds                                                   
 ``rigs`` holds the shipped rigs. What runs inside ``RotorRig.fmu`` is ``model``, ``effects`` and ``time``.
 
 Conventions: x along the shaft, spin about +x, nodal coordinates ``(y, z, theta_y, theta_z)``,
-time factor e^{+i omega t}, peak amplitudes, SI units. Nodes count from 1.
+time factor e^{+i omega t}, peak amplitudes, SI units. Nodes count from 1. Examples in docstrings use
+``np``, ``load_rig``, ``assemble``, ``build_system`` and ``Condition`` without importing them.
 """

@@ -17,5 +17,5 @@ module               what it holds                                           sta
 ``modal_fit``        modes of a measured frequency response                  ``fit_modes``
 ===================  ======================================================  ===========================
 
-FMUs are reached through ``.fmu`` files only.
+This package uses FMUs through their ``.fmu`` files only.
 """

@@ -1,4 +1,4 @@
-"""What a rig measures: runs and campaigns, the same type for a virtual and a real rig."""
+"""Types of measured data: runs and campaigns, the same for a virtual and a real rig."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ class MeasurementError(ValueError):
 
 @dataclass(frozen=True, order=True)
 class Channel:
-    """An accelerometer: the node it sits on (from 1) and the plane it looks along."""
+    """An accelerometer: its node (from 1) and the direction in which it measures.
+
+    >>> str(Channel(3)), str(Channel(3, "z"))
+    ('node3', 'node3_z')
+    """
 
     node: int
     plane: Plane = "y"
@@ -77,7 +81,7 @@ class Run:
                 raise MeasurementError(f"run {self.name!r}, {label}: {wrong}; correct one of them")
 
     def on_lines(self, lines: NDArray[np.bool_] | slice) -> Run:
-        """The same run on some of its lines, without harmonics; the others were swept all the same."""
+        """The same run with some of its lines and without harmonics; ``swept_hz`` keeps all lines that were swept."""
         std = None if self.std is None else self.std[lines]
         swept = self.frequency_hz if self.swept_hz is None else self.swept_hz
         some = self.frequency_hz[lines]
@@ -109,7 +113,7 @@ class Run:
 
 @dataclass(frozen=True)
 class PeakList:
-    """Resonances read off a curve where only those survive."""
+    """Resonance frequencies read from a curve of which nothing else is available."""
 
     support: SupportKind
     frequencies_hz: FloatArray  # (n_peaks,)
@@ -118,7 +122,7 @@ class PeakList:
 
 @dataclass(frozen=True)
 class NominalBelief:
-    """What the nominal model believes of this rig before any diagnosis."""
+    """What the nominal model assumes about this rig before any diagnosis."""
 
     shaft_damping_ratio: float = Condition.shaft_damping_ratio
     bearing_damping_Ns_per_m: float = 0.0

@@ -33,7 +33,7 @@ def detect(samples: FloatArray, samples_per_period: int, *, any_harmonics: bool 
 
     Over whole periods the columns are orthogonal, so the fit is a sum: X_k = 2/N sum x e^{-ik phi}.
     White noise of standard deviation s in the samples gives each phasor the error
-    sqrt(E|error|^2) = 2 s / sqrt(N); s is estimated from what the fit leaves.
+    sqrt(E|error|^2) = 2 s / sqrt(N); s is estimated from the residuals of the fit.
 
     Parameters
     ----------
@@ -41,6 +41,10 @@ def detect(samples: FloatArray, samples_per_period: int, *, any_harmonics: bool 
     samples_per_period : at least 8, so that three harmonics and a residual fit
     any_harmonics : s is estimated from what does not repeat from period to period, so that harmonics
         beyond HARMONICS do not count as noise; for two periods and more
+
+    >>> cosine = 2 * np.cos(2 * np.pi * np.arange(32) / 16)[:, None]  # two periods, one channel
+    >>> abs(detect(cosine, samples_per_period=16).amplitude[:, 0]).round(6)
+    array([2., 0., 0.])
     """
     amplitude, N = harmonics(samples, samples_per_period), len(samples)
     if any_harmonics and samples_per_period < N:

@@ -1,4 +1,4 @@
-"""Co-simulation instances of fmpy, FMI 2.0 and FMI 3.0, by the names that FMI 2.0 has for what they do."""
+"""Co-simulation instances of fmpy for FMI 2.0 and FMI 3.0, both with the method names of FMI 2.0."""
 
 from __future__ import annotations
 

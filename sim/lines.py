@@ -1,4 +1,4 @@
-"""One frequency line: wait, judge whether the rotor has settled, set the exciter's force, read."""
+"""One frequency line: wait until the rotor has settled, set the force of the exciter, read the motion."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _SHARE, _SHARE_TIME_STEPPED = 1e-3, 0.1
 # A motion whose fundamental spreads by more from period to period does not repeat; one by less need not be watched on.
 PERIODIC, _ALIKE = 1e-3, 1e-4
 
-# Samples are enough where harmonics change by so little when every other one is left out. Content that lies beside
-# multiples of their number alone is missed; that of contacts is everywhere.
+# There are enough samples if the harmonics change by less than this when every other sample is left out. Only content
+# near multiples of the number of samples is missed by this test; contacts have content at all frequencies.
 _UNFOLDED = 1e-6
 
-# Seconds, a period at most, in which what is stepped in time finds into the rhythm of the samples.
+# Run-in [s], at most a period, after which a rotor that is stepped in time follows the spacing of the samples.
 _RUN_IN = 5e-3
 
-# Forces that are tried for an exciter at constant current.
+# Number of forces that are tried for an exciter at constant current.
 _FORCE_STEPS = 20
 
 # Where the frequency stands on its glide from one line to the next, 0 to 1: the integral of 1 - cos, in half as many
@@ -90,7 +90,7 @@ class Line:
 
 @dataclass(frozen=True)
 class _Settled:
-    """What waiting led to."""
+    """Result of waiting for a line to settle."""
 
     windows: list[ComplexArray]  # (n_channels,) fundamentals per newton
     last: FloatArray  # (n_samples, n_channels + 1) the last of these windows, a period; with the force
@@ -99,7 +99,7 @@ class _Settled:
 
 
 class LineReader:
-    """Reads lines one after another, each from the state the one before left.
+    """Reads lines one after another; each starts from the state at the end of the line before.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ class LineReader:
         )
 
     def _stream(self, frequency_hz: float) -> tuple[str | int | float, ...]:
-        """What tells this line's noise from that of all others."""
+        """Values that identify the noise of this line among all others."""
         rig = self._rig
         place = int(rig.excitation_node), rig.excitation_plane
         return rig.support, float(self._plan.force_amplitude), *place, float(rig.spin_rpm), round(1e9 * frequency_hz)
@@ -376,14 +376,17 @@ def per_force(phasors: Phasors) -> Phasors:
 def remaining_transient(windows: Sequence[ComplexArray], *, time_stepped: bool = False) -> float:
     """What is left of the transient after the last of equally spaced windows (n_channels,), inf where it is not known.
 
-    A transient that decays by the factor r from window to window changes the phasor by d, then by
-    r d; what is left after the last window is at most d r / (1 - r), with d the last change. Modes
-    beat with the force and with each other, so that a change may be small by chance: of the last
-    three changes the largest counts, of their decays the slowest, which takes five windows. Where
-    nothing but round-off changes, three windows do.
+    A transient that decays by the factor r from window to window changes the phasor by d and then by
+    r d. After the last window at most d r / (1 - r) is left, with d the last change. Modes beat with the
+    force and with each other, so a change may be small by chance. Therefore the largest of the last
+    three changes and the slowest of their decays are used, which takes five windows. If only round-off
+    changes, three windows are enough.
 
     A rotor that is stepped in time (``time_stepped``) ends in small irregular changes instead of
-    round-off. There the last five windows must agree, and a decay must be over where one is seen.
+    round-off. There the last five windows must agree, and a decay that can be seen must have ended.
+
+    >>> remaining_transient([np.array([1.0 + 0.0j])] * 3)
+    0.0
     """
     share = _SHARE_TIME_STEPPED if time_stepped else _SHARE
     changes = [_change(*pair, share) for pair in itertools.pairwise(windows[-_WINDOWS:])]

@@ -1,6 +1,6 @@
 """Modes of a measured frequency response: one resonance at a time, weighted by the lines' errors.
 
-Near a resonance every channel is one mode and what the other modes leave,
+Near a resonance every channel is the sum of one mode and a smooth rest of the other modes,
 
     H_c(omega) = -omega^2 [ R_c / (omega_r^2 - omega^2 + 2 i zeta omega_r omega)
                             + U_c + V_c (omega^2 - omega_r^2) / omega_r^2 ],
@@ -22,7 +22,7 @@ from scipy.signal import find_peaks
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.sim.campaign import ComplexArray, FloatArray, MeasurementError, Plane, Run
 
-# A resonance stands out from its surroundings by at least this factor.
+# A resonance is higher than its surroundings by at least this factor.
 _PROMINENCE = 1.5
 
 # Lines within so many half-power bandwidths on either side take part in a fit.
@@ -126,7 +126,11 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
 
 
 def resonances(frequency_hz: FloatArray, magnitude: FloatArray) -> list[float]:
-    """Lines at which a magnitude stands out from its surroundings by half or more, ascending [Hz]."""
+    """Lines at which a magnitude stands out from its surroundings by half or more, ascending [Hz].
+
+    >>> resonances(frequency_hz=np.array([98.0, 99.0, 100.0, 101.0]), magnitude=np.array([1.0, 2.0, 9.0, 3.0]))
+    [100.0]
+    """
     places, _ = find_peaks(np.log(magnitude + np.finfo(float).tiny), prominence=np.log(_PROMINENCE))
     return [float(frequency_hz[p]) for p in places]
 
@@ -170,7 +174,7 @@ class _Problem:
         # Without standard errors every line counts alike; their size is the optimiser's unit.
         alike = np.full(self.H.shape, np.abs(self.H).max())
         std = run.std[np.ix_(use, moving)] if run.std is not None else alike
-        # A line known to 1e-12 would rule the fit; no channel is better than 1e-9 of its largest line.
+        # A line with an error of 1e-12 would dominate the fit, so no error is taken below 1e-9 of the largest line.
         self.weight = np.sqrt(2) / np.maximum(std, 1e-9 * np.abs(self.H).max(axis=0))
 
     def columns(self, p: FloatArray, centre: float) -> ComplexArray:

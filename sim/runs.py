@@ -1,4 +1,4 @@
-"""Several runs of the virtual rig, each by an FMU instance of its own, wherever the work goes."""
+"""Several runs of the virtual rig, each with its own FMU instance, on any executor."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def sweep_all(fmu: Path, runs: Sequence[tuple[Rig, SweepPlan]], executor: Execut
 
 
 def _length(rig: Rig, plan: SweepPlan) -> tuple[bool, float]:
-    """Of two runs, which one takes longer: a rotor that is stepped in time, the more the harder it is driven."""
+    """Key that sorts runs by their expected duration: nonlinear ones take longer, and more so at higher force."""
     return rig.nonlinear, plan.force_amplitude
 
 

@@ -44,7 +44,7 @@ class SavedState:
 
 
 class FmuSession:
-    """Use as a context manager; keeps one instance and resets it between runs.
+    """One instance of an FMU, which is reset between runs; use it as a context manager.
 
     Parameters
     ----------

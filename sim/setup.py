@@ -31,7 +31,7 @@ class SetupError(ValueError):
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What to sweep and how well.
+    """Which lines a sweep measures, and how accurately.
 
     A line is settled when what is left of the transient, estimated from five windows
     ``settle_time`` apart, is below ``settling_tolerance`` of the line's value in every channel.
@@ -77,7 +77,11 @@ class SweepPlan:
         return max(self.samples_per_period, math.ceil(self.sample_rate_hz / frequency_hz))
 
     def base_lines(self) -> FloatArray:
-        """(n_lines,) evenly spaced frequencies before refinement [Hz], increasing."""
+        """(n_lines,) evenly spaced frequencies before refinement [Hz], increasing.
+
+        >>> SweepPlan(f_min_hz=10.0, f_max_hz=30.0, n_lines=3).base_lines()
+        array([10., 20., 30.])
+        """
         return np.linspace(self.f_min_hz, self.f_max_hz, self.n_lines)
 
     def in_order(self, frequency_hz: Iterable[float]) -> list[float]:
@@ -112,7 +116,7 @@ class Rig:
 
     @property
     def nonlinear(self) -> bool:
-        """Whether an effect makes the response depend on level and history; bearings have none on rigid supports."""
+        """Whether an effect makes the response depend on level and history; rigid supports have no bearing effects."""
         bearings_held = self.support == "rigid"
         return any(e.family == "nonlinear" and not (bearings_held and e.location == "bearings") for e in self.effects)
 
@@ -139,7 +143,7 @@ class Rig:
         }
 
     def carry_out(self, plan: SweepPlan) -> SweepPlan:
-        """The plan as this rig carries it out: with its raster and dwell, and with what a nonlinear rotor needs."""
+        """The plan with this rig's raster and dwell, and with the settings that a nonlinear rotor needs."""
         changes = {name: value for effect in self.effects for name, value in effect.sweep_changes().items()}
         if "step_hz" in changes:
             steps = math.floor((plan.f_max_hz - plan.f_min_hz) / changes["step_hz"] + 1e-9)

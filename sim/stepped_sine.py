@@ -1,4 +1,4 @@
-"""The virtual test rig: a stepped sine through an FMU, settled, detected, refined at resonances."""
+"""The virtual test rig: a stepped sine through an FMU, with more lines around the resonances."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ __all__ = ["Line", "NotSettledError", "Rig", "SetupError", "Sweep", "SweepPlan",
 
 logger = logging.getLogger(__name__)
 
-# A peak that one cannot get closer to, relative to its frequency: one of a linear rotor is nowhere
-# so sharp; a branch of a nonlinear rotor ends in a jump, which has no band of its own.
+# Lines are not put closer together than this, relative to their frequency. No peak of a linear rotor is so sharp; a
+# branch of a nonlinear rotor ends in a jump, which has no half-power band.
 _SHARPEST, _SHARPEST_JUMP = 1e-7, 1e-4
 _JUMP_BAND = 1e-3
 
@@ -33,7 +33,7 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Sweep:
-    """A run, and how well each of its lines had settled."""
+    """A run, and how well the motion had settled on each of its lines."""
 
     run: Run
     lines: tuple[Line, ...]

@@ -34,10 +34,10 @@ FAMILIES = {
 }
 
 _INTRODUCTION = (
-    "What reality may have and the nominal rotor lacks. Each page has the equation, the parameters with their prior "
-    "ranges for the paper's rotor, where the effect may sit, what it looks like in a measurement, and a source. "
-    "Effects compose, and their order does not matter. `rigtwin effects` prints the same facts in a terminal, "
-    "`rigtwin effects --json` for a machine.",
+    "An effect is something that a real rig may have and the nominal rotor does not have. Each page gives the "
+    "equation, the parameters with their prior ranges for the paper's rotor, the places where the effect can occur, "
+    "its signs in a measurement, and a source. Effects can be combined, and their order does not matter. "
+    "`rigtwin effects` prints the same facts in a terminal, and `rigtwin effects --json` prints them for a program.",
     "These pages are written by `make effect-pages` from `rotor/effects`; do not edit them.",
 )
 
@@ -109,10 +109,10 @@ def _whereabouts(effect: type[Effect]) -> str:
     fields = [f" (`{name}`: {lowered(role.meaning)})" for name, _, role in places_of(effect)]
     sentences = [f"Where: {LOCATIONS[effect.location]}{''.join(fields)}."]
     if not effect.in_fmu:
-        sentences.append("Not in the FMU: it belongs to the measurement, not to the rotor.")
+        sentences.append("The FMU does not have it, because it belongs to the measurement and not to the rotor.")
     elif effect.changes_size:
         sentences.append(
-            "It changes the number of degrees of freedom: in the FMU it is set before the simulation starts."
+            "It changes the number of degrees of freedom, so in the FMU it must be set before the simulation starts."
         )
     return " ".join(sentences)
 
@@ -145,15 +145,15 @@ def _law(effect: type[Effect]) -> list[str]:
     if not forces:
         return []
     law = forces[0].law
-    words = "As force law, beyond the linear stiffness that the joint has anyway" if not law.memory else "As force law"
+    words = "As force law, in addition to the linear stiffness of the joint" if not law.memory else "As force law"
     if effect.location == "node":
         words = "As force law"
     parts = [f"{words}:", f"$$ F = {latex(law)} $$"]
     if "pos" in law.force:
         rounded = r"$(u)_+ = \tfrac12\left(u + \sqrt{u^2 + \varepsilon^2}\right)$"
-        parts.append(f"with {rounded}, the positive part of u with its corner rounded over a length ε.")
+        parts.append(f"Here {rounded} is the positive part of u, with its corner rounded over a length ε.")
     if law.memory:
-        parts.append("with x₋ and F₋ the displacement and the force before, and the bracket kept within ± F_c.")
+        parts.append("Here x₋ and F₋ are the displacement and the force before, and the bracket is limited to ± F_c.")
     return parts
 
 

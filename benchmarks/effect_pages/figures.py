@@ -330,7 +330,7 @@ FIGURES: dict[str, EffectFigure] = {
     "shaft_damping": EffectFigure(
         (response(_RATIOS, band=FIRST_MODE, title=_ZOOMED),
          response(_RATIOS, RIGID, band=FIRST_MODE_RIGID, title="on rigid supports, first mode")),
-        "On bearings a mode has only its share of the shaft's damping, and the bearings damp it too.",
+        "On bearings only a share of the shaft's damping acts on a mode, and the bearings damp it too.",
     ),
     "bearing_damping": EffectFigure(
         on_both_supports({f"{c:g} N s/m": [BearingDamping(damping=c)] for c in (10.0, 200.0, 500.0)}),
@@ -339,7 +339,7 @@ FIGURES: dict[str, EffectFigure] = {
     "bearing_tilt_stiffness": EffectFigure(
         (response(_TILTS, title="on bearings, k_b = 1.3 MN/m"),
          response(_TILTS, _STIFF, title="on bearings, k_b = 100 MN/m")),
-        "The stiffer the bearings hold the shaft, the more their tilt stiffness is felt.",
+        "The stiffer the bearings are, the larger is the influence of their tilt stiffness.",
     ),
     "pedestal_flexibility": EffectFigure(
         (response(_PEDESTALS),), "Heavy or soft pedestals bring poles of their own into the band."
@@ -354,7 +354,7 @@ FIGURES: dict[str, EffectFigure] = {
     ),
     "compliant_rigid_support": EffectFigure(
         (response({f"{k:g} MN/m": [CompliantRigidSupport(stiffness=1e6 * k)] for k in (100, 30, 10)}, RIGID),),
-        "A support that gives way is a bearing without damping.",
+        "A rigid support that gives way acts like a bearing without damping.",
     ),
     "plane_anisotropy": EffectFigure(
         (response(_ANISOTROPIC, title="on bearings, along the force"),
@@ -386,14 +386,14 @@ FIGURES: dict[str, EffectFigure] = {
     ),
     "bearing_friction": EffectFigure(
         (at_levels(_SLIPPING, (0.1, 0.5, 5.0), (60.0, 110.0)), hysteresis(_SLIPPING, (2e-6, 5e-6))),
-        "F_c = 1 N, k_t = 1 MN/m. Right: what the seat does at two amplitudes.",
+        "F_c = 1 N, k_t = 1 MN/m. Right: the friction force of the seat at two amplitudes.",
         _BALANCED,
     ),
     "bilinear_support": EffectFigure(
         (at_levels(_ONE_SIDED, (0.1, 1.0), (60.0, 110.0), widths=(3.0, 1.0)),
          at_levels(_ONE_SIDED, (0.1, 1.0), (60.0, 110.0), 2, widths=(3.0, 1.0)),
          force_law(_ONE_SIDED, 2e-5)),
-        "ρ = 2; the curves of all levels lie on each other.",
+        "ρ = 2; the curves of all force levels coincide.",
         _BALANCED,
     ),
     "rub": EffectFigure(
@@ -404,13 +404,13 @@ FIGURES: dict[str, EffectFigure] = {
     ),
     "sensor_gain": EffectFigure(
         (response({f"γ = {g:g}": [SensorGain(gain=g)] for g in (0.8, 1.2)}),),
-        "On a logarithmic scale the channel moves up or down as a whole.",
+        "On a logarithmic scale the whole curve of the channel moves up or down.",
     ),
     "sensor_delay": EffectFigure((phase(_LATE),), "The magnitudes are those of the nominal rotor."),
     "sensor_mass": EffectFigure(
         (response({f"{m:g} g": [SensorMass(mass=m / 1e3)] for m in (20, 60)}, band=(180.0, 230.0),
                   title="on bearings, second mode"), shift_by_channel((20, 60))),
-        "Right: the accelerometer roves and loads the rotor at the node that it reads.",
+        "Right: the accelerometer is moved from node to node and loads the rotor where it reads.",
     ),
     "sensor_position": EffectFigure(
         (response(_BESIDE), response(_BESIDE, band=(100.0, 140.0), title="on bearings, antiresonance")),
@@ -419,11 +419,11 @@ FIGURES: dict[str, EffectFigure] = {
     "force_dropout": EffectFigure(
         (response(_ARMATURES, band=FIRST_MODE, title="per nominal force", referred_to="nominal_force"),
          response(_ARMATURES, band=FIRST_MODE, title="per force on the rotor")),
-        "Referred to the force that really acts, nothing is to be seen.",
+        "Right: per force that really acts on the rotor, the effect cannot be seen.",
     ),
     "coarse_grid": EffectFigure(
         (sampled((1.0, 4.0), FIRST_MODE, _ZOOMED), sampled((1.0, 4.0), (190.0, 220.0), "on bearings, second mode")),
-        "Every line is right; what lies between them is missed.",
+        "The value on every line is right, but the peaks between the lines are missed.",
     ),
     "fast_sweep": EffectFigure(
         (swept((1.0, 0.1), np.arange(70.0, 86.01, 0.2)),),

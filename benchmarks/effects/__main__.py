@@ -15,11 +15,13 @@ from benchmarks.page import DOCS, MISSED, bars_in
 
 INTRODUCTION = """# Effects and solvers, measured
 
-Every effect of the library goes through several solvers that share the rotor's matrices, the expressions of the force
-laws and nothing else: frequency response, harmonic balance, time stepping inside the FMU. This page measures how well
-they agree with each other, with an independent code and with closed forms, and what they cost. Written by
-`python -m benchmarks.effects`; do not edit it by hand. Timings depend on the machine; they are the best of several runs
-on one core.
+Every effect of the library can be computed by several solvers: frequency response, harmonic balance, and time stepping
+inside the FMU. These solvers share the matrices of the rotor and the expressions of the force laws, and nothing else.
+This page measures how well they agree with each other, with an independent code and with closed-form solutions, and how
+long they take.
+
+The page is written by `python -m benchmarks.effects`; do not edit it by hand. The times depend on the machine. Each is
+the best of several runs on one core.
 """
 
 SECTIONS: dict[str, Callable[[], str]] = {

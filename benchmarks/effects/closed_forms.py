@@ -172,8 +172,10 @@ def section() -> str:
     ]
     return f"""## Closed forms
 
-A mass of {MASS:g} kg on two bearings, solved by harmonic balance through the same effects as the rotor; backbones are
-read where the fundamental lags the force by a quarter of a period. A pinned beam for the axial load.
+These tests use a mass of {MASS:g} kg on two bearings, because its motion has closed-form solutions. It is solved by
+harmonic balance with the same effect classes as the rotor. A backbone curve gives the resonance frequency over the
+amplitude; it is read where the fundamental lags the force by a quarter of a period. The axial load is tested on a
+pinned beam.
 
 {table(("what", "found", "closed form", "diff., %"), cells)}
 {bar("closed forms, largest difference", 100 * max(errors), at_most=0.5, unit="%")}"""

@@ -135,9 +135,11 @@ def section() -> str:
     cubic, *clearances = (t.total for t in timings[:4])
     return f"""## Curves by harmonic balance
 
-One curve of the shipped rotor from {LINES_HZ[0]:g} to {LINES_HZ[-1]:g} Hz with {HARMONICS} harmonics, every nonlinear
-bearing at both ends, then {len(LINES_HZ)} lines of an upward and as many of a downward sweep, then the Floquet
-multipliers of the upward ones. Processor time of one core, the best of {RUNS}.
+This section says how long harmonic balance takes for the shipped rotor. Nonlinear bearings are nonlinear at both ends.
+Three steps are timed: following one response curve from {LINES_HZ[0]:g} to {LINES_HZ[-1]:g} Hz with {HARMONICS}
+harmonics, reading {len(LINES_HZ)} lines of an upward and as many of a downward sweep from it, and computing the
+stability of the upward lines by Floquet multipliers. The times are processor times of one core, the best of {RUNS}
+runs.
 
 {table(header, cost)}
 {bar("cubic bearings, curve and lines", cubic, at_most=CUBIC_S, unit="s")}
@@ -155,11 +157,15 @@ def _rounding() -> str:
     by_samples = [(f"{n}", *difference(swept(VARIED, samples=n), reference)) for n in NUMBERS_OF_SAMPLES]
     return f"""### Rounded corners
 
-A law's corner is rounded over {CORNER:g} of its gap and over {TRAVEL:g} of the way that the joint makes between two
-samples of a period, root of the sum of squares; {SAMPLES_OF_CORNERS} samples unless said otherwise ({SAMPLES} for laws
-without corners). Here `{VARIED.name}` under {VARIED.levels_N[0]:g} N, upwards, at the driven node, against
-{SHARPEST["corner"]:g} of the gap and {SHARPEST["samples"]} samples. Lines within {AT_A_JUMP_HZ:g} Hz of a jump are left
-out, and third harmonics of less than {100 * SHOWN_THIRD:g} % of the fundamental.
+The sharp corner of a force law is rounded so that the solver finds its way round it. The length of the rounding has two
+parts, {CORNER:g} of the gap and {TRAVEL:g} of the distance that the joint travels between two samples of a period; it
+is the root of the sum of their squares. Laws with corners use {SAMPLES_OF_CORNERS} samples per period unless stated
+otherwise, laws without corners {SAMPLES}.
+
+The tables show what the rounding changes. They compare the response of `{VARIED.name}` under {VARIED.levels_N[0]:g} N,
+at the driven node in an upward sweep, with the sharpest calculation, which rounds over {SHARPEST["corner"]:g} of the
+gap and uses {SHARPEST["samples"]} samples. Lines within {AT_A_JUMP_HZ:g} Hz of a jump are left out, and so are third
+harmonics below {100 * SHOWN_THIRD:g} % of the fundamental. The column "95th" is the 95th percentile of the difference.
 
 {table(("rounding over the gap", *COLUMNS), by_corner)}
 {table(("samples of a period", *COLUMNS), by_samples)}"""
@@ -170,8 +176,8 @@ def _harmonics() -> str:
     rows = [(f"{n}", *difference(swept(VARIED, harmonics=n), reference)) for n in NUMBERS_OF_HARMONICS]
     return f"""### Number of harmonics
 
-The same against {MOST} harmonics. Where the third is far off, a superharmonic resonance of a harmonic that is left
-out meets a mode.
+Here the same response is computed with few harmonics and compared with {MOST} harmonics. The third harmonic is far off
+where a harmonic that was left out has the frequency of a natural mode (superharmonic resonance).
 
 {table(("harmonics", *COLUMNS), rows)}"""
 

@@ -108,9 +108,11 @@ def section() -> str:
     header = ("effect", "sweep", "jump, balance, Hz", "jump, FMU, Hz", "diff., Hz", "before, %", "behind, %")
     return f"""## Jumps
 
-Sweeps through the folds of the curve, upwards and downwards: where harmonic balance says that the branch ends, and
-where `RotorRig.fmu` jumps when it is swept in steps of {STEP_HZ:g} Hz, each line from the state the one before left.
-The last two columns compare the response at the driven node {REACH_HZ[0]:g} Hz before and {REACH_HZ[1]:g} Hz behind.
+The response curve of a nonlinear rotor can turn back on itself. At such a fold a sweep jumps to another branch of the
+curve. This section compares the frequency at which harmonic balance says that the branch ends with the frequency at
+which `RotorRig.fmu` jumps. The FMU is swept upwards and downwards in steps of {STEP_HZ:g} Hz, and each line starts from
+the state at the end of the line before. The last two columns compare the responses of both solvers at the driven node,
+{REACH_HZ[0]:g} Hz before the jump and {REACH_HZ[1]:g} Hz behind it.
 
 {table(header, rows)}
 {bar("jump frequency, largest difference", worst, at_most=BAR_HZ, unit="Hz")}"""

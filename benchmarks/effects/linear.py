@@ -147,15 +147,20 @@ def section() -> str:
     header = ("effect", "lines", "rigid", "bearing", "rotors", "planes", "with design, ms", "response, ms")
     return f"""## Linear effects: the FMU against the direct response
 
-Every linear effect at its start value (of the measurement chain, too; a spinning one at {SPIN_RPM:g} rev/min), measured
-through `RotorRig.fmu` by the virtual rig on both supports, against `rotor.measured`. {EVEN_LINES} even lines from
-{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz and {len(LINES_AT_A_RESONANCE)} at each resonance. Largest complex error over all
-nodes, relative to each line's own value, where it is above {100 * SHARE_OF_MEDIAN:g} % of its channel's median. At
-constant current (`force_dropout`) the response is per nominal force.
+The virtual rig measures the rotor through `RotorRig.fmu`, on both supports, with one linear effect at a time at its
+start value. Effects of the measurement chain are included, and spinning effects are measured at {SPIN_RPM:g} rev/min.
+The results are compared with the response that `rigtwin.rotor.frequency.measured` computes directly. There are
+{EVEN_LINES} evenly spaced lines from {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz, and {len(LINES_AT_A_RESONANCE)} more at each
+resonance.
 
-Beside it, what one response of {TIMED_LINES} lines at 7 nodes costs on bearings, best of {REPEATS}: from the design to
-the response, and from the matrices to the response. A sensor with a mass is read from a rotor of its own; the time is
-that of one rotor.
+The columns "rigid" and "bearing" give the largest error of the complex value over all nodes, relative to the value of
+the same line. Lines below {100 * SHARE_OF_MEDIAN:g} % of the median of their channel are left out. For the exciter at
+constant current (`force_dropout`) the response is divided by the nominal force.
+
+The last two columns give the time for one response of {TIMED_LINES} lines at 7 nodes on bearings, the best of {REPEATS}
+runs: first from the design of the rotor to the response, then from the finished matrices to the response. A sensor with
+a mass loads the rotor only while its own channel is read, so several rotors must be solved; the time is that of one of
+them.
 
 {table(header, rows)}
 {bar("FMU against direct response, largest error", worst, at_most=AGREEMENT)}

@@ -155,15 +155,21 @@ def section() -> str:
     )
     return f"""## Harmonic balance against time stepping
 
-`RotorRig.fmu`, each effect at three levels, swept upwards over {len(LINES_HZ)} lines through the virtual rig
-(150,000 samples a second where there are contacts), against harmonic balance (15 harmonics; 31 for clearance, friction,
-the bilinear support and the rub, whose corners excite higher modes; corners rounded over {100 * CORNER:g} % of the
-gap) on the branch of an upward or of a downward sweep, whichever the FMU is on: from one of these lines to the next it
-may fall off a branch.
-Largest difference of a line's phasors over all nodes, relative to the line. A third harmonic is judged where it is at
-least {100 * SHOWN_THIRD:g} % of the fundamental. A line whose fundamental spreads by more than 0.1 % from period to
-period, or that does not settle, counts as not periodic. Not judged are lines where the motion that harmonic balance
-finds is not stable (its mirror image has split off, for example), and lines within {AT_A_JUMP_HZ:g} Hz of a jump.
+The virtual rig sweeps `RotorRig.fmu` upwards over {len(LINES_HZ)} lines, with one nonlinear effect at a time and three
+force levels. Where there are contacts it takes 150,000 samples per second. The same motion is computed by harmonic
+balance with 15 harmonics. For clearance, friction, the bilinear support and the rub it uses 31 harmonics, because the
+sharp corners of these laws excite higher modes; the corners are rounded over {100 * CORNER:g} % of the gap. Where
+several motions are possible, the FMU is compared with the branch that it is on, which is that of an upward or of a
+downward sweep. From one of these lines to the next it may fall from one branch to the other.
+
+The table shows the largest difference of a line's phasors over all nodes, relative to the line. A third harmonic is
+compared only where it is at least {100 * SHOWN_THIRD:g} % of the fundamental. Some lines are not compared and are
+counted in the last three columns:
+
+- "not periodic": the fundamental varies by more than 0.1 % from period to period, or the motion does not settle.
+- "unstable": the motion that harmonic balance finds is not stable, for example because the real motion has become
+  unsymmetric.
+- "at a jump": the line is within {AT_A_JUMP_HZ:g} Hz of a jump.
 
 {table(header, rows)}
 {bar("fundamental, largest difference", 100 * fundamental, at_most=100 * FUNDAMENTAL, unit="%")}

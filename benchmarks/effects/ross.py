@@ -509,52 +509,72 @@ def section() -> str:
     version, floor = golden()["ross"]["ross-rotordynamics"], f"{NODE_FLOOR:g}"
     return f"""## Effects in an independent code: ROSS
 
-ROSS {version} [ross2020] computed the shipped rotor with one effect at a time, every bearing damped, the shaft not; our
-model has the effect of that name. What the codes share is the theory of the beam, not a line of code. Both have
-{ELEMENTS} elements per span. Frequencies are relative to ROSS' frequency. Responses are complex and compared at every
-stored line and node, relative to that node's own amplitude; a node below {floor} of the line's largest amplitude is
-judged by {floor} of the largest. `axial_load` and `open_crack` have frequencies only, `unbalance` and
-`harmonic_balance` responses only. `gyroscopic` means backward and forward whirl up to 5000 rad/s and critical speeds,
-each direction by itself, and a response at 2000 rad/s; `open_crack` five depths at two places, across and along the
-crack's edge; `harmonic_balance` forces that turn once, twice and three times as fast as the rotor, as ROSS' is linear.
+The rotor code ROSS {version} [ross2020] computed the shipped rotor with one effect at a time, with damping in every
+bearing and none in the shaft. Our model computed the same with the effect of that name. The two codes share the theory
+of the beam, but not a line of code. Both use {ELEMENTS} elements per span.
+
+Differences of frequencies are relative to ROSS' frequency. Responses are compared as complex values at every stored
+line and node, relative to the amplitude of that node in ROSS. If this amplitude is below {floor} of the largest one of
+the line, {floor} of the largest one is used instead.
+
+Some rows need an explanation:
+
+- `axial_load` and `open_crack` have frequencies only; `unbalance` and `harmonic_balance` have responses only.
+- `gyroscopic` compares backward and forward whirl up to 5000 rad/s and the critical speeds, each whirl direction
+  separately, and a response at 2000 rad/s.
+- `open_crack` compares five depths at two places, for bending across and along the crack's edge.
+- `harmonic_balance` compares forces that turn once, twice and three times as fast as the rotor, because the harmonic
+  balance of ROSS is linear.
 
 {table(header, rows)}
 {bar("frequencies, largest difference", 100 * frequencies.max(), at_most=0.1, unit="%")}
 {bar("responses, largest difference, with those of the rub below", 100 * responses.max(), at_most=1, unit="%")}
-Where the meshes are the same, what is left is round-off: the matrices agree to the digits stored. `nominal` has
-bearings of 1e9 N/m too, whose first resonance is so sharp that the round-off of its frequency shows in the response.
-`bearing_offset` and `open_crack` are not on the same mesh: ROSS has nodes at the bearings and at the crack, we have
-the effect inside an element. Our finer meshes, and ours with nodes there too (the crack left out), tell mesh from
-effect:
+Where the meshes are the same, only round-off is left: the matrices agree to the digits that are stored. The case
+`nominal` also has bearings of 1e9 N/m. Its first resonance is then so sharp that the round-off of its frequency can be
+seen in the response.
+
+The cases `bearing_offset` and `open_crack` do not have the same mesh in both codes. ROSS has mesh nodes at the bearings
+and at the crack, while our model puts the effect inside an element. The next table separates the influence of the mesh
+from that of the effect. It repeats the comparison with finer meshes of ours, and with our mesh having nodes at the same
+places (for the crack: of the rotor without the crack):
 
 {table(("elements per span", *(f"`{name}`, %" for name in OWN_MESH_NODES)), mesh)}
-With ROSS' nodes the codes agree, and the last row is what ROSS' own mesh leaves: a finer mesh of ours cannot come
-closer to ROSS than that. The crack softens our element but leaves its mass matrix, which matters less in a short one.
+With nodes at the same places the codes agree. The last row is the error of ROSS' own mesh, so a finer mesh of ours
+cannot come closer to ROSS than that. In our model the crack changes the stiffness of an element but not its mass
+matrix; this matters less when the element is short.
 
 ### Rub
 
-The shaft meets a ring at node 3, one element per span: driven by a sine while it stands, and by an unbalance on round
-and on anisotropic bearings, where it touches all the time. ROSS' steady motion, extrapolated from three steps of its
-time integration, is right to 3e-6 of its largest harmonic, the third harmonic under the sine to 5e-5 of itself. Ours
-is solved by harmonic balance ({HARMONICS} harmonics, {SAMPLES} samples a period, both planes where both move) and by
-time stepping from rest ({PERIODS} periods). A harmonic below {floor} of the largest fundamental is judged by that, so
-that where ROSS has none ours must have none.
+The shaft touches a ring at node 3. Both codes have one element per span. In the first case a sine drives the standing
+rotor. In the other two an unbalance drives the spinning rotor, on isotropic and on anisotropic bearings, and the shaft
+touches the ring all the time.
+
+The steady motion in ROSS is extrapolated from three step sizes of its time integration. It is accurate to 3e-6 of its
+largest harmonic; the third harmonic under the sine is accurate to 5e-5 of itself. Our motion is computed by harmonic
+balance ({HARMONICS} harmonics, {SAMPLES} samples per period, both planes where both move) and by time stepping from
+rest ({PERIODS} periods). Differences are relative to the harmonic itself, but to at least {floor} of the largest
+fundamental. So where ROSS has no harmonic, ours must have none either.
 
 {table(rub_header, rub_rows)}
 ### What ROSS lacks, and why its numbers are believed
 
-ROSS' bearings are linear and have no tilt stiffness, its shaft has no damping ratio, its supports are springs, its
-harmonic balance knows no force law; its crack lives in time integration only, and there it is no hinge; its friction
-in a rub is not tangential. Tilt stiffness and the crack's hinge were put into ROSS' matrices by hand. Clearance, cubic,
-Hertzian, bilinear and sticking bearings have no counterpart there; hub stiffening, viscoelastic supports, damping and
-modulus of the shaft were not compared. Those rest on closed forms and on solvers of ours that share little.
+ROSS does not have everything that our library has. Its bearings are linear and have no tilt stiffness, its shaft has no
+damping ratio, and its supports are springs. Its harmonic balance has no nonlinear force laws. Its crack exists only in
+the time integration and is not a hinge there. The friction in its rub is not tangential.
 
-Standing and whirling rotors are solved from ROSS' assembled matrices, and ROSS' own analyses (modal, Campbell diagram
-with directions, critical speeds, transfer matrix) repeat them to 1e-8 in frequencies and 3e-11 in responses; unbalance,
-harmonic balance and rub are ROSS' own answers, and its matrices solved directly repeat those. A pinned beam under axial
-force follows its closed form to 2e-7, so the sign of tension is known; the crack's compliance is the strip integral
-of fracture mechanics to 2e-6. The script that makes the values is `benchmarks/ross/generate.py`, more about them stands
-in the README beside it.
+For the comparison, the tilt stiffness and the hinge of the crack were added to ROSS' matrices by hand. Bearings with
+clearance, with cubic, Hertzian or bilinear stiffness or with friction have no counterpart in ROSS. Hub stiffening,
+viscoelastic supports, and the damping and modulus of the shaft were not compared. All these effects are checked by the
+closed forms below and by comparing our own solvers, which share little with each other.
+
+There are several reasons to believe the numbers of ROSS. For standing and whirling rotors they are solved from the
+matrices that ROSS assembles. ROSS' own analyses (modal analysis, Campbell diagram with directions, critical speeds,
+transfer matrix) give the same to 1e-8 in frequencies and to 3e-11 in responses. For unbalance, harmonic balance and rub
+the numbers are ROSS' own answers, and solving its matrices directly gives the same. A pinned beam under an axial force
+follows its closed form to 2e-7, so the sign of the tension is right. The compliance of the crack agrees with the strip
+integral of fracture mechanics to 2e-6.
+
+The script that makes the values is `benchmarks/ross/generate.py`; the README beside it says more about them.
 """
 
 

@@ -9,10 +9,10 @@ from benchmarks.reproduction.sections import SECTIONS
 
 INTRODUCTION = """# The paper's numbers, reproduced
 
-Palariya, Rajasekhar and Srinivas [palariya] model a dual-disk rotor on ball bearings with six Timoshenko elements. This
-page puts their printed numbers beside ours, says what differs and why, and checks the model against an independent
-code. It is written by `python -m benchmarks.reproduction`; do not edit it by hand. The paper's numbers stand in
-`benchmarks/paper_tables.toml`, the sources in `references.bib`.
+Palariya, Rajasekhar and Srinivas [palariya] model a rotor with two disks on ball bearings by six Timoshenko elements.
+This page compares the numbers that they print with ours, says what differs and why, and checks our model against an
+independent code. It is written by `python -m benchmarks.reproduction`; do not edit it by hand. The numbers of the paper
+are in `benchmarks/paper_tables.toml`, the sources in `references.bib`.
 """
 
 

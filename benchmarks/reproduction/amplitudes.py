@@ -117,23 +117,29 @@ def table_2_amplitudes() -> str:
         ]
     return f"""## Table 2: the amplitude ratio A0/A1
 
-A0 is the resonance amplitude of mode 1 on rigid supports, A1 the same on bearings. The printed column jumps between
-0.08 and 1.33 without order, while the model's ratio is a smooth, falling curve. The paper does not say where the force
-acts; here a constant force acts at node 2, where the paper reads its response, and the amplitude is a displacement, as
-in its Fig. 3. With ζ = 0.1 % the resonance is only 0.2 Hz wide at half power. A response computed every so many hertz
-almost never meets its top: how far below it stops is chance. {N_OFFSETS} rasters with random offsets, separate for the
-two supports (seed {SEED}), give the 5 to 95 % bands:
+A0 is the resonance amplitude of mode 1 on rigid supports, and A1 is the same on bearings. The printed column jumps
+between 0.08 and 1.33 without order, while the ratio of the model is a smooth curve that falls with falling stiffness.
+The paper does not say where the force acts. Here a constant force acts at node 2, where the paper reads its response,
+and the amplitude is a displacement, as in its Fig. 3.
+
+A coarse frequency raster can explain the disorder. With ζ = 0.1 % the resonance is only 0.2 Hz wide at half power. A
+response that is computed every few hertz almost never meets the top of the peak, and chance decides how far below the
+top it stops. To simulate this, {N_OFFSETS} rasters with random offsets were drawn, separately for the two supports
+(seed {SEED}). The columns "picked" give the range from 5 to 95 % of the resulting ratios:
 
 {_ratio_table(printed, stiffness, scatters[displacement])}
 {_ratio_figure(printed, stiffness, scatters[displacement])}
-How many of the twelve printed values lie in their band (about eleven should, if the raster is right), how wide a band
-is, and the scatter of all twelve about the true curve, as root mean square of ln(ratio/true):
+The next table judges each raster. The column "inside" counts how many of the twelve printed values lie in their band;
+about eleven should, if the raster is the right one. The column "median high/low" says how wide a band is. The last two
+columns are the scatter of all twelve values about the true curve, as the root mean square of ln(ratio/true), for the
+printed column and for the simulated ones:
 
 {table(_COUNT_HEADER, counts)}
-A wide band holds anything, so the scatter is the sharper test. Rasters of 0.25 and 0.5 Hz scatter too little; from 1 Hz
-on the printed scatter is an ordinary outcome, and 2 Hz comes nearest. So the column is what peak picking on a raster of
-1 Hz or coarser leaves of a smooth curve; no other error of the paper need be supposed. Such a column says next to
-nothing about k_b, so our estimator takes the ratio from a modal fit.
+A wide band contains almost any value, so the scatter is the sharper test. Rasters of 0.25 and 0.5 Hz scatter too
+little. From 1 Hz on the printed scatter is an ordinary result, and 2 Hz comes nearest to it. So the printed column is
+what remains of a smooth curve when peaks are picked on a raster of 1 Hz or coarser, and no other error of the paper is
+needed to explain it. Such a column says almost nothing about k_b. Our estimator therefore takes the ratio from a modal
+fit.
 
 {_measured_ratio()}"""
 
@@ -193,20 +199,22 @@ def _measured_ratio() -> str:
     estimate = paper()["rig"]["estimated_k_b"]
     return f"""### The measured ratio {measured:g}
 
-On the rig an accelerometer was read, so the ratio to compare is that of resonance *accelerations*, A1/A0:
+On the rig the paper read an accelerometer. The ratio to compare with is therefore that of the *accelerations* at
+resonance, A1/A0:
 
 {table(header, rows)}
-- Without damping in the bearings A1/A0 lies between {min(undamped):.2f} and {max(undamped):.2f}: soft bearings take
-  strain, and with it damping, away from the shaft, so the peak grows. {measured:g} is out of range at every k_b.
-- With {BEARING_DAMPING:g} N s/m per bearing it runs from {min(damped):.2f} to {max(damped):.2f} and is {measured:g} at
-  k_b = {k_b / 1e6:.2f}e6 N/m. At the paper's estimate of {estimate / 1e6:g}e6 N/m a bearing damping of
-  {damping_for(measured, estimate):.1f} N s/m gives {measured:g}.
-- So the measured ratio needs a little damping in the bearings and then fits the paper's estimate. But it says more
-  about damping than about stiffness: every k_b up to 5e7 N/m reaches it with some c_b, and the damped curve is not
-  monotone in k_b. Nor was the force held constant, but the exciter's current, which changes the ratio further.
-- The paper writes "amplitude ratio" without saying which way up. Read as A0/A1 of displacements without bearing
-  damping, {measured:g} would mean k_b = {_inverse_reading(measured) / 1e7:.1f}e7 N/m, far from the stiffness that the
-  frequency shifts give.
+- Without damping in the bearings A1/A0 lies between {min(undamped):.2f} and {max(undamped):.2f}. Soft bearings take
+  strain energy away from the shaft, and the damping with it, so the peak grows. No k_b gives the measured {measured:g}.
+- With {BEARING_DAMPING:g} N s/m in each bearing the ratio lies between {min(damped):.2f} and {max(damped):.2f}, and it
+  is {measured:g} at k_b = {k_b / 1e6:.2f}e6 N/m. At the paper's estimate of {estimate / 1e6:g}e6 N/m, a bearing damping
+  of {damping_for(measured, estimate):.1f} N s/m gives {measured:g}.
+- So a little damping in the bearings makes the measured ratio agree with the paper's estimate. But the ratio says more
+  about the damping than about the stiffness: for every k_b up to 5e7 N/m there is a c_b that gives it, and with damping
+  the ratio neither only rises nor only falls with k_b. In addition, the paper held the current of the exciter constant
+  and not its force, which also changes the ratio.
+- The paper does not say which amplitude is divided by which. If {measured:g} were A0/A1 of displacements without
+  bearing damping, k_b would be {_inverse_reading(measured) / 1e7:.1f}e7 N/m, far from the stiffness that the frequency
+  shifts give.
 """
 
 

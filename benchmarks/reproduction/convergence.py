@@ -70,9 +70,9 @@ def mesh_convergence() -> str:
     }
     return f"""## Mesh convergence
 
-Every span between two rig nodes is halved again and again. The order is log2 of the ratio of successive differences.
-Frequencies are Rayleigh quotients of the computed shapes, since an eigenvalue solver's round-off would hide the fine
-end.
+The elements between two rig nodes are halved again and again. The order of convergence is log2 of the ratio of two
+successive differences of the frequency. The frequencies are computed as Rayleigh quotients of the computed mode shapes,
+because the round-off of an eigenvalue solver would hide the small differences of the fine meshes.
 
 {"".join(_order_table(element, studies) for element in MESHES)}
 {_figure(studies)}
@@ -100,11 +100,12 @@ def _order_table(element: ElementType, studies: dict[tuple[ElementType, float], 
 
 def _why(element: ElementType) -> str:
     if element is euler_bernoulli:
-        return "Hermite cubics give the frequency with the fourth power of the element length, as they should.\n"
-    return """The Timoshenko element begins near order three and ends at order two. Its cubics are exact under loads at
-the nodes. The inertia load between the nodes they do not carry; it deflects an element of length h between held ends by
-qh⁴/384EI in bending and by qh²/8κGA in shear. The two are equal at h² = 48EI/κGA, 59 mm on this shaft, which is about
-the paper's element: six elements begin with errors of both kinds, refinement soon leaves the shear part alone.
+        return "With Hermite cubics the error falls with the fourth power of the element length, as theory says.\n"
+    return """The order of the Timoshenko element is near three on coarse meshes and two on fine meshes. Its cubic
+functions are exact for loads at the nodes, but they do not contain the deflection by the inertia load between the
+nodes. With both ends held, that load deflects an element of length h by qh⁴/384EI in bending and by qh²/8κGA in shear.
+The two parts are equal at h² = 48EI/κGA, which is 59 mm on this shaft and about the length of the paper's elements. So
+six elements have errors of both kinds, and on finer meshes only the shear part is left.
 """
 
 
@@ -142,6 +143,6 @@ def _six_elements(studies: dict[tuple[ElementType, float], FloatArray]) -> str:
 
 {table(header, rows)}
 {bar("six Timoshenko elements against the limit, largest relative error", max(errors), at_most=1e-4)}
-For a table of frequencies six elements are plenty. For a diagnosis they are not: at ζ = 0.1 % an error of 3e-5 in f2 is
-3 % of the half-power half-width, so use two or more elements per span there.
+Six elements are enough for a table of frequencies. They are not enough for a diagnosis: at ζ = 0.1 % an error of 3e-5
+in f2 is 3 % of half the half-power bandwidth of the resonance. Use two or more elements per span there.
 """

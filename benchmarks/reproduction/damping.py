@@ -60,14 +60,17 @@ def damping_models() -> str:
     header = ("support", "NRMSE, %", "largest difference at node 2, dB", "at, Hz", "at f1, %", "at f2, %")
     return f"""## Viscous and hysteretic damping
 
-The shaft's damping is viscous in every solver, scaled so that each mode has 2ζ times its share of strain energy in the
-shaft. Constant hysteresis, a complex stiffness K_s(1 + 2iζ), is the usual alternative in the frequency domain; no
-causal time model has it, so an FMU cannot. How much the choice matters, from 20 to 400 Hz in steps of {STEP_HZ:g} Hz
-(accelerance, force at node 2, all nodes for the NRMSE √(Σ|ΔH|²/Σ|H|²)):
+The damping of the shaft is viscous in every solver. It is scaled so that the loss factor of each mode is 2ζ times the
+share of its strain energy that is in the shaft. The usual alternative in the frequency domain is constant hysteresis, a
+complex stiffness K_s(1 + 2iζ). It has no causal model in time, so an FMU cannot have it.
+
+The table shows how much the choice matters. It compares the accelerance under a force at node 2 from 20 to 400 Hz in
+steps of {STEP_HZ:g} Hz. The NRMSE is √(Σ|ΔH|²/Σ|H|²) over all nodes:
 
 {table(header, rows)}
 {bar("viscous against hysteretic, largest difference of a resonance peak", max(peaks), at_most=0.1, unit="%")}
-The two agree at resonance by construction. What is left in the NRMSE sits on the flanks, where the viscous force is
-ω/ω_n times the hysteretic one. The decibels are those of an antiresonance, between the resonances or just above them:
-there the response is all but zero and only damping keeps it up. No measurement with noise sees either.
+The two models agree at resonance by construction. The NRMSE comes from the flanks of the resonances, where the viscous
+force is ω/ω_n times the hysteretic one. The largest difference in decibels occurs at an antiresonance, between the
+resonances or just above them. There the response is almost zero, and only the damping keeps it from vanishing. A
+measurement with noise shows neither difference.
 """

@@ -29,9 +29,10 @@ def figure_2() -> str:
     return f"""## Fig. 2: frequencies over bearing stiffness
 
 {plot}
-The frequencies rise between 1e5 and about 1e8 N/m and are flat above, as the paper draws them: below that range the
-bearings carry the deflection, above it the shaft does. Stiffer bearings than 1e8 N/m cannot be identified from shifts
-of less than half a hertz. (Above 1e14 N/m the curve is the rigid support.)
+The frequencies rise between 1e5 and about 1e8 N/m and are constant above that, as in the figure of the paper. On soft
+bearings the deflection is mostly in the bearings, and on stiff bearings it is mostly in the shaft. Bearings stiffer
+than 1e8 N/m cannot be identified, because they shift the first frequency by less than half a hertz. (Above 1e14 N/m the
+curve shows the rigid support.)
 """
 
 
@@ -56,9 +57,11 @@ def figure_3() -> str:
     return f"""## Fig. 3: harmonic response
 
 {plot}
-The paper's axis ends at {top:.0e} m and its force is not given, so only the shape can be compared: a first peak at
-{peak.frequency_hz:.1f} Hz above the second at {peaks[1]:.1f} Hz ({peak.amplitude / second:.1f} times its height). Under
-1 N at node 2 the exact peak is {peak.amplitude:.2e} m. A force of {1e3 * top / peak.amplitude:.0f} mN would bring it to
-the top of the paper's axis; with the paper's unknown raster, which misses the peak (the dots show how much), the force
-may have been several times that.
+The axis of the paper's figure ends at {top:.0e} m, and the paper does not give its force. So only the shape can be
+compared: the first peak at {peak.frequency_hz:.1f} Hz is higher than the second at {peaks[1]:.1f} Hz
+({peak.amplitude / second:.1f} times its height).
+
+A force of 1 N at node 2 gives an exact peak of {peak.amplitude:.2e} m. A force of {1e3 * top / peak.amplitude:.0f} mN
+would bring the peak to the top of the paper's axis. The frequency raster of the paper is unknown and misses the peak
+(the dots show by how much), so its force may have been several times larger.
 """

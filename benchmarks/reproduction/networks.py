@@ -240,21 +240,24 @@ def section() -> str:
 
 def _introduction(computed: Rows) -> str:
     ratio = computed.features[:, 2]
-    return f"""The paper trains sigmoid networks 3-h-1 on 10 of its 12 rows, tests them on the other 2 and prints one
-training and one testing error each, without saying which rows were held out. Here each of the 66 possible splits is
-trained from {STARTS} random starts, {66 * STARTS} runs per architecture (seed {SEED}), on two tables:
+    return f"""The paper trains networks 3-h-1 (3 inputs, h sigmoid units, 1 output) on 10 of its 12 rows and tests them
+on the other 2. It prints one training error and one testing error for each network, but does not say which two rows
+were held out. Here each of the 66 possible splits is trained from {STARTS} random starts. This makes {66 * STARTS} runs
+for each network (seed {SEED}), on each of two tables:
 
 - **(a)** Table 2 as printed, with its disorderly amplitude ratio.
-- **(b)** the same stiffnesses through our rotor model: shifts, and the ratio of exact resonance accelerations at node 2
-  under a constant force there, no bearing damping.
-  Its A0/A1 falls evenly with k_b from {ratio.max():.2f} to {ratio.min():.2f}.
+- **(b)** The same stiffnesses computed by our rotor model. It gives the frequency shifts and the exact ratio of the
+  resonance accelerations at node 2 under a constant force there, without bearing damping. Its A0/A1 falls smoothly with
+  k_b from {ratio.max():.2f} to {ratio.min():.2f}.
 
-Hidden and output units are logistic with biases. Training is Levenberg-Marquardt with the damping rules of MATLAB's
-`trainlm`, at most {TRAINLM.max_steps} steps and down to a gradient of {TRAINLM.min_gradient:.0e}; starting weights are
-uniform in ±1. "The data is normalized", says the paper, no more: inputs here go from 0 to 1 and the target, k_b or
-log k_b, from 0.1 to 0.9, the ends of a logistic unit being out of reach. Errors are mean squares in units of the
-target's range squared; if the paper's unit is a target from -1 to 1, its errors are four times smaller in ours.
-Training amplifies round-off, so other machines differ in the last digits.
+The hidden units and the output unit are logistic and have biases. The training method is Levenberg-Marquardt with the
+damping rules of MATLAB's `trainlm`. It stops after {TRAINLM.max_steps} steps or at a gradient of
+{TRAINLM.min_gradient:.0e}. The starting weights are uniform between -1 and 1.
+
+About the scaling the paper says only "The data is normalized". Here the inputs are scaled to 0 to 1. The target, which
+is k_b or log k_b, is scaled to 0.1 to 0.9, because a logistic unit cannot reach 0 and 1. Errors are mean squares
+divided by the square of the target's range. If the paper scaled its target to -1 to 1, its errors are four times
+smaller in our unit. Training amplifies round-off, so other machines give other last digits.
 """
 
 
@@ -265,22 +268,27 @@ def _findings(studies: Studies) -> str:
     interior, log_share = interior_splits(b), shares[COMPUTED, "log k_b", ADOPTED].mean()
     inside, at_end = (_percent(shares[COMPUTED, "k_b", ADOPTED][which].mean()) for which in (interior, ~interior))
     medians = " and ".join(f"{np.median(x.test_mse):.0e} on {x.rows.name}" for x in (a, b))
-    return f"""A run reaches the paper when its testing error is no larger than the printed one. *Typical*: at least
-{100 * LUCKY:.0f} % of the runs do; *lucky*: fewer; *not reproduced*: fewer than {100 * NOT_REPRODUCED:.0f} %.
-The target is k_b.
+    return f"""A run reaches the paper's error if its testing error is not larger than the printed one. The printed
+error is called *typical* if at least {100 * LUCKY:.0f} % of the runs reach it, *lucky* if fewer do, and *not
+reproduced* if fewer than {100 * NOT_REPRODUCED:.0f} % do. In this list the target is k_b.
 
 {lines[0]}
 {lines[1]}
-- For the adopted 3-{ADOPTED}-1 the paper prints {_published("testing")[ADOPTED]:.2e}. The median is {medians}.
-- On (b) the held-out rows decide: {inside} of the 3-{ADOPTED}-1 runs reach the paper when both rows are inner ones,
-  {at_end} when an end of the range is held out. With log k_b as target the share of all runs is {_percent(log_share)}.
+- For the network 3-{ADOPTED}-1, which the paper adopts, it prints a testing error of
+  {_published("testing")[ADOPTED]:.2e}. The median of our runs is {medians}.
+- On (b) it matters which rows are held out. When both lie inside the range, {inside} of the 3-{ADOPTED}-1 runs reach
+  the paper's error; when one is an end of the range, {at_end} do. With log k_b as target the share of all runs is
+  {_percent(log_share)}.
 """
 
 
 def _verdicts(name: str, shares: dict[int, FloatArray]) -> str:
     words = [f"3-{h}-1 {_verdict(float(share.mean()))} ({_percent(share.mean())})" for h, share in shares.items()]
     joint = np.mean(np.prod(list(shares.values()), axis=0))
-    return f"- {name}: {', '.join(words)}. All five on one split, one run each: {_percent(joint)}."
+    return (
+        f"- {name}: {', '.join(words)}. Share of random draws (one split, one run of each network) in which all "
+        f"five reach it: {_percent(joint)}."
+    )
 
 
 def _verdict(share: float) -> str:
@@ -306,10 +314,13 @@ def _error_table(studies: Studies) -> str:
     errors = "training, paper", "training, ours", "testing, paper", "testing, ours"
     header = ("table, target", "network (weights)", *errors, "runs", "inner runs", "splits")
     return f"""{table(header, lines)}
-Ours: median (5 to 95 % of runs). *Runs*: share that reaches the paper's testing error, in other words the percentile of
-the printed value; *inner runs*: the same without the 21 splits that hold out an end of the range; *splits*: share
-where at least one of {STARTS} starts reaches it. Every network has more weights than its 10 training rows, so a small
-training error says little: 3-5-1 fits the disorderly column of (a) better than the smooth one of (b).
+The columns "ours" give the median and, in brackets, the range from 5 to 95 % of the runs. The column "runs" is the
+share of runs that reach the paper's testing error, in other words the percentile of the printed value. The column
+"inner runs" is the same without the 21 splits that hold out an end of the range. The column "splits" is the share of
+splits in which at least one of {STARTS} starts reaches it.
+
+Every network has more weights than its 10 training rows, so a small training error says little: 3-5-1 fits the
+disorderly column of (a) better than the smooth one of (b).
 """
 
 
@@ -324,10 +335,12 @@ def _stiffness_table(studies: Studies, tables: tuple[Rows, Rows]) -> str:
     span = float(np.ptp(tables[0].k_b)) / 1e6
     rms = ", ".join(f"{np.sqrt(e) * span:.2g} (3-{h}-1)" for h, e in _published("testing").items())
     return f"""{table(header, lines)}
-Relative error of k_b at the test rows, *inside* the range trained on and at its *end*, where the network extrapolates.
-*Interpolation* is no network but a monotone cubic (pchip) of log k_b over the log of the first shift through the same
-10 rows. If k_b was normalised over its range of {span:.0f} MN/m, the printed testing errors are root mean squares of
-{rms} MN/m; the estimate they should support is {paper()["rig"]["estimated_k_b"] / 1e6:.1f} MN/m.
+The table gives the relative error of k_b at the test rows. "Inside" are rows within the range of the training, "end"
+are rows at an end of the range, where the network extrapolates. The rows "interpolation" use no network. They draw a
+monotone cubic curve (pchip) of log k_b over the logarithm of the first shift through the same 10 rows.
+
+If the paper normalised k_b over its range of {span:.0f} MN/m, its printed testing errors are root mean squares of {rms}
+MN/m. The estimate that these networks must support is {paper()["rig"]["estimated_k_b"] / 1e6:.1f} MN/m.
 """
 
 
@@ -360,9 +373,10 @@ def _variant_table(tables: tuple[Rows, Rows, Rows]) -> str:
         shares = (_percent(share_reaching(s, published).mean()) for s in results)
         lines.append((name, *(f"{np.median(s.test_mse):.0e}, {p}" for s, p in zip(results, shares, strict=True))))
     return f"""{table(("training", *(rows.name for rows in tables)), lines)}
-Median testing error of 3-{ADOPTED}-1 and share of runs that reach the paper's {published:.2e}; target k_b,
-{STARTS_OF_VARIANTS} starts per split. **(c)** joins the printed shifts to our amplitude ratio. It behaves like (b), so
-it is the printed amplitude column that keeps the networks from testing as the paper says, not the shifts.
+Each cell gives the median testing error of 3-{ADOPTED}-1 and the share of runs that reach the paper's {published:.2e},
+with k_b as target and {STARTS_OF_VARIANTS} starts per split. Table **(c)** combines the printed shifts with our
+amplitude ratio. It behaves like (b). So it is the printed amplitude column, and not the shifts, that keeps the networks
+from reaching the testing errors of the paper.
 """
 
 
@@ -390,15 +404,18 @@ def _measured_table(studies: Studies, tables: tuple[Rows, Rows]) -> str:
     ratio_there = amplitude_ratio(alone[COMPUTED][0], acceleration)
     header = "table, target", "A0/A1 entered", f"k_b from 3-{ADOPTED}-1, MN/m", f"within 10 % of {reported / 1e6:.1f}"
     low, high = min(alone[PRINTED]) / 1e6, max(alone[COMPUTED]) / 1e6
-    return f"""Shifts of {shifts[0]} and {shifts[1]} Hz and an "amplitude ratio" of {rig["amplitude_ratio_A1_over_A0"]}.
-Table 2 is headed A0/A1, the text and Fig. 4 say A1/A0, so the ratio can be entered two ways.
+    return f"""The paper measured shifts of {shifts[0]} and {shifts[1]} Hz and an "amplitude ratio" of
+{rig["amplitude_ratio_A1_over_A0"]}. The heading of Table 2 says A0/A1, but the text and Fig. 4 say A1/A0, so the ratio
+can be entered in two ways:
 
 {table(header, lines)}
-Median (5 to 95 % of runs); the last two rows interpolate the table in the first and in the second shift alone. The two
-shifts agree on {low:.2f} to {high:.2f} MN/m. The spread of the networks on (a) covers that and the paper's
-{reported / 1e6:.1f}, and leaves the estimate to the split and the random start. Without bearing damping A0/A1 would be
-{ratio_there:.2f} at these shifts. Either reading of the measured ratio is far from that (bearing damping, which neither
-table has, can explain it), so the networks of (b), taught that the three inputs move together, extrapolate.
+The estimates are medians with the range from 5 to 95 % of the runs. The last two rows interpolate the table in the
+first shift alone and in the second shift alone. The two shifts agree on {low:.2f} to {high:.2f} MN/m.
+
+The spread of the networks on (a) contains that value and the paper's {reported / 1e6:.1f} MN/m. So the split and the
+random start decide what the estimate is. Without bearing damping A0/A1 would be {ratio_there:.2f} at these shifts. Both
+readings of the measured ratio are far from that value; bearing damping, which neither table contains, can explain it.
+The networks of (b) have learned that the three inputs change together, so for this input they extrapolate.
 """
 
 

@@ -64,14 +64,15 @@ def ross() -> str:
     ]
     return f"""## An independent code: ROSS
 
-ROSS 2.3.0 [ross2020] computed the same shaft with rigid disks (annuli with a 20 mm bore, mass and both moments of
-inertia, at 119 and 307 mm) on 44 nodes. Ours has {ELEMENTS_PER_SPAN} elements per span. ROSS' 1e15 N/m is a
-spring, ours is rigid.
+The independent code ROSS 2.3.0 [ross2020] computed the same shaft with rigid disks on 44 nodes. The disks are rings
+with a bore of 20 mm at 119 and 307 mm, with their mass and both moments of inertia. Our model has {ELEMENTS_PER_SPAN}
+elements per span. At 1e15 N/m ROSS has a spring and our model a rigid support.
 
 {table(("k_b, N/m", "mode", "ROSS, Hz", "ours, Hz", "diff., %"), rows)}
 {bar("ROSS, largest difference of 16 frequencies", _largest_difference(ross_structure()), at_most=0.01, unit="%")}
-No constant had to be adjusted: both codes take Cowper's shear factor 6(1+ν)/(7+6ν), G = E/2(1+ν), and the shaft's
-rotary inertia. Of what is left, most is the disk's moment of inertia, given with five digits; the rest is the last
-printed digit of f1. That the comparison is sharp shows when something is changed on our side only:
+No constant had to be adjusted: both codes use Cowper's shear factor 6(1+ν)/(7+6ν), G = E/2(1+ν), and the rotary inertia
+of the shaft. Most of the remaining difference comes from the disk's moment of inertia, which is given with five digits;
+the rest is the last printed digit of f1. The next table shows how sharp the comparison is: small changes in our model
+alone make the difference much larger.
 
 {table(("ours", "largest difference, %"), [(name, f"{_largest_difference(s):.4f}") for name, s in controls])}"""

@@ -24,26 +24,32 @@ def table_1() -> str:
 
 ### The program's columns
 
-Six Timoshenko elements, disks as point masses at nodes 3 and 5, nothing else tuned. "Condensed" drops the rotations
-statically, as the paper does.
+Our model has six Timoshenko elements, with the disks as point masses at nodes 3 and 5. Nothing else was adjusted. The
+columns "condensed" belong to the same model with the rotations removed by static condensation, as the paper does.
 
 {program}
 {program_bar}
 What differs and why:
 
-- The paper prints E as "207e11 GPa". We read 207 GPa, which is steel; any other power of ten is off by factors.
-- Static condensation is not the difference: it moves f1 by one part in a million and f2 by 0.002 %.
-- The paper's "1e15 N/m" is our rigid support. As a spring it would be the same rotor with more round-off.
-- What is left, 0.5 % in f1 and 0.2 to 0.3 % in f2, is not one wrong material constant: on rigid supports E and density
-  scale every frequency alike. Other readings of the paper do not bring both frequencies either, so nothing was tuned:
+- The paper prints E as "207e11 GPa". We take it as 207 GPa, which is the value of steel. With any other power of ten
+  the frequencies would be wrong by large factors.
+- Static condensation does not explain the difference. It changes f1 by one part in a million and f2 by 0.002 %.
+- The paper's "1e15 N/m" is a rigid support in our model. A spring of that stiffness would give the same rotor with more
+  round-off.
+- What remains is 0.5 % in f1 and 0.2 to 0.3 % in f2. One wrong material constant cannot explain it, because on rigid
+  supports E and the density change every frequency by the same ratio. Other ways to read the paper do not give both
+  frequencies either, as the next table shows, so nothing was adjusted:
 
 {_variants()}
 ### The ANSYS columns
 
-The paper remarks that its own frequencies lie below ANSYS' "as present program adopts the Timoshenko formulation". But
-BEAM188 is a Timoshenko element too. In its default setting it interpolates deflection and rotation by straight lines
-and integrates at one point, so its curvature is constant over an element and six of them are too stiff. That element,
-`rotor.elements.linear_timoshenko`, gives ANSYS' columns within 2 %, where they lie up to 7 % from the cubic element:
+The paper says that its own frequencies are lower than those of ANSYS "as present program adopts the Timoshenko
+formulation". But the ANSYS element BEAM188 is a Timoshenko element too. In its default setting it interpolates the
+deflection and the rotation by straight lines and integrates at one point. Its curvature is therefore constant within an
+element, and six such elements are too stiff.
+
+Our implementation of that element is `linear_timoshenko` in `rotor/model/elements.py`. It agrees with the ANSYS columns
+within 2 %, while the cubic element differs from them by up to 7 %:
 
 {ansys}
 {ansys_bar}
@@ -77,8 +83,8 @@ def _variants() -> str:
         "no shear, no rotary inertia (Euler-Bernoulli)": system(RIGID, element=euler_bernoulli),
         "shear factor 3/4": _with_changes(segment={"shear_factor": 0.75}),
         "disks with rotary inertia": _with_changes(disk={"inertia": True}),
-        "disks without the shaft's 20 mm": _with_changes(disk={"bore_m": 0.020}),
-        "both": _with_changes(disk={"bore_m": 0.020, "inertia": True}),
+        "disks with a bore of 20 mm for the shaft": _with_changes(disk={"bore_m": 0.020}),
+        "disks with rotary inertia and bore": _with_changes(disk={"bore_m": 0.020, "inertia": True}),
     }
     rows = [
         (
@@ -139,9 +145,10 @@ def _linear_convergence() -> str:
     extrapolated = linear[-1] + (linear[-1] - linear[-2]) / 3
     header = ("elements per span", "elements", "f1, Hz", "above ours, %", "f2, Hz", "above ours, %")
     claim = "linear element extrapolated to zero length against our converged mesh"
-    return f"""On a finer mesh the linear element comes down to the same limit as ours ({limit[0]:.3f} and
-{limit[1]:.3f} Hz on rigid supports, 32 cubic elements per span), by a factor of four for each halving. What lifts
-ANSYS' columns is a coarse mesh, not another theory:
+    return f"""On a finer mesh the frequencies of the linear element fall to the same limit as those of our element
+({limit[0]:.3f} and {limit[1]:.3f} Hz on rigid supports with 32 cubic elements per span). Each halving of the element
+length divides the error by four. So the ANSYS columns are too high because of a coarse mesh and not because of another
+theory:
 
 {table(header, rows)}
 {bar(claim, float(np.abs(percent(extrapolated / limit, 1.0)).max()), at_most=0.001, unit="%")}"""
@@ -161,11 +168,13 @@ def table_2_shifts() -> str:
     header = ("k_b, N/m", "Δf1 paper, Hz", "ours", "diff., %", "Δf2 paper, Hz", "ours", "diff., %")
     return f"""## Table 2: frequency shifts
 
-The shift is the rigid rotor's frequency less that on bearings, six elements:
+The frequency shift is the frequency on rigid supports minus the frequency on bearings. Both are computed with six
+elements:
 
 {table(header, rows)}
 {bar("Table 2, largest difference of the 24 shifts", max(np.abs(differences)), at_most=3.5, unit="%")}
-All 24 lie above the paper's, by {min(differences):.1f} to {max(differences):.1f} %. That is the small difference of
-Table 1 again, seen through differences of nearby frequencies, where it weighs more; what it is in the paper's program
-cannot be told from its text. The two shifts at 1e8 N/m are the smallest and so suffer most.
+All 24 shifts are larger than those of the paper, by {min(differences):.1f} to {max(differences):.1f} %. The cause is
+the small difference of Table 1. It counts for more here, because a shift is the small difference of two frequencies.
+The text of the paper does not allow us to find its origin in the paper's program. The two shifts at 1e8 N/m are the
+smallest ones and therefore the most affected.
 """

@@ -136,7 +136,7 @@ def _strangers(outcomes: Sequence[Outcome]) -> Iterator[Bar]:
     telling = [o for o in scored if not (o.label.outside_library and o.has_equivalent)]
     for words, group in (
         ("AUROC of the unknown score, W2 and W8 against W1 and W3", scored),
-        ("the same without those that an effect of the library, or none, predicts to twice the floor", telling),
+        ("the same without effects whose transfer the answer predicts with at most twice the floor", telling),
     ):
         yield number_bar(words, unknown_auroc(group), len(group), Limit(low=0.97))
     group = pick(outcomes, ("W3",))
@@ -176,7 +176,7 @@ def _shrinks(outcomes: Sequence[Outcome]) -> Iterator[Bar]:
     what, limit = "explainable shrink by a random effect outside the answered set", Limit(high=0.3)
     yield number_bar(f"{what}: median", median([share for share, _ in controls]), len(controls), limit, beside)
     beyond = [share - without.explainable for share, without in controls if without is not None]
-    words = f"{what}, beyond what gains and tolerances explain without any: median"
+    words = f"{what}, beyond what gains and tolerances explain without an effect: median"
     yield number_bar(words, median(beyond), len(beyond), limit)
 
 
@@ -190,8 +190,8 @@ def _numbers(outcomes: Sequence[Outcome]) -> Iterator[Bar]:
     missed = pick(outcomes, NAMEABLE, lambda o: o.k_b_miss > MISSED and o.k_b_error > 0)
     gains = [o.k_b_error_nominal / o.k_b_error for o in missed]
     yield number_bar(
-        f"error of k_b of the recalibrated nominal model, missed by over {MISSED:g} standard errors, over that after "
-        "the diagnosis: median",
+        f"error of k_b in the recalibrated nominal model, where it misses by over {MISSED:g} standard errors, over "
+        "the error after the diagnosis: median",
         median(gains),
         len(gains),
         Limit(low=10),

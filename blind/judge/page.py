@@ -13,30 +13,65 @@ from rigtwin.blind.judge.statistics import rate
 
 _INTRODUCTION = """# The blind benchmark
 
-`rigtwin blind` makes campaigns whose cause is sealed, diagnoses them, and scores the answers; this page is what it
-wrote. The generator `gap/blind` is an implementation of its own, with other elements and another solver, and imports
-neither the rotor model nor the diagnosis. Beside the effect, every rig has a modulus, span and disk masses that differ
-from the drawing by up to 0.1 %, resonances that drift by 0.01 % from run to run, force gains that err by 2 %, sensor
-gains by 1 %, and noise of 0.5 to 1 %. Labels are sealed by SHA-256 before anything is diagnosed.
+`rigtwin blind` makes campaigns with a hidden cause, diagnoses them, and scores the answers; it also writes this page.
+The generator of the campaigns is in `blind/`. It is a separate implementation with other elements and another solver,
+and it imports neither the rotor model nor the diagnosis.
+
+Besides the hidden effect, every rig differs from its drawing in the ways in which real rigs do:
+
+- The modulus, the span and the masses of the disks differ from the drawing by up to 0.1 %.
+- The resonances drift by 0.01 % from run to run.
+- The force gains are wrong by 2 % and the sensor gains by 1 %.
+- The noise is 0.5 to 1 %.
+
+The labels, which say what each campaign hides, are sealed by a SHA-256 checksum before anything is diagnosed.
 
 | set | what its campaigns hide |
 | --- | --- |
-| W1 | one effect of the library; a third with one accelerometer |
-| W2 | one effect of the library that is withheld from the diagnosis |
+| W1 | one effect of the library; a third of the campaigns have only one accelerometer |
+| W2 | one effect of the library that the diagnosis is not allowed to use |
 | W3 | nothing |
 | W4 | two effects |
 | W5 | an error of the measurement chain |
 | W6 | an effect in another functional form, solved in time, or made by another code |
 | W7 | an effect at 0.3 to 10 times its detection limit |
-| W8 | a mechanism that is in nobody's library |
+| W8 | a mechanism that is in no library |
 
-An effect is *large* from 30 times its detection limit on, *small* from 3 to 30 times; the limit is where its campaign
-lies three standard deviations from the nearest one without it. A gap is √(Σ|H − Ĥ|²/Σ|H|²), averaged over channels and
-runs. The *transfer* is held out whole: the force acts at node 4 instead of 2. *Explainable* is a shrink over the one
-that a repeat run would leave, with its own gains, drift and noise. A campaign whose diagnosis fails counts as answered
-wrongly. An effect that is outside the library is *not blamed* on a wrong one where the answer is "unknown" or "not
-enough data", or where what is answered, an effect or none, predicts the transfer to twice what a repeat run leaves.
+The tables use these words:
+
+- **Detection limit**: the size of an effect at which its campaign lies three standard deviations from the nearest
+  campaign without the effect. An effect is *large* from 30 times its detection limit on, and *small* from 3 to 30
+  times.
+- **First answer** and **answered set**: the effect that the diagnosis names first, and all effects that it names as
+  possible.
+- **Gap**: √(Σ|H − Ĥ|²/Σ|H|²), averaged over channels and runs.
+- **Held-out transfer**: runs that the diagnosis does not see. In them the force acts at node 4 instead of node 2.
+- **Explainable shrink**: how much the correction reduces the gap, divided by how much it could at most. The floor is
+  the gap that a repeat run would leave, with its own gains, drift and noise.
+- **Wrong blame**: naming an effect of the library for one that is outside it. It does not count where the answer is
+  "unknown" or "not enough data". Nor does it count where the answered effect, or the answer "no gap", predicts the
+  transfer with at most twice the gap that a repeat run leaves.
+
+A campaign whose diagnosis fails counts as answered wrongly.
 """
+
+_BARS = """A bar is a value that the benchmark has to reach. Shares have Wilson 95 % intervals; the column "of" is the
+number of campaigns, or of values, that a share rests on. AUROC is the probability that an effect outside the library
+has a higher score than one inside it or none."""
+
+_GROUPS = """Each row is a group of campaigns. The columns mean:
+
+- "top-1", "set" and "place": how often the first answer, the answered set and the place are right.
+- "set size (largest)": the mean and the largest number of effects in the answered set.
+- "coverage": how often the 90 % intervals of the parameters contain the true value.
+- "parameter error" and "k_b error": medians of the relative errors.
+- "k_b gain": the error of k_b in the nominal model divided by that after the diagnosis, as a median over the campaigns
+  in which the nominal model misses k_b by more than five standard errors.
+- "unknown", "not blamed", "false alarms": how often the answer is "unknown", how often an effect outside the library is
+  not blamed on a wrong one, and how often a campaign without an effect gets one.
+- "Brier" and "ECE": the Brier score and the expected calibration error of the probabilities.
+- "shrink median (worst)" and "shrink covered": the explainable shrink where the first answer is right, and how often
+  its 90 % interval contains the true one."""
 
 
 def page(outcomes: Sequence[Outcome], facts: Mapping[str, str]) -> str:
@@ -44,12 +79,12 @@ def page(outcomes: Sequence[Outcome], facts: Mapping[str, str]) -> str:
     parts = [
         _INTRODUCTION,
         "## Where the figures come from\n\n" + _table(("", ""), facts.items()),
-        "## Bars\n\n" + bar_table(outcomes),
+        f"## Bars\n\n{_BARS}\n\n{bar_table(outcomes)}",
         "## Detection by size (W7)\n\n" + detection_curve(outcomes),
-        "## Groups\n\n" + group_table(outcomes),
+        f"## Groups\n\n{_GROUPS}\n\n{group_table(outcomes)}",
         "## Answers by effect\n\n" + confusions(outcomes),
-        "## Rejected draws\n\nDraws that nobody could have seen (below 3 times the detection limit), and draws of "
-        "which the generator found no periodic motion, are drawn again.\n\n" + rejected(outcomes),
+        "## Rejected draws\n\nThe generator draws an effect again if nobody could have seen it (below 3 times the "
+        "detection limit), or if it found no periodic motion.\n\n" + rejected(outcomes),
         "## Controls and failures\n\n" + controls(outcomes) + "\n\n" + failures(outcomes),
     ]
     return "\n\n".join(part.strip() for part in parts) + "\n"
@@ -101,16 +136,17 @@ def controls(outcomes: Sequence[Outcome], draws: int = 200) -> str:
     """Answers against the labels of other campaigns: nothing but chance may be left."""
     named = [o for o in outcomes if o.label.ids and not o.label.outside_library]
     if not named:
-        return "Nothing to name, so that no labels could be shuffled."
+        return "No campaign hides an effect of the library, so no labels could be shuffled."
     rng = np.random.default_rng(0)
     hits = [np.mean([o.top_right for o in shuffled(named, rng)]) for _ in range(draws)]
     labels = Counter(o.label.ids for o in named)
     answers = Counter(o.top for o in named if o.verdict in ("cause", "ambiguous"))
     chance = sum(labels[ids] * answers[ids] for ids in labels) / len(named) ** 2
     return (
-        f"Labels shuffled among the {len(named)} campaigns that hide something of the library, {draws} times: first "
-        f"answer right in {100 * float(np.mean(hits)):.1f} % (as drawn: {rate([o.top_right for o in named])}); chance, "
-        f"from how often each name was hidden and answered: {100 * chance:.1f} %."
+        f"As a control, the labels of the {len(named)} campaigns that hide something of the library were shuffled "
+        f"{draws} times. The first answer is then right in {100 * float(np.mean(hits)):.1f} % (with the true labels: "
+        f"{rate([o.top_right for o in named])}). By chance alone, as often as each name was hidden and answered, it "
+        f"would be right in {100 * chance:.1f} %."
     )
 
 

@@ -1,6 +1,6 @@
 """Score diagnoses against the sealed labels. Reads JSON and CSV only.
 
-    python -m gap.blind.score LABELS_DIR DIAGNOSES_DIR
+    python -m rigtwin.blind.judge.score LABELS_DIR DIAGNOSES_DIR
 
 DIAGNOSES_DIR/<campaign>/
 
@@ -450,7 +450,7 @@ def _read_outcome(label: Label, campaign: Path, answer: Path) -> Outcome:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m gap.blind.score", description="Score blind diagnoses.")
+    parser = argparse.ArgumentParser(prog="python -m rigtwin.blind.judge.score", description="Score blind diagnoses.")
     parser.add_argument("labels", type=Path)
     parser.add_argument("diagnoses", type=Path)
     options = parser.parse_args(arguments)

@@ -31,15 +31,6 @@ typedef struct {
     double *patterns; /* (2 forces, size) */
 } Assembly;
 
-void design_nominal(Design *design)
-{
-    memset(design, 0, sizeof *design);
-    design->modulus_factor = design->hub_factor = 1;
-    design->rigid_stiffness = design->hertz_preload = INFINITY;
-    design->bilinear_ratio = 1;
-    design->excitation_node = design->excitation_plane = 1;
-}
-
 int structure_dof(const Structure *structure, int node, int plane)
 {
     return DOF * structure->stations[node - 1] + plane - 1;
@@ -107,7 +98,8 @@ static void shaft_point(const Structure *s, double x, int plane, Pattern *w, Pat
     }
     const int element = element_at(s, x);
     const double left = s->x[element], length = s->x[element + 1] - left;
-    const double phi = 12 * s->bending[2 * element + plane - 1] / (s->shear[2 * element + plane - 1] * (length * length));
+    const double EI = s->bending_stiffness[2 * element + plane - 1], GA = s->shear_stiffness[2 * element + plane - 1];
+    const double phi = 12 * EI / (GA * (length * length));
     const double inside = fmin(fmax(x, s->x[0]), s->x[s->n_mesh - 1]);
     shape_functions((inside - left) / length, length, phi, deflection, rotation);
     for (int k = 0; k < 4; k++) {
@@ -148,7 +140,7 @@ static double local_flexibility(const Structure *s, double x, int plane)
     double F[4], left[16], right[16];
     if (fmin(before, after) < 1e-12)
         return 0;
-    const double EI = s->bending[2 * element + plane - 1], GA = s->shear[2 * element + plane - 1];
+    const double EI = s->bending_stiffness[2 * element + plane - 1], GA = s->shear_stiffness[2 * element + plane - 1];
     cantilever(before, EI, GA, F);
     element_stiffness(F, before, left);
     cantilever(after, EI, GA, F);
@@ -166,20 +158,20 @@ static int added_flexibility(const Assembly *a, int element, double added[4])
     const double start = s->x[element], end = s->x[element + 1];
     int any = 0;
     memset(added, 0, 4 * sizeof *added);
-    for (int disk = 0; a->d->hub_factor != 1 && disk < s->n_disks; disk++) {
+    for (int disk = 0; a->d->hub_stiffening.factor != 1 && disk < s->n_disks; disk++) {
         const double middle = s->x[s->disk_node[disk]], half = s->disk_thickness[disk] / 2;
         const double from = fmax(start, middle - half), to = fmin(end, middle + half);
         if (to - from <= 1e-12)
             continue;
-        const double p = end - from, q = end - to, share = 1 / a->d->hub_factor - 1;
+        const double p = end - from, q = end - to, share = 1 / a->d->hub_stiffening.factor - 1;
         added[0] += share * ((p * p * p - q * q * q) / 3);
         added[1] += share * ((p * p - q * q) / 2);
         added[2] = added[1];
         added[3] += share * (p - q);
         any = 1;
     }
-    if (a->d->crack_lost != 0 && element == element_at(s, a->d->crack_position)) {
-        const double lost = a->d->crack_lost, lever = end - a->d->crack_position;
+    if (a->d->open_crack.reduction != 0 && element == element_at(s, a->d->open_crack.position)) {
+        const double lost = a->d->open_crack.reduction, lever = end - a->d->open_crack.position;
         const double compliance = CRACK_LENGTH * s->diameter[element] * lost / (1 - lost);
         added[0] += compliance * (lever * lever);
         added[1] += compliance * lever;
@@ -196,8 +188,8 @@ static void weaken(Assembly *a, int element, const double added[4])
     const double length = s->x[element + 1] - s->x[element];
     double sound[4], F[4], before[16], after[16];
     for (int plane = 0; plane < 2; plane++) {
-        const double EI = s->bending[2 * element + plane];
-        cantilever(length, EI, s->shear[2 * element + plane], sound);
+        const double EI = s->bending_stiffness[2 * element + plane];
+        cantilever(length, EI, s->shear_stiffness[2 * element + plane], sound);
         for (int k = 0; k < 4; k++)
             F[k] = sound[k] + added[k] / EI;
         element_stiffness(F, length, after);
@@ -214,6 +206,7 @@ static void weaken(Assembly *a, int element, const double added[4])
 static void add_shaft(Assembly *a)
 {
     const Structure *s = a->s;
+    const double tension = a->d->axial_load.force;
     double added[4];
     for (int i = 0; i < a->n; i++)
         for (int k = 0; k < a->n; k++) {
@@ -227,8 +220,8 @@ static void add_shaft(Assembly *a)
     for (int i = 0; i < a->n; i++)
         for (int k = 0; k < a->n; k++) {
             const int at = i * a->size + k;
-            a->K_shaft[at] *= a->d->modulus_factor;
-            a->K[at] = a->K_shaft[at] + (a->d->tension != 0 ? a->d->tension * s->K_tension[i * a->n + k] : 0);
+            a->K_shaft[at] *= a->d->shaft_modulus.factor;
+            a->K[at] = a->K_shaft[at] + (tension != 0 ? tension * s->K_tension[i * a->n + k] : 0);
         }
 }
 
@@ -265,27 +258,33 @@ static void alike(Assembly *a, double *matrix, const Pattern joint[2], double va
     join(a, matrix, joint, values);
 }
 
+/* A mass at a node, or in halves on both sides of it; at node 0 there is none. */
+static void add_mass(Assembly *a, int node, double mass, double half_width)
+{
+    for (int side = -1; node != 0 && side <= 1; side += 2) {
+        Pattern w[2];
+        for (int plane = 0; plane < 2; plane++)
+            beside(a->s, node, side * half_width, plane + 1, &w[plane]);
+        alike(a, a->M, w, mass / 2);
+    }
+}
+
 static void add_bodies(Assembly *a)
 {
     const Structure *s = a->s;
     const Design *d = a->d;
     for (int disk = 0; disk < s->n_disks; disk++) {
         const int y = DOF * s->disk_node[disk], tilt = y + 2;
-        const double polar = d->gyroscopic_factor * s->disk_lumped_polar[disk];
+        const double polar = d->gyroscopic.factor * s->disk_lumped_polar[disk];
         for (int k = 0; k < 2; k++) {
-            add_at(a->M, a->size, y + k, d->disk_mass_change * s->disk_mass[disk]);
-            add_at(a->M, a->size, tilt + k, d->disk_inertia_factor * s->disk_lumped_diametral[disk]);
+            add_at(a->M, a->size, y + k, d->disk_mass.change * s->disk_mass[disk]);
+            add_at(a->M, a->size, tilt + k, d->disk_inertia.factor * s->disk_lumped_diametral[disk]);
         }
         a->G[tilt * a->size + tilt + 1] += polar;
         a->G[(tilt + 1) * a->size + tilt] -= polar;
     }
-    for (int k = 0; k < 2; k++)
-        for (int side = -1; d->mass_node[k] != 0 && side <= 1; side += 2) {
-            Pattern w[2];
-            for (int plane = 0; plane < 2; plane++)
-                beside(s, d->mass_node[k], side * d->mass_half_width[k], plane + 1, &w[plane]);
-            alike(a, a->M, w, d->mass[k] / 2);
-        }
+    add_mass(a, d->attached_mass.node, d->attached_mass.mass, d->attached_mass.half_width);
+    add_mass(a, d->sensor_mass.node, d->sensor_mass.mass, 0);
 }
 
 /* -- the supports ------------------------------------------------------------------------------------------------ */
@@ -305,9 +304,9 @@ static void add_fixed_supports(Assembly *a)
     for (int k = 0; k < s->n_supports; k++) {
         double stiffness = s->support_stiffness[k], damping = s->support_damping[k];
         if (is_bearing(s, k)) {
-            if (!a->d->rigid_support)
+            if (!a->d->condition.rigid_support)
                 continue;
-            stiffness = a->d->rigid_stiffness;
+            stiffness = a->d->compliant_rigid_support.stiffness;
             damping = 0; /* no bearing, no damper */
         }
         for (int plane = 0; plane < 2; plane++) {
@@ -354,31 +353,32 @@ static void add_force(Assembly *a, const Pattern joint[2], int law, double c0, d
 static void add_bearing_laws(Assembly *a, const Pattern joint[2], double k)
 {
     const Design *d = a->d;
-    if (d->cubic_stiffness != 0)
-        add_force(a, joint, LAW_CUBIC, d->cubic_stiffness, 0, 0, 0);
-    if (!isinf(d->hertz_preload))
-        add_force(a, joint, LAW_HERTZ, k, d->hertz_preload, SHARP * d->hertz_preload, 0);
-    if (d->clearance_gap != 0)
-        add_force(a, joint, LAW_CLEARANCE, k, d->clearance_gap, SHARP * d->clearance_gap,
-                  d->clearance_preload != 0 ? d->clearance_gap + d->clearance_preload / k : 0);
-    if (d->friction_force != 0) {
-        const int n = d->friction_spread != 0 ? SEAT_PARTS : 1;
+    if (d->bearing_cubic.stiffness != 0)
+        add_force(a, joint, LAW_CUBIC, d->bearing_cubic.stiffness, 0, 0, 0);
+    if (!isinf(d->bearing_hertz.preload))
+        add_force(a, joint, LAW_HERTZ, k, d->bearing_hertz.preload, SHARP * d->bearing_hertz.preload, 0);
+    if (d->bearing_clearance.gap != 0)
+        add_force(a, joint, LAW_CLEARANCE, k, d->bearing_clearance.gap, SHARP * d->bearing_clearance.gap,
+                  d->bearing_clearance.preload != 0 ? d->bearing_clearance.gap + d->bearing_clearance.preload / k : 0);
+    if (d->bearing_friction.force != 0) {
+        const int n = d->bearing_friction.spread != 0 ? SEAT_PARTS : 1;
         for (int part = 0; part < n; part++) {
-            const double share = (1 + d->friction_spread * ((2.0 * part + 1) / n - 1)) / n;
-            add_force(a, joint, LAW_JENKINS, d->friction_stiffness / n, share * d->friction_force, 0, 0);
+            const double share = (1 + d->bearing_friction.spread * ((2.0 * part + 1) / n - 1)) / n;
+            add_force(a, joint, LAW_JENKINS, d->bearing_friction.stiffness / n, share * d->bearing_friction.force, 0,
+                      0);
         }
     }
-    if (d->bilinear_ratio != 1)
-        add_force(a, joint, LAW_BILINEAR, k, d->bilinear_ratio, SHARP_LENGTH, 0);
+    if (d->bilinear_support.ratio != 1)
+        add_force(a, joint, LAW_BILINEAR, k, d->bilinear_support.ratio, SHARP_LENGTH, 0);
 }
 
 /* A law in place of the linear stiffness stands for all of it, the same in every direction. */
 static const char *check_laws(const Design *d)
 {
-    const int hertz = !isinf(d->hertz_preload), clearance = d->clearance_gap != 0;
+    const int hertz = !isinf(d->bearing_hertz.preload), clearance = d->bearing_clearance.gap != 0;
     if (hertz && clearance)
         return "bearing_hertz and bearing_clearance both take the place of k_b; switch one of them on";
-    if ((hertz || clearance) && d->anisotropy != 0)
+    if ((hertz || clearance) && d->plane_anisotropy.anisotropy != 0)
         return "bearing_hertz and bearing_clearance take the place of k_b in every direction alike; they do not go with "
                "plane_anisotropy";
     return 0;
@@ -386,7 +386,7 @@ static const char *check_laws(const Design *d)
 
 static int has_block(const Design *d)
 {
-    return d->block_compliance > GROUND_COMPLIANCE;
+    return d->pedestal_flexibility.block_compliance > GROUND_COMPLIANCE;
 }
 
 static void add_pedestal(Assembly *a, Pattern base[2])
@@ -394,24 +394,24 @@ static void add_pedestal(Assembly *a, Pattern base[2])
     const Design *d = a->d;
     Pattern below[2], leg[2];
     base[0].count = base[1].count = below[0].count = below[1].count = 0;
-    if (!d->has_pedestal)
+    if (!d->pedestal_flexibility.enabled)
         return;
     new_pair(a, base);
-    alike(a, a->M, base, d->pedestal_mass);
+    alike(a, a->M, base, d->pedestal_flexibility.mass);
     if (has_block(d)) {
         new_pair(a, below);
-        alike(a, a->M, below, d->block_mass * d->pedestal_mass);
-        alike(a, a->K, below, d->pedestal_stiffness / d->block_compliance);
+        alike(a, a->M, below, d->pedestal_flexibility.block_mass * d->pedestal_flexibility.mass);
+        alike(a, a->K, below, d->pedestal_flexibility.stiffness / d->pedestal_flexibility.block_compliance);
     }
     for (int plane = 0; plane < 2; plane++)
         leg[plane] = difference(&base[plane], &below[plane]);
-    alike(a, a->K, leg, d->pedestal_stiffness);
-    alike(a, a->C, leg, d->pedestal_damping);
+    alike(a, a->K, leg, d->pedestal_flexibility.stiffness);
+    alike(a, a->C, leg, d->pedestal_flexibility.damping);
 }
 
 static int pedestals(const Design *d)
 {
-    return !d->has_pedestal ? 0 : has_block(d) ? 2 : 1;
+    return !d->pedestal_flexibility.enabled ? 0 : has_block(d) ? 2 : 1;
 }
 
 static void scaled(const double in[4], double factor, double out[4])
@@ -423,7 +423,7 @@ static void scaled(const double in[4], double factor, double out[4])
 /* Share of a bearing's deflection that is its own, where the element below it yields; see rotor/model.py. */
 static void own_share(const Assembly *a, double x, double stiffness[4], double shared_damping[4], double damping)
 {
-    const double soft = 1 / a->d->modulus_factor;
+    const double soft = 1 / a->d->shaft_modulus.factor;
     const double f[2] = {soft * local_flexibility(a->s, x, 1), soft * local_flexibility(a->s, x, 2)};
     double yield[4], share[4], product[4];
     for (int k = 0; k < 4; k++)
@@ -444,21 +444,21 @@ static void own_share(const Assembly *a, double x, double stiffness[4], double s
 
 static int branches(const Design *d)
 {
-    return !d->has_branch ? 0 : d->branch_spread != 0 ? BRANCHES : 1;
+    return !d->viscoelastic_support.enabled ? 0 : d->viscoelastic_support.spread != 0 ? BRANCHES : 1;
 }
 
 static const char *add_bearing(Assembly *a, double x, int side, double tilt)
 {
     const Design *d = a->d;
     Pattern shaft[2], slope[2], base[2], joint[2], end[2], spring[2], dashpot[2];
-    const double at = x - side * d->offset, half = d->anisotropy / 2;
-    const double c = cos(2 * d->anisotropy_angle), s = sin(2 * d->anisotropy_angle);
-    const double k = d->k_b * (1 - side * d->asymmetry);
+    const double at = x - side * d->bearing_offset.offset, half = d->plane_anisotropy.anisotropy / 2;
+    const double c = cos(2 * d->plane_anisotropy.angle), s = sin(2 * d->plane_anisotropy.angle);
+    const double k = d->condition.k_b * (1 - side * d->bearing_asymmetry.asymmetry);
     double stiffness[4] = {k * (1 + half * c), k * (half * s), k * (half * s), k * (1 - half * c)};
     double damping[4], relative[4];
     for (int plane = 0; plane < 2; plane++)
         shaft_point(a->s, at, plane + 1, &shaft[plane], &slope[plane]);
-    tilt += d->tilt_stiffness;
+    tilt += d->bearing_tilt_stiffness.stiffness;
     for (int plane = 0; plane < 2; plane++) {
         if (isinf(tilt)) {
             if (slope[plane].count > 1)
@@ -473,13 +473,13 @@ static const char *add_bearing(Assembly *a, double x, int side, double tilt)
     add_pedestal(a, base);
     for (int plane = 0; plane < 2; plane++)
         joint[plane] = difference(&shaft[plane], &base[plane]);
-    own_share(a, at, stiffness, damping, d->bearing_damping);
+    own_share(a, at, stiffness, damping, d->bearing_damping.damping);
     join(a, a->K, joint, stiffness);
     join(a, a->C, joint, damping);
     for (int j = 1, n = branches(d); j <= n; j++) {
         const double share = fmin(j, n + 1 - j) / ((n + 1) / 2.0 * ((n + 1) / 2.0));
-        const double strength = fmax(d->branch_strength, WEAKEST_BRANCH) * share;
-        const double decades = d->branch_spread * (2 * j - n - 1) / fmax(n - 1, 1);
+        const double strength = fmax(d->viscoelastic_support.strength, WEAKEST_BRANCH) * share;
+        const double decades = d->viscoelastic_support.spread * (2 * j - n - 1) / fmax(n - 1, 1);
         new_pair(a, end);
         for (int plane = 0; plane < 2; plane++) {
             spring[plane] = difference(&shaft[plane], &end[plane]);
@@ -487,7 +487,7 @@ static const char *add_bearing(Assembly *a, double x, int side, double tilt)
         }
         scaled(stiffness, strength, relative);
         join(a, a->K, spring, relative);
-        scaled(stiffness, strength * (d->branch_time * pow(10, decades)), relative);
+        scaled(stiffness, strength * (d->viscoelastic_support.relaxation_time * pow(10, decades)), relative);
         join(a, a->C, dashpot, relative);
     }
     add_bearing_laws(a, joint, (stiffness[0] + stiffness[3]) / 2);
@@ -499,8 +499,8 @@ static const char *add_bearings(Assembly *a)
     const Structure *s = a->s;
     double least = INFINITY, most = -INFINITY;
     const char *wrong = check_laws(a->d);
-    if (a->d->rigid_support || wrong)
-        return a->d->rigid_support ? 0 : wrong;
+    if (a->d->condition.rigid_support || wrong)
+        return a->d->condition.rigid_support ? 0 : wrong;
     for (int k = 0; k < s->n_supports; k++)
         if (is_bearing(s, k)) {
             least = fmin(least, s->x[s->support_node[k]]);
@@ -521,14 +521,14 @@ static void add_at_nodes(Assembly *a)
 {
     const Design *d = a->d;
     Pattern contact[2] = {{0, {0}, {0}}, {0, {0}, {0}}};
-    const int drive = structure_dof(a->s, d->excitation_node, d->excitation_plane);
-    add_at(a->K, a->size, drive, d->ground_stiffness);
-    add_at(a->C, a->size, drive, d->ground_damping);
-    if (d->rub_stiffness == 0)
+    const int drive = structure_dof(a->s, d->condition.excitation_node, d->condition.excitation_plane);
+    add_at(a->K, a->size, drive, d->exciter_suspension.stiffness);
+    add_at(a->C, a->size, drive, d->exciter_suspension.damping);
+    if (d->rub.stiffness == 0)
         return;
     for (int plane = 0; plane < 2; plane++)
-        put(&contact[plane], structure_dof(a->s, d->rub_node, plane + 1), 1);
-    add_force(a, contact, LAW_CONTACT, d->rub_stiffness, d->rub_gap, SHARP * d->rub_gap, 0);
+        put(&contact[plane], structure_dof(a->s, d->rub.node, plane + 1), 1);
+    add_force(a, contact, LAW_CONTACT, d->rub.stiffness, d->rub.gap, SHARP * d->rub.gap, 0);
 }
 
 /* -- all together ------------------------------------------------------------------------------------------------ */
@@ -575,7 +575,7 @@ static void keep_free(System *system, Assembly *a)
 
 const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints)
 {
-    const int bearings = design->rigid_support ? 0 : n_bearings(structure), n = DOF * structure->n_mesh;
+    const int bearings = design->condition.rigid_support ? 0 : n_bearings(structure), n = DOF * structure->n_mesh;
     const int size = n + 2 * bearings * (pedestals(design) + branches(design));
     Assembly a = {structure, design, n, size, n, 0, 0, 0, 0, 0, 0, system->forces, 0, 0};
     memset(doubles, 0, 5 * (size_t)size * size * sizeof *doubles);
@@ -603,9 +603,9 @@ const char *system_build(System *system, const Structure *structure, const Desig
 
 void system_sensor(const System *system, const Structure *s, const Design *d, int node, int plane, double *pattern)
 {
-    const int displaced = d->sensor_node == 0 || d->sensor_node == node;
+    const int displaced = d->sensor_position.node == 0 || d->sensor_position.node == node;
     Pattern w;
-    beside(s, node, displaced ? d->sensor_offset : 0, plane, &w);
+    beside(s, node, displaced ? d->sensor_position.offset : 0, plane, &w);
     for (int i = 0; i < system->n; i++) {
         pattern[i] = 0;
         for (int k = 0; k < w.count; k++)

@@ -1,4 +1,4 @@
-/* What rig.c holds, which is printed when the FMU is built: the rotor of one rig, and its variables' meaning. */
+/* What is printed when the FMU is built: the rotor of one rig (rig.c), and what its variables mean (design.c). */
 #ifndef RIGTWIN_ROTOR_MODEL_H
 #define RIGTWIN_ROTOR_MODEL_H
 
@@ -8,8 +8,5 @@ extern const Structure STRUCTURE;
 
 /* Places of the exciter's variables among the values. */
 extern const int FORCE, FORCE_AMPLITUDE, FORCE_FREQUENCY;
-
-/* The design that the values of all variables stand for. */
-void design_of(const double *values, Design *design);
 
 #endif

@@ -131,12 +131,12 @@ static void make_inputs(Simulator *s, Rotor *r)
     r->n_inputs = 0;
     memset(r->spin_re, 0, sizeof r->spin_re);
     memset(r->spin_im, 0, sizeof r->spin_im);
-    add_input(s, r, d->excitation_node, d->excitation_plane);
-    if (d->unbalance_moment != 0) {
-        const double pull = d->unbalance_moment * (d->spin_speed * d->spin_speed);
-        const double c = pull * cos(d->unbalance_phase), sn = pull * sin(d->unbalance_phase);
-        add_input(s, r, d->unbalance_node, 1);
-        add_input(s, r, d->unbalance_node, 2);
+    add_input(s, r, d->condition.excitation_node, d->condition.excitation_plane);
+    if (d->unbalance.moment != 0) {
+        const double pull = d->unbalance.moment * (d->condition.spin_speed * d->condition.spin_speed);
+        const double c = pull * cos(d->unbalance.phase), sn = pull * sin(d->unbalance.phase);
+        add_input(s, r, d->unbalance.node, 1);
+        add_input(s, r, d->unbalance.node, 2);
         r->spin_re[1] = -sn, r->spin_im[1] = c; /* cosine along y */
         r->spin_re[2] = c, r->spin_im[2] = sn;  /* sine along z */
     }
@@ -169,8 +169,8 @@ static const char *build(Simulator *s, Rotor *r, const Design *design)
     memcpy(&r->design, design, sizeof r->design); /* with its gaps, which a comparison sees */
     const char *wrong = system_build(&r->system, &s->structure, design, r->system_doubles, r->system_ints);
     if (!wrong)
-        wrong = states_build(&r->states, &r->system, design->shaft_damping_ratio, design->spin_speed, r->states_doubles,
-                             r->states_ints);
+        wrong = states_build(&r->states, &r->system, design->shaft_damping.damping_ratio,
+                             design->condition.spin_speed, r->states_doubles, r->states_ints);
     if (wrong)
         return wrong;
     make_inputs(s, r);
@@ -285,8 +285,8 @@ static int make_tones(const Simulator *s, double cycles, double turns, Tone tone
         Tone sine = {TWO_PI * s->frequency, TWO_PI * s->cycles, TWO_PI * cycles, {s->amplitude}, {0}};
         tones[count++] = sine;
     }
-    if (r->n_inputs > 1 && r->design.spin_speed != 0) {
-        Tone spin = {r->design.spin_speed, TWO_PI * s->turns, TWO_PI * turns, {0}, {0}};
+    if (r->n_inputs > 1 && r->design.condition.spin_speed != 0) {
+        Tone spin = {r->design.condition.spin_speed, TWO_PI * s->turns, TWO_PI * turns, {0}, {0}};
         memcpy(spin.re, r->spin_re, sizeof spin.re);
         memcpy(spin.im, r->spin_im, sizeof spin.im);
         tones[count++] = spin;
@@ -309,7 +309,7 @@ const char *simulator_advance(Simulator *s, double time, double step)
         return refuse(s, "a communication step of %.9g s is below the clock's resolution", step, 0);
     const double h = (end - s->ticks) / TICKS_PER_SECOND;
     const double cycles = advanced(s->cycles, s->frequency, h);
-    const double turns = advanced(s->turns, s->rotor->design.spin_speed / TWO_PI, h);
+    const double turns = advanced(s->turns, s->rotor->design.condition.spin_speed / TWO_PI, h);
     Tone tones[2];
     const int n_tones = make_tones(s, cycles, turns, tones);
     if (s->rotor->n_joints) {

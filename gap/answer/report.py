@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +18,7 @@ from rigtwin.gap.answer.missing_test import missing_test
 from rigtwin.gap.answer.next_run import best_next_test
 from rigtwin.gap.answer.where import locate
 from rigtwin.gap.audit.findings import amplitude_dependent
+from rigtwin.gap.clock import Clock
 from rigtwin.gap.curves import Curve, log_distance_db, nrmse
 from rigtwin.gap.document import (
     DAMPING,
@@ -34,13 +34,13 @@ from rigtwin.gap.document import (
     Where,
 )
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import SURE
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.linear import TOLERANCES
 from rigtwin.gap.search.strategies.bearing_stiffness import compare_with_models
 from rigtwin.gap.verdict.adequacy import judge
-from rigtwin.gap.verdict.ranking import ANSWERED, AT_MOST, Ranked, best_of, by_name, likely, name_of, together
-from rigtwin.gap.verdict.standing import ADEQUATE_MISFIT, BELIEVED_SCALE, Standing, scale_of
+from rigtwin.gap.verdict.ranking import Ranked, best_of, by_name, likely, name_of, together
+from rigtwin.gap.verdict.standing import Standing, scale_of
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign import Campaign
 
@@ -51,19 +51,6 @@ class Outcome:
 
     diagnosis: Diagnosis
     curves: tuple[Curve, ...]
-
-
-class Clock:
-    """Seconds of one step of the work after the other."""
-
-    def __init__(self) -> None:
-        self.laps: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        """A step has ended; its times add up where it is done again."""
-        now = time.perf_counter()
-        self.laps[name], self._last = self.laps.get(name, 0.0) + now - self._last, now
 
 
 @dataclass(frozen=True)
@@ -237,7 +224,7 @@ def _rivals(ranked: Ranked, named: _Named) -> list[Fit]:
     groups, causes = by_name(ranked), named.causes
     if named.equivalent:
         return [groups[name_of(cause.effects)][0][0] for cause in named.equivalent]
-    if named.verdict == "cause" and causes[0].place_probability < SURE:
+    if named.verdict == "cause" and causes[0].place_probability < THRESHOLDS.sure:
         return [fit for fit, _ in likely(groups[name_of(causes[0].effects)])]
     return []
 
@@ -279,7 +266,7 @@ def _equivalent(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     total = sum(cause.probability for cause in causes)
     chosen: list[Cause] = []
     for cause in causes:
-        if sum(c.probability for c in chosen) >= ANSWERED * total or len(chosen) == AT_MOST:
+        if sum(c.probability for c in chosen) >= THRESHOLDS.answered * total or len(chosen) == THRESHOLDS.at_most:
             break
         chosen.append(cause)
     return tuple(chosen)
@@ -330,7 +317,7 @@ def _form_finding(answer: Answer) -> tuple[Finding, ...]:
         f"{names} leaves {standing.quality.misfit:.2g} times the noise, far less than anything else leaves: on this "
         "rig it acts in a form that differs from the library's, or something small acts beside it"
     )
-    return (Finding("form", "warning", words, "", standing.quality.misfit, ADEQUATE_MISFIT),)
+    return (Finding("form", "warning", words, "", standing.quality.misfit, THRESHOLDS.adequate_misfit),)
 
 
 def _mounting_finding(campaign: Campaign, problem: Problem, fit: Fit) -> tuple[Finding, ...]:
@@ -348,7 +335,8 @@ def _mounting_finding(campaign: Campaign, problem: Problem, fit: Fit) -> tuple[F
 
 def _noise_finding(answer: Answer) -> tuple[Finding, ...]:
     """That the values scatter otherwise than their standard errors say."""
-    (low, high), quality = BELIEVED_SCALE, answer.standing.quality
+    low, high = THRESHOLDS.believed_scale_low, THRESHOLDS.believed_scale_high
+    quality = answer.standing.quality
     if all(run.std is None for run in answer.problem.runs) or low <= quality.scale <= high:
         return ()
     words = (

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 from rigtwin.gap.document import Cause, Diagnosis, Finding, Shrink, explainable
-from rigtwin.gap.inference.hypotheses import SURE
 from rigtwin.gap.phrases import effects_at, listed, lowered, part, place
-from rigtwin.gap.verdict.ranking import ANSWERED
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ MENTION = Mention()
 def name_cause(cause: Cause) -> str:
     """Effects of a cause, each with its place, and where else they may be if that is not sure."""
     words = effects_at(cause.effects, cause.locations or (cause.location,))
-    if cause.place_probability >= SURE or not cause.other_places:
+    if cause.place_probability >= THRESHOLDS.sure or not cause.other_places:
         return words
     others = ", or ".join(" and ".join(map(place, each)) for each in cause.other_places)
     return f"{words} (or {others})"
@@ -78,7 +77,7 @@ def _lines_are_missing(diagnosis: Diagnosis) -> bool:
 
 
 def _may_be_none(diagnosis: Diagnosis) -> bool:
-    return diagnosis.nominal.get("probability", 0.0) > 1 - ANSWERED
+    return diagnosis.nominal.get("probability", 0.0) > 1 - THRESHOLDS.answered
 
 
 def _takes_away(shrink: Shrink | None) -> str:

@@ -19,15 +19,22 @@ from rigtwin.sim.campaign import Run
 # Prior range of the bearing stiffness [N/m], even in its logarithm.
 K_B_RANGE = (1e4, 1e10)
 
-# Share of a range that counts as its end.
-_EDGE = 1e-3
 
-# Shares of its range from which a number that bends a law is fitted.
-_BENT = (0.5, 0.9)
+@dataclass(frozen=True)
+class Ranges:
+    """How the ranges of numbers are used."""
 
-# Starting points along a parameter's prior range.
-_STARTS = (0.15, 0.5, 0.85)
-_POSITIONS = 5  # starting points along the shaft
+    edge: float = 1e-3  # share of a range that counts as its end
+    first: tuple[float, ...] = (0.15, 0.5, 0.85)  # shares where the first number of an effect starts,
+    others: tuple[float, ...] = (0.5,)  # and the others, where the effect says nothing else
+    bent: tuple[float, ...] = (0.5, 0.9)  # shares from which a number that bends a law is fitted
+    positions: int = 5  # starts along the shaft,
+    shaft_end: float = 0.03  # whose share at either end is left out
+    towards_nothing: float = 30.0  # an effect may be so much weaker than its prior range says;
+    towards_nominal: float = 5.0  # a damping may be so much lower than the nominal one
+
+
+RANGES = Ranges()
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,8 @@ class Free:
     log: bool
     fades: int = 0  # -1: the low end is as good as none of it, 1: the high end is
     step: float = 1e-5  # share of the range for a derivative
+    along_shaft: bool = False  # whether it is a position [m]
+    starts: tuple[float, ...] = ()  # shares of the range where fits start; empty: as the others
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -66,6 +75,11 @@ class Term:
         """The effect for fitted coordinates."""
         values = {free.name: free.value(x) for free, x in zip(self.free, u, strict=True)}
         return self.effect(**dict(self.fixed), **values)  # type: ignore[arg-type]
+
+    @property
+    def node(self) -> int:
+        """The node that the effect sits at. Raises StopIteration where it sits at none."""
+        return next(int(value) for name, value in self.fixed if name in self.effect.places())
 
     @property
     def bent(self) -> Term:
@@ -127,7 +141,7 @@ class Hypothesis:
     def bent_from(self, u: FloatArray) -> list[FloatArray]:
         """Starts of ``bent`` at these coordinates (1 + n_free,); none where nothing bends its law."""
         low, high = self.bent.ends[len(u) :].T
-        return [np.concatenate([u, low + share * (high - low)]) for share in _BENT] if len(low) else []
+        return [np.concatenate([u, low + share * (high - low)]) for share in RANGES.bent] if len(low) else []
 
     def straightened(self, u: FloatArray) -> tuple[Hypothesis, FloatArray]:
         """The same with plain laws, and its coordinates."""
@@ -155,7 +169,7 @@ class Hypothesis:
     def at_edge(self, u: FloatArray) -> NDArray[np.bool_]:
         """(1 + n_free, 2) which coordinates stand at the low or at the high end of their ranges."""
         low, high = self.ends.T
-        return np.stack([u - low, high - u], axis=1) < _EDGE * (high - low)[:, None]
+        return np.stack([u - low, high - u], axis=1) < RANGES.edge * (high - low)[:, None]
 
     def starts(self) -> list[FloatArray]:
         """Starting points, each (n_free,); one parameter of each effect, and its position, take several values."""
@@ -165,7 +179,8 @@ class Hypothesis:
     def __str__(self) -> str:
         return (
             " + ".join(
-                term.effect.id + "".join(f" {name} {value:g}" for name, value in term.fixed if name in ("node",))
+                term.effect.id
+                + "".join(f" {name} {value:g}" for name, value in term.fixed if name in term.effect.places())
                 for term in self.terms
             )
             or "nominal"
@@ -173,35 +188,33 @@ class Hypothesis:
 
 
 def _term_starts(term: Term) -> Iterator[FloatArray]:
-    """The first number over its range, a position over the shaft, everything else at the middle of its range."""
+    """Points where a fit starts: of every number those that its effect says, or else the first number over its range,
+    a position over the shaft, everything else at the middle of its range."""
     grid: list[tuple[float, ...]] = []
     first = True
     for free in term.free:
         low, high = free.ends
-        if free.name == "position":
-            shares = tuple((np.arange(_POSITIONS) + 0.5) / _POSITIONS)
-        elif first:
-            shares = _STARTS if len(term.free) == 1 or free.name != "reduction" else (0.3,)
-            shares = _MANY if term.effect.id in (*_RESONANT, "sensor_delay") else shares
-            first = False
-        elif free.name == "mass":
-            shares = _STARTS if term.effect.id in _RESONANT else (0.5,)
-        elif free.name == "angle":
-            shares = (0.3, 0.7) if low == 0.0 else (0.15, 0.35, 0.65, 0.85)
+        if free.along_shaft:
+            shares = tuple((np.arange(RANGES.positions) + 0.5) / RANGES.positions)
         else:
-            shares = (0.3, 0.7) if term.effect.id == "viscoelastic_support" else (0.5,)  # its character changes
+            shares = free.starts or (RANGES.first if first else RANGES.others)
+            first = False
         grid.append(tuple(low + share * (high - low) for share in shares))
     for point in itertools.product(*grid):
         yield np.array(point)
 
 
-# Effects that add a resonance, somewhere: between starts it must not be missed.
-_RESONANT = ("pedestal_flexibility", "force_dropout")
-_MANY = (0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9)
+@dataclass(frozen=True)
+class Priors:
+    """Probabilities before the data."""
 
-NO_GAP_PRIOR = 0.95  # probability of no gap before the data
-SURE = 0.9  # probability from which a verdict is certain
+    no_gap: float = 0.95
+    # Of two effects of equal priors at once over either one alone, as the logarithm of the odds against: a pair whose
+    # evidence is higher by that is as probable as its better effect. Set on the tuning campaigns.
+    pair_log_odds: float = 12.0
 
+
+PRIORS = Priors()
 NOMINAL = Hypothesis()
 
 
@@ -229,42 +242,42 @@ def candidates(
 
 
 def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
-    if effect.id in ("coarse_grid", "unbalance"):  # a raster moves nothing, an unbalance is at the spin's own frequency
-        return False
-    if effect.family == "spinning" and not any(run.spin_rpm for run in runs):
-        return False
+    """Whether runs like these could show the effect."""
     supports = {run.support for run in runs}
     if effect.location == "bearings" and "bearing" not in supports:
         return False
     if effect.location == "rigid_support" and "rigid" not in supports:
         return False
-    if effect.id == "force_dropout" and not any(run.quantity == "acceleration" for run in runs):
+    if effect.family == "spinning" and not any(run.spin_rpm for run in runs):
         return False
-    return not (effect.id == "sensor_delay" and all(run.magnitude_only for run in runs))
+    if effect.needs_exciter_current and not any(run.quantity == "acceleration" for run in runs):
+        return False
+    return effect.moves_response and not (effect.needs_phase and all(run.magnitude_only for run in runs))
 
 
 def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> Iterator[Term]:
-    free = [_free(name, role) for name, role in effect.parameters().items() if not role.form]
-    if effect.id == "plane_anisotropy" and not _across(runs):  # only the angle's size is seen
-        free = [replace(number, low=0.0) if number.name == "angle" else number for number in free]
+    across = _across(runs)
+    free = tuple(
+        _free(name, role, both_signs=across or not role.sign_seen_across)
+        for name, role in effect.parameters().items()
+        if not role.form
+    )
     sensors = sorted({channel.node for run in runs for channel in run.channels})
     places = effect.places()
     if not places:
-        yield Term(effect, (), tuple(free))
+        yield Term(effect, (), free)
     for name, place in places.items():
         if place.kind == "position":
             length = float(structure.x[-1])
-            yield Term(effect, (), (*free, Free(name, 0.03 * length, 0.97 * length, False)))
+            ends = RANGES.shaft_end * length, (1 - RANGES.shaft_end) * length
+            yield Term(effect, (), (*free, Free(name, *ends, log=False, along_shaft=True)))
         elif effect.location == "sensor":
-            everyone = [0] if place.all_nodes and len(sensors) > 1 else []
-            # A common gain is the exciter's, which is a nuisance; a common delay or mass is not.
-            if effect.id == "sensor_gain":
-                everyone = []
+            everyone = [0] if place.all_nodes and len(sensors) > 1 and not effect.common_is_calibrated else []
             for node in [*everyone, *sensors]:
-                yield Term(effect, ((name, node),), tuple(free))
+                yield Term(effect, ((name, node),), free)
         else:
             for node in _moving(runs, structure):
-                yield Term(effect, ((name, node),), tuple(free))
+                yield Term(effect, ((name, node),), free)
 
 
 def _across(runs: Sequence[Run]) -> bool:
@@ -272,28 +285,29 @@ def _across(runs: Sequence[Run]) -> bool:
     return any(channel.plane != run.excitation_plane for run in runs for channel in run.channels)
 
 
-def _free(name: str, role: Parameter) -> Free:
-    """A parameter's range: the prior's, carried on towards the value at which the effect does nothing."""
+def _free(name: str, role: Parameter, *, both_signs: bool = True) -> Free:
+    """A parameter's range: the prior's, carried on towards the value at which the effect does nothing.
+
+    Parameters
+    ----------
+    both_signs : whether the runs tell the number's sign; else its size alone is fitted
+    """
     low, high, fades = role.low, role.high, 0
     if isinstance(role.null, str):
-        low /= _TOWARDS_NOMINAL
+        low /= RANGES.towards_nominal
     elif role.null == 0.0 and role.log:
-        low /= _TOWARDS_NOTHING
+        low /= RANGES.towards_nothing
     elif role.null is not None and np.isinf(role.null):
-        high, fades = high * _TOWARDS_NOTHING, 1
+        high, fades = high * RANGES.towards_nothing, 1
     elif role.null is not None:
         low, high = min(low, role.null), max(high, role.null)
     if role.minimum == 0.0:
         fades = -1
-    return Free(name, low, high, role.log and low > 0, fades, _STEPS.get(name, Free.step))
-
-
-# Steps of numbers that a response follows wildly: the phase of a fast sweep sums up all dwells.
-_STEPS = {"dwell": 1e-10}
-
-
-# An effect may be weaker than its prior range says, by so much; a damping may be lower than the nominal one.
-_TOWARDS_NOTHING, _TOWARDS_NOMINAL = 30.0, 5.0
+    number = Free(name, low, high, role.log and low > 0, fades, role.step, starts=role.starts)
+    if both_signs:
+        return number
+    sizes = sorted({round(abs(2 * share - 1), 12) for share in role.starts})  # the range is even about zero
+    return replace(number, low=0.0, starts=tuple(sizes))
 
 
 def _moving(runs: Sequence[Run], structure: Structure) -> Sequence[int]:

@@ -27,9 +27,10 @@ from scipy.stats import chi2 as chi2_distribution
 
 from rigtwin.gap.answer.causes import cause_of
 from rigtwin.gap.document import Band, Diagnosis, Estimate, Finding, NextTest, Where
-from rigtwin.gap.inference.hypotheses import K_B, NO_GAP_PRIOR, SURE, Hypothesis, candidates
+from rigtwin.gap.inference.hypotheses import K_B, PRIORS, Hypothesis, candidates
+from rigtwin.gap.model.campaign_model import structure_of
 from rigtwin.gap.peaks.resonances import Resonances, Rotor
-from rigtwin.gap.prepare import structure_of
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.structure import FloatArray
 from rigtwin.sim.campaign import Campaign, Channel, PeakList, Run
@@ -341,8 +342,8 @@ class Lists:
         """Every effect at its best place, with the probability of all its places."""
         every = [self.score(h) for h in self.hypotheses if h.ids[0] not in exclude]
         nominal = self.score(Hypothesis())
-        weights = np.array([s.log_evidence + np.log(s.hypothesis.prior * (1 - NO_GAP_PRIOR)) for s in every])
-        own = nominal.log_evidence + np.log(NO_GAP_PRIOR)
+        weights = np.array([s.log_evidence + np.log(s.hypothesis.prior * (1 - PRIORS.no_gap)) for s in every])
+        own = nominal.log_evidence + np.log(PRIORS.no_gap)
         shares = np.exp(np.append(weights, own) - np.logaddexp.reduce(np.append(weights, own)))
         best: dict[str, Scored] = {}
         total: dict[str, float] = {}
@@ -420,7 +421,7 @@ def diagnosis_of(
         cause_of(s.hypothesis, s.u, s.std, p, s.k_b, s.log_evidence)
         for s, p in zip(ranking.scored, ranking.probabilities, strict=True)
     )
-    agrees = ranking.no_gap > SURE and nominal.adequate and nominal.n_unseen == 0
+    agrees = ranking.no_gap > THRESHOLDS.sure and nominal.adequate and nominal.n_unseen == 0
     return Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,

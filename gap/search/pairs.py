@@ -3,35 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 
 import numpy as np
 
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import Hypothesis
+from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
-from rigtwin.gap.search.linear import CLOSE, FAR, Progress, Search, first_of_each, fitted, race, search
-from rigtwin.gap.search.starts import Promise, Start, begin, points, promises
+from rigtwin.gap.search.linear import search
+from rigtwin.gap.search.race import CLOSE, FAR, Progress, Search, first_of_each, fitted, race
+from rigtwin.gap.search.starts import Promise, Start, begin, promises
+from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.workers import each
 
-# Leaders of pairs: of all runs, by logarithms, of the rigid runs alone; the relative error that is added to those by
-# logarithms, and the cost over the best one's from which none of the others is one.
-_LEADERS, _ROUGH_LEADERS, _RIGID_LEADERS = 3, 2, 2
-_ROUGHLY, _NO_LEADER = 0.3, 30.0
 
-# Pairs that are raced: those that gain most to first order, shared by the leaders, each of which has at least some;
-# and those by a rough fit, twice as many, and once more after a step of so many starts of each pair.
-_BY_SCORE, _OF_EACH, _BY_ROUGH, _PAIR_STEPS, _OF_EACH_PAIR = 24, 6, 16, 5, 2
+@dataclass(frozen=True)
+class PairSearch:
+    """Which pairs are raced."""
 
-# Rough descents of pairs see every so many lines.
-_FIFTH = 5
+    leaders: int = 3  # effects that others are tried beside: the best of all runs,
+    rough_leaders: int = 2  # the best by logarithms,
+    rigid_leaders: int = 2  # and the best of the rigid runs alone
+    roughly: float = 0.3  # relative error that is added for those by logarithms
+    no_leader: float = 30.0  # cost over the best one's from which none of the others is a leader
+    by_score: int = 24  # pairs that gain most to first order, shared by the leaders,
+    of_each: int = 6  # each of which has at least so many
+    by_rough: int = 16  # pairs by a rough fit, twice as many of them without a step,
+    steps: int = 5  # carried on so far;
+    starts: int = 2  # and of each pair so many starts after one step
+    every: int = 5  # lines that rough descents see
 
-# Probability before the data that two effects of equal priors act at once, over that of either one alone: a pair whose
-# evidence is higher by e^PAIR_GAIN is as probable then as its better effect. Set on the tuning campaigns.
-PAIR_GAIN = 12.0
+
+PAIRS = PairSearch()
 
 
 def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> float:
@@ -83,7 +89,7 @@ def _halves(pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
 
 def _as_it_is(problem: Problem, start: Start) -> Fit | None:
     """A start as a fit without a step; None where there is no model."""
-    return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(_ROUGHLY,), steps=0)
+    return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(PAIRS.roughly,), steps=0)
 
 
 def pair_starts(
@@ -110,10 +116,11 @@ def pair_starts(
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
             pair = _paired(leader.hypothesis, second)
             by_score += gained
-            beside += [begin(pair, pair.clipped(point), leader) for point in points(leader.u, second)]
+            points = strategy_of(second).points(leader.u, second)
+            beside += [begin(pair, pair.clipped(point), leader) for point in points]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
-        starts += [promise.start for promise in by_score[: max(_BY_SCORE // len(leaders), _OF_EACH)]]
-    return starts + _by_logarithms(problem.thinned(_FIFTH), beside, near)
+        starts += [promise.start for promise in by_score[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
+    return starts + _by_logarithms(problem.thinned(PAIRS.every), beside, near)
 
 
 def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[Start]:
@@ -122,17 +129,19 @@ def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[St
     Far from the data a start tells little of where it leads to: of each pair some are taken a step down before as well.
     """
     tried = sorted(each(partial(_down_from, few, 0), starts), key=itemgetter(1))
-    best = [start for start, _ in tried[: 2 * _BY_ROUGH]]
+    best = [start for start, _ in tried[: 2 * PAIRS.by_rough]]
     if not near:
-        some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, _OF_EACH_PAIR)]
+        some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, PAIRS.starts)]
         stepped = sorted(each(partial(_down_from, few, 1), some), key=itemgetter(1))
-        best += [start for start, _ in stepped[:_BY_ROUGH]]
-    return [start for start, _ in each(partial(_down_from, few, _PAIR_STEPS), best)]
+        best += [start for start, _ in stepped[: PAIRS.by_rough]]
+    return [start for start, _ in each(partial(_down_from, few, PAIRS.steps), best)]
 
 
 def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
     """Both effects at once."""
-    return Hypothesis((*first.terms, *second.terms), float(np.exp(-PAIR_GAIN) * np.sqrt(first.prior * second.prior)))
+    return Hypothesis(
+        (*first.terms, *second.terms), float(np.exp(-PRIORS.pair_log_odds) * np.sqrt(first.prior * second.prior))
+    )
 
 
 def _beside(score: Score, second: Hypothesis) -> list[Promise]:
@@ -152,19 +161,19 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
     The latter are the best by logarithms, which far misfits do not rule, and the best of the rigid runs, in which fewer
     effects can act. What leaves many times as much as the best is no leader, but for those by logarithms.
     """
-    leaders = _of_each_effect(found.fits)[:_LEADERS]
+    leaders = _of_each_effect(found.fits)[: PAIRS.leaders]
     there = {fit.hypothesis.ids for fit in leaders}
-    rough = [start for start in found.rough[:_ROUGH_LEADERS] if start.hypothesis.ids not in there]
-    by_logarithms = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(_ROUGHLY,), steps=2) for s in rough]
+    rough = [start for start in found.rough[: PAIRS.rough_leaders] if start.hypothesis.ids not in there]
+    by_logarithms = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(PAIRS.roughly,), steps=2) for s in rough]
     rigid = problem.only("rigid")
     if rigid is not None and problem.with_k_b:
         acting = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
-        for fit in _of_each_effect(search(rigid, acting).fits)[:_RIGID_LEADERS]:
+        for fit in _of_each_effect(search(rigid, acting).fits)[: PAIRS.rigid_leaders]:
             u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
             made = problem.try_fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6)
             leaders += [made] if made else []
     costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
-    kept = [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= _NO_LEADER * min(costs)]
+    kept = [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= PAIRS.no_leader * min(costs)]
     return [*kept, *(fit for fit in by_logarithms if fit)]
 
 

@@ -14,20 +14,33 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.nonlinear import BoolArray
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
-# Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
-_TRIMMED = 0.95
 
-# Standard errors are believed where the data's own scatter differs by less than this over the root of the number of
-# values: some 3.5 standard errors of a mean over overlapping differences.
-_DOUBTFUL = 5.0
+@dataclass(frozen=True)
+class Scatter:
+    """How the data's own scatter is told from line to line."""
 
-# Channels hardly share an error if it is, by so many standard errors, below this part of what the lines seemed to tell.
-_HARDLY, _SURELY = 0.5, 2.0
+    # Share of the smallest squares whose mean tells a channel's scatter: single outliers and sharp peaks take no part.
+    trimmed: float = 0.95
+    # Standard errors are believed where the scatter differs from them by less than this over the root of the number of
+    # values: some 3.5 standard errors of a mean over overlapping differences.
+    doubtful: float = 5.0
+    # Channels hardly share an error that is below this part of what the lines seemed to tell,
+    hardly: float = 0.5
+    surely: float = 2.0  # by so many standard errors.
 
-# A fit plainly misses a line whose misfit is so many times what chance leaves once in so many lines. Missed lines are
-# few up to this share of a run, or this many, and a resonance is near within this share of its frequency.
-_PLAINLY, _CHANCE = 10.0, 1e-9
-_SHARE, _FEW, _NEAR = 0.03, 3, 0.01
+
+@dataclass(frozen=True)
+class OddLines:
+    """Which lines a fit plainly misses, and when these are few."""
+
+    plainly: float = 10.0  # misfit over what chance leaves once in 1 / chance lines
+    chance: float = 1e-9
+    share: float = 0.03  # of a run's lines
+    few: int = 3  # lines, whatever share these are
+    near: float = 0.01  # of a resonance's frequency: there a line is not odd
+
+
+SCATTER, ODD = Scatter(), OddLines()
 
 
 @dataclass(frozen=True)
@@ -66,7 +79,7 @@ def judge(problem: Problem, fit: Fit) -> Adequacy:
         variance += values / parts  # of the products' sum, where residuals are independent
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
     scale2 = float(np.clip(scatter / bends, *np.square(CREDIBLE))) if bends else 1.0
-    surely = 1.0 if abs(scale2 - 1) < _DOUBTFUL / np.sqrt(max(n, 1)) else scale2
+    surely = 1.0 if abs(scale2 - 1) < SCATTER.doubtful / np.sqrt(max(n, 1)) else scale2
     dof = max(n * (1 - (len(fit.u) + 6) / max(reals, 1)), 1.0)
     return Adequacy(
         scale=float(np.sqrt(scale2)),
@@ -87,10 +100,10 @@ def odd_lines(problem: Problem, fit: Fit) -> list[BoolArray]:
     for observed, model, modal in predicted:
         z, f = whitened(observed, model), observed.run.frequency_hz
         numbers = np.isfinite(z).sum(axis=1) * (1 if observed.run.magnitude_only else 2)
-        missed = np.nansum(np.abs(z) ** 2, axis=1) > _PLAINLY * scale2 * chi2.isf(_CHANCE, np.maximum(numbers, 1))
-        near = np.abs(f[:, None] / modal.frequencies_hz - 1).min(initial=np.inf, axis=1) < _NEAR
+        missed = np.nansum(np.abs(z) ** 2, axis=1) > ODD.plainly * scale2 * chi2.isf(ODD.chance, np.maximum(numbers, 1))
+        near = np.abs(f[:, None] / modal.frequencies_hz - 1).min(initial=np.inf, axis=1) < ODD.near
         odd = missed & ~near
-        found.append(odd if odd.sum() <= max(_FEW, _SHARE * len(f)) else np.zeros(len(f), dtype=bool))
+        found.append(odd if odd.sum() <= max(ODD.few, ODD.share * len(f)) else np.zeros(len(f), dtype=bool))
     return found
 
 
@@ -100,7 +113,7 @@ def not_shared(problem: Problem, fit: Fit) -> Problem | None:
     Near a line, what a fast sweep still rings with moves all channels alike, as noise of the force does.
     """
     kept = [
-        o if not o.common or _shared(o, model) > _HARDLY * o.common else replace(o, common=0.0)
+        o if not o.common or _shared(o, model) > SCATTER.hardly * o.common else replace(o, common=0.0)
         for o, model in zip(problem.observed, problem.predict(fit), strict=True)
     ]
     return None if all(a is b for a, b in zip(kept, problem.observed, strict=True)) else problem.on(kept)
@@ -112,7 +125,7 @@ def _shared(observed: Observed, model: ComplexArray) -> float:
     with np.errstate(all="ignore"):
         left = np.where(observed.valid, observed.difference(model) / size, np.nan)
         square, error = shared_variance(left[:, live], (observed.error / size)[:, live])
-    return float(of_complex(np.sqrt(np.maximum(square + _SURELY * error, 0.0)), observed.run))
+    return float(of_complex(np.sqrt(np.maximum(square + SCATTER.surely * error, 0.0)), observed.run))
 
 
 def _bends(z: ComplexArray) -> FloatArray:
@@ -128,6 +141,6 @@ def _scatter(bends: FloatArray, parts: int) -> float:
     """
     if not len(bends):
         return 0.0
-    kept = np.sort(bends)[: max(round(_TRIMMED * len(bends)), 1)]
-    expected = parts * chi2.cdf(chi2.ppf(_TRIMMED, parts), parts + 2) / _TRIMMED
+    kept = np.sort(bends)[: max(round(SCATTER.trimmed * len(bends)), 1)]
+    expected = parts * chi2.cdf(chi2.ppf(SCATTER.trimmed, parts), parts + 2) / SCATTER.trimmed
     return float(np.mean(kept) / (1.5 * expected))

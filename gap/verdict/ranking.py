@@ -11,20 +11,23 @@ from scipy.special import logsumexp
 from rigtwin.gap.document import Verdict
 from rigtwin.gap.inference.evidence import sample
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import NO_GAP_PRIOR, SURE
+from rigtwin.gap.inference.hypotheses import PRIORS
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.search.linear import first_of_each
+from rigtwin.gap.search.race import first_of_each
 from rigtwin.gap.verdict.adequacy import judge
-from rigtwin.gap.verdict.standing import Standing, excess_of, scale_of
+from rigtwin.gap.verdict.standing import Standing, excess_of, scale_of, standing_of
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 
-# Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
-ANSWERED = 0.98  # probability that the set of an ambiguous verdict holds
-AT_MOST = 3  # effects in that set
 
-_LIKELIEST = 0.5  # probability of no gap above which it is the answer
+@dataclass(frozen=True)
+class Sampling:
+    """Which candidates have their evidence sampled."""
 
-# Candidates of such a probability, of the most probable ones, have their evidence sampled.
-_WORTH_SAMPLING, _SAMPLED = 1e-4, 4
+    least_probability: float = 1e-4
+    most: int = 4  # of the most probable ones
+
+
+SAMPLING = Sampling()
 
 Places = list[tuple[Fit, float]]  # fits of the same effects with their probabilities, best first
 
@@ -38,12 +41,29 @@ class Ranked:
     no_gap: float
 
 
+@dataclass(frozen=True)
+class Decision:
+    """The verdict, and what it follows from."""
+
+    ranked: Ranked
+    standing: Standing
+    verdict: Verdict
+
+
+def decide(problem: Problem, nominal: Fit, fits: Sequence[Fit], enough: bool) -> Decision:
+    """The verdict on the fits of a problem, best first; ``enough``: whether there are data to conclude from."""
+    standing = standing_of(problem, nominal, fits)
+    ranked = rank(problem, nominal, standing)
+    standing = _of_the_likeliest(problem, nominal, ranked, standing)
+    return Decision(ranked, standing, _verdict_of(ranked, standing) if enough else "not_enough_data")
+
+
 def rank(problem: Problem, nominal: Fit, standing: Standing) -> Ranked:
     """Probabilities by evidence, which is sampled where it matters."""
     scale, fits = scale_of(standing.quality), [fit for fit in standing.fits if fit.hypothesis.terms]
     fits = first_of_each(fits, lambda fit: fit.hypothesis.places)
     ranked = _by_evidence(nominal, fits, scale)
-    matters = [p >= _WORTH_SAMPLING and k < _SAMPLED for k, p in enumerate(ranked.probabilities)]
+    matters = [p >= SAMPLING.least_probability and k < SAMPLING.most for k, p in enumerate(ranked.probabilities)]
     fits = [
         replace(fit, sampled=sample(problem, fit, scale)) if one else fit
         for fit, one in zip(ranked.fits, matters, strict=True)
@@ -53,26 +73,26 @@ def rank(problem: Problem, nominal: Fit, standing: Standing) -> Ranked:
 
 def _by_evidence(nominal: Fit, fits: Sequence[Fit], scale: float) -> Ranked:
     """Candidates by probability; the nominal model has its own prior."""
-    single = [fit.log_evidence(scale) + np.log(fit.hypothesis.prior * (1 - NO_GAP_PRIOR)) for fit in fits]
-    every = np.array([*single, nominal.log_evidence(scale) + np.log(NO_GAP_PRIOR)])
+    single = [fit.log_evidence(scale) + np.log(fit.hypothesis.prior * (1 - PRIORS.no_gap)) for fit in fits]
+    every = np.array([*single, nominal.log_evidence(scale) + np.log(PRIORS.no_gap)])
     share = np.exp(every - logsumexp(every))
     order = np.argsort(-share[:-1], kind="stable")
     return Ranked(tuple(fits[k] for k in order), tuple(float(share[k]) for k in order), float(share[-1]))
 
 
-def of_the_likeliest(problem: Problem, nominal: Fit, ranked: Ranked, standing: Standing) -> Standing:
+def _of_the_likeliest(problem: Problem, nominal: Fit, ranked: Ranked, standing: Standing) -> Standing:
     """The same, but where no gap is the most probable, the nominal model has to leave as little as the best fit."""
-    if ranked.no_gap <= _LIKELIEST:
+    if ranked.no_gap <= THRESHOLDS.likeliest:
         return standing
     return replace(standing, excess=max(standing.excess, excess_of(problem, nominal, judge(problem, nominal))))
 
 
-def verdict_of(ranked: Ranked, standing: Standing) -> Verdict:
+def _verdict_of(ranked: Ranked, standing: Standing) -> Verdict:
     if standing.excess >= 1:
         return "unknown"
-    if ranked.no_gap > _LIKELIEST:
+    if ranked.no_gap > THRESHOLDS.likeliest:
         return "no_gap"
-    return "cause" if max(map(together, by_name(ranked).values())) >= SURE else "ambiguous"
+    return "cause" if max(map(together, by_name(ranked).values())) >= THRESHOLDS.sure else "ambiguous"
 
 
 def by_name(ranked: Ranked) -> dict[tuple[str, ...], Places]:
@@ -100,4 +120,4 @@ def together(places: Places) -> float:
 def likely(places: Places) -> Places:
     """The fewest places, of at most three, that hold nearly all of their probability."""
     reached = np.cumsum([probability for _, probability in places]) / max(together(places), 1e-300)
-    return places[: min(int(np.searchsorted(reached, ANSWERED)) + 1, AT_MOST)]
+    return places[: min(int(np.searchsorted(reached, THRESHOLDS.answered)) + 1, THRESHOLDS.at_most)]

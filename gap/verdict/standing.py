@@ -13,22 +13,9 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.forward import nonlinear
 from rigtwin.gap.search.laws.robust import without_outliers
-from rigtwin.gap.search.laws.search import ADEQUATE_NONLINEAR
-from rigtwin.gap.search.linear import strained
+from rigtwin.gap.search.nominal import strain_towards
 from rigtwin.gap.verdict.adequacy import Adequacy, judge
-
-# Thresholds. They are set on the tuning campaigns of the blind benchmark, never on its report campaigns.
-ADEQUATE_MISFIT = 1.15  # mean square residual over the noise's, at most
-ADEQUATE_SPREAD = 3.0  # the same of few values: beyond 1, in standard deviations of what noise alone leaves
-ADEQUATE_CORRELATION = 3.5  # of neighbouring residuals, in standard errors, at most
-ADEQUATE_NUISANCE = 2.5  # mean square of the nuisances that are determined, in their priors' units, at most
-PASSED_OVER_CHANCE = 1e-4  # that noise gives resonances and shapes of their own as much as they would take away
-PASSED_OVER_SHARE = 0.1  # of what a cause takes away, that they would take away beside it, at most
-REMOUNTED_SHARE = 0.8  # of what a fit leaves, that gains of each sensor in each run take away, at least
-FORM_LEFT = 0.02  # share of the best rival's misfit that an effect in another form than the library's leaves, at most
-FORM_LEFT_NONLINEAR = 0.5  # the same of nonlinear effects: their far lines weigh less
-BELIEVED_SCALE = (0.8, 1.25)  # the data's own scatter over the given errors: within, the given ones are believed
-MOST_SCALE = 1.5  # the same about a nonlinear effect's fit that is still noise, where the lines themselves tell none
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 
 
 @dataclass(frozen=True)
@@ -68,25 +55,25 @@ def adequate(problem: Problem, fit: Fit) -> bool:
 def excess_of(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     """How far a fit is from leaving nothing but noise: 1 at the threshold of adequacy."""
     if nonlinear(fit.effects):
-        return fit.chi2 / fit.n_data / min(scale_of(quality), _most_scale(problem)) ** 2 / ADEQUATE_NONLINEAR
+        return fit.chi2 / fit.n_data / min(scale_of(quality), _most_scale(problem)) ** 2 / THRESHOLDS.adequate_nonlinear
     return max(
-        (quality.misfit - 1) / max(ADEQUATE_MISFIT - 1, ADEQUATE_SPREAD * quality.spread),
-        quality.correlation / ADEQUATE_CORRELATION,
-        nuisance_size(problem, fit) / ADEQUATE_NUISANCE,
+        (quality.misfit - 1) / max(THRESHOLDS.adequate_misfit - 1, THRESHOLDS.adequate_spread * quality.spread),
+        quality.correlation / THRESHOLDS.adequate_correlation,
+        nuisance_size(problem, fit) / THRESHOLDS.adequate_nuisance,
         0.0,
     )
 
 
 def scale_of(quality: Adequacy) -> float:
     """True over believed error, where the data's own scatter contradicts the given errors."""
-    low, high = BELIEVED_SCALE
-    return 1.0 if low <= quality.scale <= high else quality.scale
+    believed = THRESHOLDS.believed_scale_low <= quality.scale <= THRESHOLDS.believed_scale_high
+    return 1.0 if believed else quality.scale
 
 
 def _most_scale(problem: Problem) -> float:
     """How many times the believed errors may be noise: a law that misses lines scatters as well."""
     told = [o.scatter for o in problem.observed if np.isfinite(o.scatter)]
-    return min(max(float(np.median(told)), 1.0), MOST_SCALE) if told else MOST_SCALE
+    return min(max(float(np.median(told)), 1.0), THRESHOLDS.most_scale) if told else THRESHOLDS.most_scale
 
 
 def gains_differ(problem: Problem, fit: Fit) -> bool:
@@ -104,8 +91,8 @@ def gains_differ(problem: Problem, fit: Fit) -> bool:
         left, numbers = score.misfit, fit.n_data
     else:  # an error that is estimated is known to some per cent, and so is chi2
         left, numbers = score.apart(range(len(problem.runs)), shapes=True)
-    by_chance = scale2 * float(chi2.isf(PASSED_OVER_CHANCE, n)) if n else np.inf
-    return gain > by_chance and gain - scale2 * n > REMOUNTED_SHARE * (left - scale2 * numbers)
+    by_chance = scale2 * float(chi2.isf(THRESHOLDS.passed_over_chance, n)) if n else np.inf
+    return gain > by_chance and gain - scale2 * n > THRESHOLDS.remounted_share * (left - scale2 * numbers)
 
 
 def nuisance_size(problem: Problem, fit: Fit) -> float:
@@ -135,8 +122,8 @@ def _passed_over(problem: Problem, nominal: Fit, fit: Fit, quality: Adequacy) ->
     for shapes in (False, True):
         gain, n = score.apart(runs, shapes=shapes)
         if n:
-            chance = (gain / scale2 - n) / float(chi2.isf(PASSED_OVER_CHANCE, n) - n)
-            excesses.append(min(chance, (gain - n * scale2) / explained / PASSED_OVER_SHARE))
+            chance = (gain / scale2 - n) / float(chi2.isf(THRESHOLDS.passed_over_chance, n) - n)
+            excesses.append(min(chance, (gain - n * scale2) / explained / THRESHOLDS.passed_over_share))
     return max(excesses)
 
 
@@ -145,8 +132,8 @@ def _beside_rivals(problem: Problem, nominal: Fit, singles: Sequence[Fit]) -> fl
     best = singles[0]
     rivals = [nominal, *(fit for fit in singles if fit.hypothesis.ids != best.hypothesis.ids)]
     if nonlinear(best.effects):
-        return _left(best) / min(map(_left, rivals)) / FORM_LEFT_NONLINEAR
-    return _left(best) / min(map(_left, [*rivals, strained(problem, best)])) / FORM_LEFT
+        return _left(best) / min(map(_left, rivals)) / THRESHOLDS.form_left_nonlinear
+    return _left(best) / min(map(_left, [*rivals, strain_towards(problem, best)])) / THRESHOLDS.form_left
 
 
 def _left(fit: Fit) -> float:

@@ -7,6 +7,7 @@ diagnosed in a process of its own, so that one that dies takes no other along.
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 import secrets
@@ -197,22 +198,21 @@ def write_controls(
     """
     from rigtwin.commands.diagnose import write_prediction
     from rigtwin.gap.inference.hypotheses import candidates
-    from rigtwin.gap.prepare import forward_of
+    from rigtwin.gap.model.campaign_model import forward_of
 
     answered = {name for cause in (*diagnosis.equivalent, *diagnosis.causes[:1]) for name in cause.effects}
     hypotheses = candidates(measured.runs, forward_of(measured).structure, exclude)
     names = sorted({h.ids[0] for h in hypotheses} - answered)
     chosen = str(np.random.default_rng(draw).choice(names))
     for folder, tried in (("control", [h for h in hypotheses if h.ids == (chosen,)]), ("no_effect", [])):
-        path = answer / folder / "diagnosis.json"
-        _write(path, json.dumps(control_document(measured, tried)))
+        path = control_diagnosis(measured, tried).save(answer / folder)
         write_prediction(path, held_out, path.parent)
 
 
-def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]:
-    """What a diagnosis.json has to say for a prediction: the best of these candidates, if any, as the cause."""
+def control_diagnosis(measured: Any, hypotheses: Sequence[Any]) -> Any:
+    """A diagnosis with the best of these candidates, if any, as the cause."""
     from rigtwin.gap.answer.report import calibration
-    from rigtwin.gap.document import SCHEMA as OF_DIAGNOSIS
+    from rigtwin.gap.document import Cause, Diagnosis, Estimate, Location, Where
     from rigtwin.gap.prepare import prepared
     from rigtwin.gap.search.linear import search
 
@@ -227,22 +227,17 @@ def control_document(measured: Any, hypotheses: Sequence[Any]) -> dict[str, Any]
             *((free.name, free.value(u)) for free, u in zip(term.free, own, strict=True)),
         )
     }
-    return {
-        "schema": OF_DIAGNOSIS,
-        "verdict": "cause",
-        "rig": Path(measured.rig).name,
-        "where": {},
-        "nominal": {"k_b": {"value": nominal.k_b}},
-        "causes": [
-            {
-                "effects": list(best.hypothesis.ids),
-                "parameters": {},
-                "places": numbers,
-                "k_b": {"value": best.k_b},
-            }
-        ],
-        "calibration": calibration(problem, best),
-    }
+    cause = Cause(best.hypothesis.ids, Location("node"), math.nan, {}, Estimate(best.k_b, math.nan), places=numbers)
+    return Diagnosis(
+        title="",
+        rig=Path(measured.rig).name,
+        verdict="cause",
+        sentence="",
+        nominal={"k_b": Estimate(nominal.k_b, math.nan)},
+        where=Where(),
+        causes=(cause,),
+        calibration=calibration(problem, best),
+    )
 
 
 # -- results -------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -10,7 +9,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -22,7 +20,7 @@ from rigtwin.commands.fmus import existing, rotor_fmu
 from rigtwin.console import note, say, table
 from rigtwin.exits import UserError
 from rigtwin.gap.document import FILE_NAME as DIAGNOSIS_FILE
-from rigtwin.gap.document import SCHEMA, Cause, Diagnosis, Shrink
+from rigtwin.gap.document import Cause, Diagnosis, DocumentError, Shrink
 from rigtwin.gap.phrases import part
 from rigtwin.pages.diagnosis_page import FILE_NAME as PAGE_FILE
 from rigtwin.pages.diagnosis_page import write_diagnosis_page
@@ -54,14 +52,6 @@ from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines
 _CAUSES = 5
 
 _VERIFIED = {"fmu": "verified by the FMU", "rig": "verified on the virtual rig", "model": "by the fitting model alone"}
-
-# What gap.predict needs of a document, with its type in JSON.
-_KEYS: dict[str, type | tuple[type, ...]] = {"verdict": str, "nominal": dict, "where": dict, "causes": list}
-_CAUSE_KEYS: dict[str, type | tuple[type, ...]] = {
-    "effects": list,
-    "parameters": dict,
-    "k_b": (dict, type(None)),
-}
 
 
 @dataclass(frozen=True)
@@ -188,7 +178,7 @@ def measured_on_the_virtual_rig(
     -------
     (n_freq, n_channels) of each run, and "fmu", or "rig" where an effect is none of the FMU's
     """
-    from rigtwin.gap.prepare import elements_between_nodes
+    from rigtwin.gap.model.campaign_model import elements_between_nodes
 
     belief = campaign.nominal
     parameters = {
@@ -276,11 +266,9 @@ def _shrink_line(s: Shrink) -> str:
 
 def run_predict(path: Path, folder: Path, out: Path) -> None:
     """Write every run of a campaign as the nominal and as the corrected model compute it."""
-    from rigtwin.gap.predict import explains
-
     n = write_prediction(path, folder, out)
     say(f"{n} runs written to {out / 'nominal'} and {out / 'corrected'}")
-    if not explains(load_document(path)):
+    if not load_diagnosis(path).names_a_cause:
         note(f"{path} names no cause: what is in {out / 'corrected'} is the nominal model too")
 
 
@@ -288,59 +276,44 @@ def write_prediction(path: Path, folder: Path, out: Path) -> int:
     """The files of ``run_predict``; returns the number of runs."""
     from rigtwin.gap.predict import predict
 
-    document = load_document(path)
+    diagnosis = load_diagnosis(path)
     campaign = load_campaign(folder)
     if not campaign.runs:
         raise UserError(f"{folder}: the campaign has no run, only resonance lists; there are no lines to predict")
-    if document.get("rig") != Path(campaign.rig).name:
-        note(f"{path} is of the rig {document.get('rig')}, {folder} of {campaign.rig}; the campaign's is predicted")
-    if document["nominal"].get("k_b") is None and any(run.support == "bearing" for run in campaign.runs):
+    if diagnosis.rig != Path(campaign.rig).name:
+        note(f"{path} is of the rig {diagnosis.rig}, {folder} of {campaign.rig}; the campaign's is predicted")
+    if diagnosis.nominal.get("k_b") is None and any(run.support == "bearing" for run in campaign.runs):
         note(f"{path} does not say k_b: the runs on bearings are predicted with the default, {Condition.k_b:g} N/m")
     files = _files(campaign, folder)
     runs = [
         (out / kind / file, run)
-        for file, predicted in zip(files, predict(document, campaign), strict=True)
+        for file, predicted in zip(files, predict(diagnosis, campaign), strict=True)
         for kind, run in (("nominal", predicted.nominal), ("corrected", predicted.corrected))
     ]
     _write_all(runs)
     return len(files)
 
 
-def load_document(path: Path) -> dict[str, Any]:
-    """A diagnosis.json, checked as far as a prediction needs it. Raises UserError."""
+def load_diagnosis(path: Path) -> Diagnosis:
+    """A diagnosis.json, its effects known ones. Raises UserError."""
+    file = existing(path)
     try:
-        document = json.loads(existing(path).read_text(encoding="utf-8"))
+        diagnosis = Diagnosis.from_json(file.read_text(encoding="utf-8"))
+        for number, cause in enumerate(diagnosis.causes, start=1):
+            for effect_id in cause.effects:
+                _check_effect(number, effect_id)
     except UnicodeDecodeError as error:
         raise UserError(f"{path}: not a text file in UTF-8 ({error.reason}); diagnose again") from error
-    except json.JSONDecodeError as error:
-        raise UserError(f"{path}, line {error.lineno}: not valid JSON ({error.msg}); diagnose again") from error
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != SCHEMA:
-        raise UserError(f"{path}: schema is {schema!r}, not {SCHEMA!r}; give a {DIAGNOSIS_FILE} of rigtwin diagnose")
-    _check_keys(path, document, "", _KEYS)
-    for number, cause in enumerate(document["causes"], start=1):
-        if not isinstance(cause, dict):
-            raise UserError(f"{path}: cause {number} is not a table; diagnose again")
-        where: dict[str, type | tuple[type, ...]] = {"places" if "places" in cause else "location": dict}
-        _check_keys(path, cause, f"cause {number} ", _CAUSE_KEYS | where)
-        for effect_id in cause["effects"]:
-            _check_effect(path, number, effect_id)
-    return document
+    except (DocumentError, UserError) as error:
+        raise UserError(f"{path}: {error}") from error
+    return diagnosis
 
 
-def _check_keys(path: Path, part: dict[str, Any], where: str, keys: dict[str, Any]) -> None:
-    for key, kind in keys.items():
-        if key not in part:
-            raise UserError(f"{path}: {where}{key} is missing; the file is damaged, diagnose again")
-        if not isinstance(part[key], kind):
-            raise UserError(f"{path}: {where}{key} is {str(part[key])[:40]!r}; the file is damaged, diagnose again")
-
-
-def _check_effect(path: Path, number: int, effect_id: Any) -> None:
+def _check_effect(number: int, effect_id: str) -> None:
     try:
-        effect_of(str(effect_id))
+        effect_of(effect_id)
     except UserError as error:
-        raise UserError(f"{path}: cause {number}: {error}") from error
+        raise UserError(f"cause {number}: {error}") from error
 
 
 def _files(campaign: Campaign, folder: Path) -> list[str]:

@@ -1,4 +1,4 @@
-"""The effect library: everything reality may have and the nominal rotor lacks.
+"""The effect library: what a real rig may have and the nominal rotor does not have.
 
 ================  ==========================================================
 module            what it holds

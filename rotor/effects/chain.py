@@ -7,26 +7,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.rotor.effects.effect import Effect, node, parameter
+from rigtwin.rotor.effects.effect import MANY_STARTS, Effect, node, parameter
 from rigtwin.rotor.model.design import Design
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)
 class SensorGain(Effect):
-    """A wrong sensitivity."""
+    """A wrong sensitivity.
+
+    >>> SensorGain(gain=1.1, node=2).channel_factor(np.array([100.0]), channel_node=2)
+    array([1.1+0.j])
+    """
 
     id = "sensor_gain"
     title = "Sensor gain"
-    meaning = "a sensor's sensitivity is not what the evaluation takes it to be"
+    meaning = "the sensitivity of a sensor differs from the value that the evaluation uses"
     equation = r"H_{sd} \to \gamma\, H_{sd}"
-    signature = "one channel is too large or too small at every frequency; poles stay"
+    signature = "one channel is too large or too small by one factor at every frequency; the poles do not change"
     source = "ewins2000"
     location = "sensor"
     family = "chain"
     in_fmu = False
+    common_is_calibrated = True
 
-    gain: float = parameter(1.1, "1", "Reported over true acceleration", 0.8, 1.2, null=1.0, minimum=-1e3, maximum=1e3)
+    gain: float = parameter(1.1, "1", "Reported acceleration / true one", 0.8, 1.2, null=1.0, minimum=-1e3, maximum=1e3)
     node: int = node(2, "Node of the sensor, 0: every sensor", all_nodes=True)
 
     def channel_factor(self, omega: FloatArray, channel_node: int) -> ComplexArray:
@@ -36,20 +41,29 @@ class SensorGain(Effect):
 
 @dataclass(frozen=True)
 class SensorDelay(Effect):
-    """Response channels are late against the force channel."""
+    """The response channels are delayed relative to the force channel."""
 
     id = "sensor_delay"
     title = "Sensor delay"
     meaning = "the response is sampled later than the force"
     equation = r"H_{sd} \to e^{-i\omega T} H_{sd}"
-    signature = "phase falls in proportion to frequency; magnitudes and poles stay"
+    signature = "the phase falls in proportion to the frequency; magnitudes and poles do not change"
     source = "ewins2000"
     location = "sensor"
     family = "chain"
     in_fmu = False
+    needs_phase = True
 
     delay: float = parameter(
-        2e-4, "s", "Delay of the response against the force", -2e-3, 2e-3, null=0.0, minimum=-1.0, maximum=1.0
+        2e-4,
+        "s",
+        "Delay of the response against the force",
+        -2e-3,
+        2e-3,
+        null=0.0,
+        minimum=-1.0,
+        maximum=1.0,
+        starts=MANY_STARTS,
     )
     node: int = node(0, "Node of the sensor, 0: every sensor", all_nodes=True)
 
@@ -65,12 +79,12 @@ class SensorMass(Effect):
 
     id = "sensor_mass"
     title = "Sensor mass"
-    meaning = "the accelerometer loads the rotor at its node while that channel is read; it roves from node to node"
+    meaning = "the accelerometer's mass loads the rotor where it reads; it is moved from node to node"
     equation = (
         r"M \to M + m_s\, e_s e_s^\mathsf{T} \text{ for channel } s, \quad"
         r" H_{sd} \approx \frac{H_{sd}}{1 - \omega^2 m_s H_{ss}} \text{ (the shaft's damping follows the loaded modes)}"
     )
-    signature = "poles and antiresonances of a channel shift, by another amount in each channel"
+    signature = "poles and antiresonances shift, by a different amount in each channel"
     source = "ewins2000"
     location = "sensor"
     family = "chain"
@@ -82,7 +96,7 @@ class SensorMass(Effect):
     node: int = node(2, "Node of the sensor, 0: every sensor in turn", all_nodes=True)
 
     def add_to(self, design: Design) -> None:
-        """A mass at the node; for every sensor in turn, see ``rotor.measured.channel_groups``."""
+        """A mass at the node; for every sensor in turn, see ``rotor.frequency.measured.channel_groups``."""
         if self.node:
             design.masses.append((self.node, self.mass, 0.0))
 
@@ -93,9 +107,9 @@ class SensorPosition(Effect):
 
     id = "sensor_position"
     title = "Sensor position"
-    meaning = "the accelerometer sits beside its node and sees the shaft's slope too"
+    meaning = "the accelerometer sits beside its node and measures the motion there"
     equation = r"H_{sd} \to N_w(x_s + \delta)\, H_{\cdot d}"
-    signature = "antiresonances of one channel shift; poles stay"
+    signature = "the antiresonances of one channel shift; the poles do not change"
     source = "ewins2000"
     location = "sensor"
     family = "chain"
@@ -120,19 +134,29 @@ class ForceDropout(Effect):
 
     id = "force_dropout"
     title = "Force drop-out"
-    meaning = "the exciter runs at constant current and the force is taken as constant; its armature moves along"
+    meaning = "the exciter runs at constant current; its armature moves, so the force is not constant as assumed"
     equation = (
         r"F = \frac{F_0}{1 + Z_a Y_{dd}}, \quad "
         r"Z_a v = \left(k_a - \omega^2 m_a + \frac{i\omega c_a}{1 + i\omega\tau}\right) x"
     )
-    signature = "resonances are flattened and shifted when the response is referred to the nominal force"
+    signature = "resonances are flattened and shifted when the response is divided by the nominal force"
     source = "ewins2000"
     location = "exciter"
     family = "chain"
     in_fmu = False
+    needs_exciter_current = True
 
     mass: float = parameter(
-        0.1, "kg", "Moving mass of the exciter", 0.02, 0.5, null=0.0, minimum=0.0, maximum=100.0, log=True
+        0.1,
+        "kg",
+        "Moving mass of the exciter",
+        0.02,
+        0.5,
+        null=0.0,
+        minimum=0.0,
+        maximum=100.0,
+        log=True,
+        starts=MANY_STARTS,
     )
     stiffness: float = parameter(
         1e4, "N/m", "Suspension of the exciter", 1e3, 1e5, null=0.0, minimum=0.0, maximum=1e9, log=True
@@ -143,7 +167,7 @@ class ForceDropout(Effect):
     time_constant: float = parameter(
         0.0,
         "s",
-        "Time constant L/R of the coil, by which the braking of the back EMF lags",
+        "Time constant L/R of the coil, which delays the damping by the back EMF",
         0.0,
         2e-3,
         minimum=0.0,
@@ -164,16 +188,17 @@ class CoarseGrid(Effect):
 
     id = "coarse_grid"
     title = "Coarse frequency raster"
-    meaning = "lines lie further apart than the half-power band is wide"
+    meaning = "the frequency lines are further apart than the half-power bandwidth"
     equation = r"\Delta f > 2\zeta f_r"
-    signature = "peak heights are erratic and always too low; values on the lines are right"
+    signature = "the heights of peaks are irregular and always too low; the values on the lines are right"
     source = "ewins2000"
     location = "raster"
     family = "chain"
     in_fmu = False
+    moves_response = False
     remedy = "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks show."
 
-    step: float = parameter(1.0, "Hz", "Distance of the lines", 0.2, 10.0, minimum=1e-4, maximum=1e3, log=True)
+    step: float = parameter(1.0, "Hz", "Distance between the lines", 0.2, 10.0, minimum=1e-4, maximum=1e3, log=True)
 
     def sweep_changes(self) -> Mapping[str, float]:
         """An even raster without refinement."""
@@ -186,17 +211,13 @@ class FastSweep(Effect):
 
     id = "fast_sweep"
     title = "Fast sweep"
-    meaning = "every line is read a fixed time after the frequency was set, settled or not"
+    meaning = "every line is read a fixed time after its frequency was set, even if the motion has not settled"
     equation = r"t_{dwell} < \frac{1}{\zeta\,\omega_r}"
-    signature = "peaks low and late in the direction of the sweep, lines behind a peak scatter"
+    signature = "peaks are too low and come too late in the direction of the sweep; lines behind a peak scatter"
     source = "ewins2000"
     location = "raster"
     family = "chain"
     in_fmu = False
-    remedy = (
-        "Repeat the runs and stay longer at each line near the resonances, until the response has settled: "
-        "then peaks are as high as they are, and where they are."
-    )
 
     dwell: float = parameter(
         0.5,
@@ -208,6 +229,7 @@ class FastSweep(Effect):
         minimum=1e-3,
         maximum=1e9,
         log=True,
+        step=1e-10,
     )
 
     def sweep_changes(self) -> Mapping[str, float]:

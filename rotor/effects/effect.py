@@ -1,7 +1,7 @@
-"""What an effect is: something reality may have and the nominal rotor lacks.
+"""The base class of effects: something that a real rig may have and the nominal rotor does not have.
 
-One small frozen dataclass per effect. Its fields are its parameters and its place; what it adds it
-says in one of four ways, each the identity by default:
+Each effect is one small frozen dataclass. Its fields are its parameters and its place. It acts by one
+of four methods, which change nothing by default:
 
 - ``add_to``: matrices, degrees of freedom, force laws, written into the design of the rotor;
 - ``channel_factor``: what a sensor chain does to a response;
@@ -28,15 +28,19 @@ from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 # Name, among an effect's variables in the FMU, of the one that switches it on.
 SWITCH = "enabled"
 
+# Starts of a number that puts a resonance, or a beat, somewhere: between two of them it must not be missed.
+MANY_STARTS = (0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9)
+
 
 @dataclass(frozen=True)
 class Parameter:
     """A number that says how strong an effect is.
 
     ``low`` to ``high`` is the prior range for the paper's rotor, ``minimum`` and ``maximum`` what
-    is physically possible. A diagnosis fits a number that bends a law (``form``) only where the plain
-    law is not enough. ``null`` is where the effect does nothing: a value, a limit (inf), the
-    name of the test condition's entry it replaces, or None where another parameter decides.
+    is physically possible. A diagnosis fits a number that changes the form of a law (``form``) only
+    where the plain law is not enough. ``null`` is the value at which the effect does nothing: a number,
+    a limit (inf), the name of the entry of the test condition that it replaces, or None where another
+    parameter decides.
     """
 
     unit: str
@@ -48,6 +52,12 @@ class Parameter:
     maximum: float | None = None
     log: bool = False  # whether the prior is even in the logarithm
     form: bool = False  # whether it bends the law, and may change the size of the equations where the effect does
+    sign_seen_across: bool = False  # whether only a sensor that looks across the force tells its sign
+    starts: tuple[float, ...] = ()  # shares of its range where fits start, where the usual ones miss something
+    step: float = 1e-5  # share of its range for a derivative: less where a response follows it wildly
+    grid: int = 8  # points along it in a grid over a force law's numbers
+    vague: bool = False  # whether coarsely computed motions hardly tell it
+    motion_power: int = 0  # the power of its node's motion that it grows with, when a law moves to another node
 
 
 @dataclass(frozen=True)
@@ -90,6 +100,13 @@ class Effect(ABC):
     in_fmu: ClassVar[bool] = True
     acts_at_once: ClassVar[bool] = False  # on the accelerations of a rotor at rest, when a force sets in
     remedy: ClassVar[str] = ""  # how to measure again without it, where it is the way of measuring that is wrong
+    moves_response: ClassVar[bool] = True  # whether it changes the response at the lines that are measured
+    needs_exciter_current: ClassVar[bool] = False  # whether only tests at constant exciter current show it
+    needs_phase: ClassVar[bool] = False  # whether magnitudes alone do not show it
+    common_is_calibrated: ClassVar[bool] = False  # whether on all sensors at once it is a gain of the force
+    acts_beyond_amplitude: ClassVar[bool] = False  # whether it is not there at all in small motions
+    shares_k_b: ClassVar[bool] = False  # whether it takes a part of the bearing stiffness at rest
+    stiffness_at_rest: ClassVar[tuple[float, ...]] = (1.0,)  # over the one that suits the lowest force level
 
     def __post_init__(self) -> None:
         for name, role in self.roles().items():
@@ -133,7 +150,11 @@ class Effect(ABC):
         return cls(**values, **places)
 
     def start_values(self) -> dict[str, float | int | bool]:
-        """FMU variables that switch the effect on, with their values."""
+        """FMU variables that switch the effect on, with their values.
+
+        >>> EFFECTS["disk_mass"](change=0.05).start_values()
+        {'disk_mass.enabled': True, 'disk_mass.change': 0.05}
+        """
         return {self.full_name(SWITCH): True, **{self.full_name(name): getattr(self, name) for name in self.roles()}}
 
     def add_to(self, design: Design) -> None:  # noqa: B027

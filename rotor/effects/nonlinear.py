@@ -1,4 +1,4 @@
-"""Local nonlinear effects: force laws of ``rotor.force_laws`` at the bearings or at a node."""
+"""Local nonlinear effects: force laws of ``rotor.model.force_laws`` at the bearings or at a node."""
 
 from __future__ import annotations
 
@@ -27,15 +27,25 @@ class BearingCubic(Effect):
 
     id = "bearing_cubic"
     title = "Cubic bearing stiffness"
-    meaning = "the bearings' restoring force grows with the cube of the displacement"
+    meaning = "the bearings' restoring force has a part that grows with the cube of the displacement"
     equation = r"f = k_b x + k_3 x^3, \qquad f_r^2 \approx f_0^2\left(1 + \tfrac{3 k_3 a^2}{4 k_b}\right)"
-    signature = "peaks bend to higher frequencies with level, jumps, a third harmonic"
+    signature = "with more force, peaks bend to higher frequencies, jumps occur and a third harmonic appears"
     source = "nayfeh1979"
     location = "bearings"
     family = "nonlinear"
+    stiffness_at_rest = (1.0, 0.95)
 
     stiffness: float = parameter(
-        1e15, "N/m3", "Cubic stiffness k_3 of each bearing", 1e13, 1e17, null=0.0, minimum=0.0, maximum=1e22, log=True
+        1e15,
+        "N/m3",
+        "Cubic stiffness k_3 of each bearing",
+        1e13,
+        1e17,
+        null=0.0,
+        minimum=0.0,
+        maximum=1e22,
+        log=True,
+        grid=14,
     )
 
     def add_to(self, design: Design) -> None:
@@ -50,23 +60,25 @@ class BearingHertz(Effect):
 
     id = "bearing_hertz"
     title = "Hertzian contact"
-    meaning = "rolling contacts on both sides, pressed together by d0, follow Hertz' law and can lift off"
+    meaning = "rolling contacts on both sides, preloaded by the approach d0, follow Hertz' law and can lift off"
     equation = r"f = K\left[(d_0 + x)_+^{3/2} - (d_0 - x)_+^{3/2}\right], \quad K = k_b / (3\sqrt{d_0})"
-    signature = "softens with level until the preload is lost, then hardens"
+    signature = "softens with more force until the preload is lost, then hardens"
     source = "harris2006"
     location = "bearings"
     family = "nonlinear"
+    stiffness_at_rest = (1.0, 1.05, 1.1)
 
     preload: float = parameter(
         5e-6,
         "m",
-        "Approach d0 of the contacts under preload",
+        "Approach d0 of the contacts under the preload",
         1e-6,
         2e-5,
         null=np.inf,
         minimum=1e-9,
         maximum=1e3,
         log=True,
+        grid=10,
     )
 
     def add_to(self, design: Design) -> None:
@@ -81,16 +93,20 @@ class BearingClearance(Effect):
 
     id = "bearing_clearance"
     title = "Bearing clearance"
-    meaning = "a radial gap that the shaft crosses freely before the bearing carries"
+    meaning = "the shaft moves freely within a radial gap before the bearing carries it"
     equation = r"f = k_b\,(|x| - g)_+\,\mathrm{sign}\,x"
-    signature = "soft at low level, stiffer with level, jumps, odd harmonics, often not periodic"
+    signature = "soft at low force and stiffer with more; jumps and odd harmonics; the motion is often not periodic"
     source = "kahraman1990"
     location = "bearings"
     family = "nonlinear"
+    stiffness_at_rest = (1.0, 1.06)
+    acts_beyond_amplitude = True
 
-    gap: float = parameter(2e-6, "m", "Radial gap g", 5e-7, 1.4e-5, null=0.0, minimum=0.0, maximum=0.01, log=True)
+    gap: float = parameter(
+        2e-6, "m", "Radial gap g", 5e-7, 1.4e-5, null=0.0, minimum=0.0, maximum=0.01, log=True, vague=True
+    )
     preload: float = parameter(
-        0.0, "N", "Static load in y on each bearing, gravity for example", 0.0, 100.0, minimum=0.0, maximum=1e6
+        0.0, "N", "Static load in y on each bearing, for example by gravity", 0.0, 100.0, minimum=0.0, maximum=1e6
     )
 
     def add_to(self, design: Design) -> None:
@@ -113,28 +129,29 @@ class BearingFriction(Effect):
 
     id = "bearing_friction"
     title = "Dry friction at the bearing seat"
-    meaning = "a seat that sticks, with its stiffness, until the force reaches its limit, at once or part by part"
+    meaning = "the bearing seat sticks elastically up to a force limit and then slips, all at once or part by part"
     equation = (
         r"\dot f = k_t\,\dot x \;\text{ while } |f| < F_c, \quad |f| \le F_c;"
         r"\qquad s > 0: \; f = \textstyle\sum_{i=1}^{n} f_i, \; "
         r"k_i = \tfrac{k_t}{n}, \; F_i = \tfrac{F_c}{n}\left[1 + s\left(\tfrac{2i-1}{n} - 1\right)\right], \; "
         rf"n = {SEAT_PARTS}"
     )
-    signature = "stiffer and little damped at low level, most damped in between, damping falls again at high level"
+    signature = "stiff and little damped at low force, most damped at medium force, less damped again at high force"
     source = "iwan1966"
     location = "bearings"
     family = "nonlinear"
+    shares_k_b = True
 
     force: float = parameter(
-        5.0, "N", "Friction limit of each bearing", 0.1, 50.0, null=0.0, minimum=0.0, maximum=1e6, log=True
+        5.0, "N", "Friction limit of each bearing", 0.1, 50.0, null=0.0, minimum=0.0, maximum=1e6, log=True, grid=10
     )
     stiffness: float = parameter(
-        1e7, "N/m", "Stiffness of the sticking seat", 1e5, 1e8, minimum=1.0, maximum=1e12, log=True
+        1e7, "N/m", "Stiffness of the sticking seat", 1e5, 1e8, minimum=1.0, maximum=1e12, log=True, grid=5
     )
     spread: float = parameter(
         0.0,
         "1",
-        "Spread s of the friction limits of the seat's parts about their mean",
+        "Spread s of the friction limits of the seat's parts; 0: all of it slips at once",
         0.0,
         1.0,
         minimum=0.0,
@@ -159,9 +176,9 @@ class BilinearSupport(Effect):
 
     id = "bilinear_support"
     title = "Bilinear support"
-    meaning = "the bearings are stiffer in one direction (positive) than in the other, as a loose housing cap is"
+    meaning = "the bearings are stiffer in one direction (positive) than in the other, as with a loose housing cap"
     equation = r"f = k_b x\;(x < 0), \quad f = \rho\, k_b x\;(x > 0), \qquad f_r = \frac{2 f_+ f_-}{f_+ + f_-}"
-    signature = "even harmonics and a mean shift at every level; the resonance does not move with level"
+    signature = "even harmonics and a mean displacement at every force; the resonance does not shift with the force"
     source = "shaw1983"
     location = "bearings"
     family = "nonlinear"
@@ -169,7 +186,7 @@ class BilinearSupport(Effect):
     ratio: float = parameter(
         1.5,
         "1",
-        "Stiffness for positive over that for negative displacement",
+        "Stiffness for positive displacement divided by that for negative",
         1.1,
         3.0,
         null=1.0,
@@ -190,18 +207,21 @@ class Rub(Effect):
 
     id = "rub"
     title = "Rub"
-    meaning = "the shaft meets a stator at a node once it has crossed a gap"
+    meaning = "the shaft touches a stator at a node once it has crossed a gap"
     equation = r"f = k_s\,(|x| - g)_+\,\mathrm{sign}\,x"
-    signature = "the peak is cut off above a displacement and bends to higher frequencies"
+    signature = "the peak is cut off above a certain displacement and bends to higher frequencies"
     source = "muszynska1989"
     location = "node"
     family = "nonlinear"
+    acts_beyond_amplitude = True
 
     stiffness: float = parameter(
-        1e6, "N/m", "Stiffness of the stator", 1e5, 1e8, null=0.0, minimum=0.0, maximum=1e12, log=True
+        1e6, "N/m", "Stiffness of the stator", 1e5, 1e8, null=0.0, minimum=0.0, maximum=1e12, log=True, motion_power=-2
     )
-    gap: float = parameter(5e-5, "m", "Gap between shaft and stator", 1e-5, 2e-4, minimum=1e-9, maximum=0.1, log=True)
-    node: int = node(4, "Node it happens at")
+    gap: float = parameter(
+        5e-5, "m", "Gap between shaft and stator", 1e-5, 2e-4, minimum=1e-9, maximum=0.1, log=True, motion_power=1
+    )
+    node: int = node(4, "Node at which the rub happens")
 
     def add_to(self, design: Design) -> None:
         """A contact between the node and the ground, along the resultant of y and z."""

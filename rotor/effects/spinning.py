@@ -14,9 +14,9 @@ class Gyroscopic(Effect):
 
     id = "gyroscopic"
     title = "Gyroscopic moments"
-    meaning = "spinning disks answer a tilt with a moment across it; the nominal model lumps only their mass"
+    meaning = "a spinning disk that tilts makes a moment about the other axis; the nominal disks have only mass"
     equation = r"D(\omega) \to D(\omega) + i\omega\,\Omega\, G_d, \qquad I_p = \gamma\, m_d D^2 / 8"
-    signature = "modes split into backward and forward whirl with spin speed; y and z couple"
+    signature = "with spin speed, the modes split into backward and forward whirl, and y and z are coupled"
     source = "nelson1980"
     location = "disks"
     family = "spinning"
@@ -36,19 +36,20 @@ class UnbalanceForce(Effect):
 
     id = "unbalance"
     title = "Unbalance"
-    meaning = "a mass off the axis pulls outward with the square of the spin speed"
+    meaning = "a mass off the axis makes a rotating force that grows with the square of the spin speed"
     equation = r"f_y + i f_z = m e\,\Omega^2\, e^{i(\Omega t + \varphi)}"
-    signature = "a line at the spin frequency, largest at the critical speeds"
+    signature = "a line at the spin frequency, which is largest at the critical speeds"
     source = "friswell2010"
     location = "node"
     family = "spinning"
     acts_at_once = True
+    moves_response = False
 
     moment: float = parameter(1e-5, "kg.m", "Unbalance m e", 1e-7, 1e-3, null=0.0, minimum=0.0, maximum=1e3, log=True)
     phase: float = parameter(
-        0.0, "rad", "Angle from y towards z when the spin angle is zero", -3.142, 3.142, minimum=-6.3, maximum=6.3
+        0.0, "rad", "Angle from y towards z at a spin angle of zero", -3.142, 3.142, minimum=-6.3, maximum=6.3
     )
-    node: int = node(3, "Node it sits at")
+    node: int = node(3, "Node at which the unbalance sits")
 
     def add_to(self, design: Design) -> None:
         """A force that turns with the rotor."""

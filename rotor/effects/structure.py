@@ -14,21 +14,21 @@ class AttachedMass(Effect):
 
     id = "attached_mass"
     title = "Attached mass"
-    meaning = "a mass sits on the shaft that the model lacks: a collar, a coupling half, an exciter's armature"
+    meaning = "the shaft carries a mass that the model lacks, like a collar, a coupling half or an exciter's armature"
     equation = (
         r"D(\omega) \to D(\omega) - \omega^2 \frac{m}{2} \sum_\pm N_w(x_n \pm b)^{T} N_w(x_n \pm b), \quad"
         r" b = 0\!: D(\omega) - \omega^2 m\, e_n e_n^{T}"
     )
-    signature = "lowers the modes that have an antinode at the node; a wide one also those that tilt there"
+    signature = "lowers the modes that have an antinode at the node; a wide mass also lowers those that tilt there"
     source = "ewins2000"
     location = "node"
     family = "structure"
     acts_at_once = True
 
     mass: float = parameter(0.1, "kg", "Attached mass", 0.02, 0.5, null=0.0, minimum=0.0, maximum=100.0, log=True)
-    node: int = node(4, "Node it sits at")
+    node: int = node(4, "Node at which the mass sits")
     half_width: float = parameter(
-        0.0, "m", "Distance b from the node at which half of it sits on either side", 0.0, 0.03,
+        0.0, "m", "Distance b from the node on each side at which half of the mass sits", 0.0, 0.03,
         minimum=0.0, maximum=0.1, form=True,
     )  # fmt: skip
 
@@ -48,9 +48,9 @@ class ExciterSuspension(Effect):
 
     id = "exciter_suspension"
     title = "Exciter suspension"
-    meaning = "the exciter's armature suspension holds the shaft at the drive node"
+    meaning = "the suspension of the exciter's armature holds the shaft at the drive node"
     equation = r"D(\omega) \to D(\omega) + (k + i\omega c)\, e_d e_d^{T}"
-    signature = "raises modes that move at the drive node; shifts with the exciter's place"
+    signature = "raises the modes that move at the drive node; changes when the exciter is moved"
     source = "ewins2000"
     location = "exciter"
     family = "structure"
@@ -77,7 +77,7 @@ class DiskMass(Effect):
     title = "Disk mass"
     meaning = "the disks' mass differs from the model's"
     equation = r"m_d \to m_d (1 + \delta)"
-    signature = "all modes that move at the disks shift alike; close to a change of the shaft's modulus"
+    signature = "all modes that move at the disks shift in a similar way, much like with another shaft modulus"
     source = "friswell2010"
     location = "disks"
     family = "structure"
@@ -98,9 +98,9 @@ class DiskInertia(Effect):
 
     id = "disk_inertia"
     title = "Diametral inertia of the disks"
-    meaning = "the disks resist tilting; the nominal model lumps only their mass"
+    meaning = "the disks resist tilting; the nominal model has only their mass"
     equation = r"I_d\,\ddot\theta, \qquad I_d = \gamma\, \tfrac{m_d}{12}\left(\tfrac34 D^2 + t^2\right)"
-    signature = "lowers the modes in which the disks tilt, least those with an antinode at the disks"
+    signature = "lowers the modes in which the disks tilt; modes with an antinode at the disks hardly change"
     source = "friswell2010"
     location = "disks"
     family = "structure"
@@ -123,7 +123,7 @@ class HubStiffening(Effect):
     title = "Hub stiffening"
     meaning = "a pressed-on disk stiffens the shaft over the length of its hub"
     equation = r"EI(x) \to \beta\, EI(x), \quad |x - x_d| < t/2"
-    signature = "raises modes with curvature at the disks"
+    signature = "raises the modes that bend the shaft at the disks"
     source = "friswell2010"
     location = "disks"
     family = "structure"
@@ -131,7 +131,7 @@ class HubStiffening(Effect):
     factor: float = parameter(
         1.5,
         "1",
-        "Bending stiffness inside the hub over the bare shaft's",
+        "Bending stiffness inside the hub divided by that of the bare shaft",
         1.0,
         2.5,
         null=1.0,
@@ -158,7 +158,7 @@ class ShaftModulus(Effect):
     family = "structure"
 
     factor: float = parameter(
-        1.02, "1", "Young's modulus over the model's", 0.9, 1.1, null=1.0, minimum=0.01, maximum=100.0
+        1.02, "1", "Young's modulus divided by that of the model", 0.9, 1.1, null=1.0, minimum=0.01, maximum=100.0
     )
 
     def add_to(self, design: Design) -> None:
@@ -172,9 +172,9 @@ class AxialLoad(Effect):
 
     id = "axial_load"
     title = "Axial load"
-    meaning = "an axial force, tension positive, stiffens or softens the shaft's bending"
+    meaning = "an axial force makes the shaft stiffer (tension, positive) or softer in bending"
     equation = r"K \to K + P \int N_w'^{T} N_w'\,dx, \qquad \Delta f/f \approx P / (2 P_{cr})"
-    signature = "raises (tension) or lowers (compression) the lowest modes most"
+    signature = "tension raises the modes and compression lowers them, the lowest modes most"
     source = "przemieniecki1968"
     location = "shaft"
     family = "structure"
@@ -194,7 +194,7 @@ class OpenCrack(Effect):
     title = "Open crack"
     meaning = "an open crack adds rotational compliance at one cross-section"
     equation = r"c = \frac{0.8\,d}{EI}\,\frac{r}{1 - r}: \quad \Delta\theta = c\, M(x_c)"
-    signature = "lowers the modes with curvature at the crack, none whose bending moment vanishes there"
+    signature = "lowers the modes that bend the shaft at the crack; modes without a bending moment there do not change"
     source = "dimarogonas1996"
     location = "position"
     family = "structure"
@@ -202,13 +202,14 @@ class OpenCrack(Effect):
     reduction: float = parameter(
         0.2,
         "1",
-        "Lost share of the bending stiffness, over 0.8 diameters of shaft",
+        "Share of the bending stiffness that is lost, over 0.8 diameters of shaft",
         0.05,
         0.6,
         null=0.0,
         minimum=0.0,
         maximum=0.99,
         log=True,
+        starts=(0.3,),
     )
     position: float = position(0.2, "Position along the shaft")
 
@@ -228,9 +229,9 @@ class ShaftDamping(Effect):
 
     id = "shaft_damping"
     title = "Shaft damping"
-    meaning = "the shaft's material and joint damping differs from the model's"
+    meaning = "the damping of the shaft's material and joints differs from the model's"
     equation = r"\zeta \to \zeta': \quad C_s(\zeta')"
-    signature = "heights and widths of all shaft modes change, frequencies stay"
+    signature = "the heights and widths of all shaft modes change; their frequencies do not"
     source = "crandall1970"
     location = "shaft"
     family = "structure"
@@ -238,7 +239,7 @@ class ShaftDamping(Effect):
     damping_ratio: float = parameter(
         0.005,
         "1",
-        "Damping ratio of the shaft, in place of the model's",
+        "Damping ratio of the shaft; it replaces the model's",
         0.001,
         0.02,
         null="shaft_damping_ratio",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.rotor.effects.effect import Effect, parameter
+from rigtwin.rotor.effects.effect import MANY_STARTS, Effect, parameter
 from rigtwin.rotor.model.design import WEAKEST_BRANCH, Design, Pedestal
 
 # Maxwell branches of a bearing's seat whose relaxation times differ: an odd number, the middle ones strongest.
@@ -19,9 +19,9 @@ class BearingDamping(Effect):
 
     id = "bearing_damping"
     title = "Bearing damping"
-    meaning = "viscous damping of every bearing, beside its stiffness, differs from the model's"
+    meaning = "the viscous damping of the bearings differs from the model's"
     equation = r"D_b(\omega) = k_b + i\omega c_b"
-    signature = "widens the modes with bearing motion, none on rigid supports"
+    signature = "widens the modes in which the bearings move; changes nothing on rigid supports"
     source = "kramer1993"
     location = "bearings"
     family = "support"
@@ -29,7 +29,7 @@ class BearingDamping(Effect):
     damping: float = parameter(
         100.0,
         "N.s/m",
-        "Damping of each bearing, in place of the model's",
+        "Damping of each bearing; it replaces the model's",
         10.0,
         500.0,
         null="bearing_damping",
@@ -53,7 +53,7 @@ class BearingTiltStiffness(Effect):
     title = "Bearing tilt stiffness"
     meaning = "the bearings resist tilting of the shaft, as double-row bearings do"
     equation = r"M = k_\theta\, \theta"
-    signature = "raises the first mode most when k_b is stiff; none on rigid supports"
+    signature = "raises the modes, the first one most when k_b is stiff; changes nothing on rigid supports"
     source = "lim1990"
     location = "bearings"
     family = "support"
@@ -74,29 +74,48 @@ class PedestalFlexibility(Effect):
 
     id = "pedestal_flexibility"
     title = "Pedestal flexibility"
-    meaning = "every bearing stands on a pedestal with mass, stiffness and damping, which may stand on a block"
+    meaning = "every bearing stands on a pedestal with mass, stiffness and damping; the pedestal may stand on a block"
     equation = (
         r"D_b(\omega) = \frac{k_b D_p}{k_b + D_p}, \; D_p = k_p - \omega^2 m_p + i\omega c_p; \qquad \beta > 0: \; "
         r"D_p = -\omega^2 m_p + \frac{(k_p + i\omega c_p) D_f}{k_p + i\omega c_p + D_f}, \; "
         r"D_f = k_p/\beta - \omega^2 \mu m_p"
     )
-    signature = "softer bearings below the pedestal's resonance, an extra pole and antiresonance near it"
+    signature = "bearings seem softer below the pedestal's resonance; near it, a further pole and antiresonance appear"
     source = "friswell2010"
     location = "bearings"
     family = "support"
     changes_size = True
 
     stiffness: float = parameter(
-        1e7, "N/m", "Stiffness of each pedestal", 1e6, 5e7, null=np.inf, minimum=1.0, maximum=1e15, log=True
+        1e7,
+        "N/m",
+        "Stiffness of each pedestal",
+        1e6,
+        5e7,
+        null=np.inf,
+        minimum=1.0,
+        maximum=1e15,
+        log=True,
+        starts=MANY_STARTS,
     )
-    mass: float = parameter(1.0, "kg", "Moving mass of each pedestal", 0.3, 8.0, minimum=1e-3, maximum=1e4, log=True)
+    mass: float = parameter(
+        1.0,
+        "kg",
+        "Moving mass of each pedestal",
+        0.3,
+        8.0,
+        minimum=1e-3,
+        maximum=1e4,
+        log=True,
+        starts=(0.15, 0.5, 0.85),
+    )
     damping: float = parameter(
         50.0, "N.s/m", "Damping of each pedestal", 1.0, 1000.0, minimum=0.0, maximum=1e6, log=True
     )
     block_compliance: float = parameter(
         0.0,
         "1",
-        "Compliance beta of what a block under each pedestal stands on, over the pedestal's; 0: no block",
+        "Compliance beta under the block of each pedestal, relative to the pedestal's; 0: no block",
         0.0,
         0.5,
         minimum=0.0,
@@ -106,7 +125,7 @@ class PedestalFlexibility(Effect):
     block_mass: float = parameter(
         8.0,
         "1",
-        "Mass mu of that block over the pedestal's",
+        "Mass mu of that block, relative to the pedestal's",
         2.0,
         30.0,
         minimum=1e-3,
@@ -131,7 +150,7 @@ class BearingAsymmetry(Effect):
     title = "Unequal bearings"
     meaning = "the left bearing is stiffer (positive) or softer than the right one"
     equation = r"k_L = k_b (1 + a), \quad k_R = k_b (1 - a)"
-    signature = "mixes symmetric and antisymmetric modes: the ratio of the ends' amplitudes leaves one"
+    signature = "mixes symmetric and antisymmetric modes, so that the two ends move with different amplitudes"
     source = "friswell2010"
     location = "bearings"
     family = "support"
@@ -139,7 +158,7 @@ class BearingAsymmetry(Effect):
     asymmetry: float = parameter(
         0.2,
         "1",
-        "Relative difference from the mean, left bearing positive",
+        "Relative difference of the left bearing's stiffness from the mean",
         -0.5,
         0.5,
         null=0.0,
@@ -159,9 +178,9 @@ class BearingOffset(Effect):
 
     id = "bearing_offset"
     title = "Bearing offset"
-    meaning = "every bearing acts off its node, towards the middle of the rotor (positive) or away from it"
+    meaning = "every bearing acts beside its node, towards the middle of the rotor (positive) or away from it"
     equation = r"D(\omega) \to \ldots + D_b(\omega)\, N_w(x_b)^{T} N_w(x_b), \quad x_b = x_{node} \pm o"
-    signature = "all modes shift as with another span; none on rigid supports"
+    signature = "all modes shift as with another span; changes nothing on rigid supports"
     source = "przemieniecki1968"
     location = "bearings"
     family = "support"
@@ -182,9 +201,9 @@ class CompliantRigidSupport(Effect):
 
     id = "compliant_rigid_support"
     title = "Compliant rigid support"
-    meaning = "the rigid supports in place of the bearings have a stiffness"
+    meaning = "the rigid supports, which replace the bearings, have a finite stiffness"
     equation = r"q_{support} = 0 \;\to\; f = k_r\, q_{support}"
-    signature = "lowers the modes on rigid supports; nothing on bearings"
+    signature = "lowers the modes on rigid supports; changes nothing on bearings"
     source = "ewins2000"
     location = "rigid_support"
     family = "support"
@@ -206,9 +225,9 @@ class PlaneAnisotropy(Effect):
 
     id = "plane_anisotropy"
     title = "Anisotropic bearings"
-    meaning = "the bearings' stiffness differs between two principal directions, turned against y and z"
+    meaning = "the bearings are stiffer in one direction than perpendicular to it; both may be turned against y and z"
     equation = r"K_b = k_b\, R(\alpha)\, \mathrm{diag}(1 + \tfrac a2,\; 1 - \tfrac a2)\, R(\alpha)^{T}"
-    signature = "pairs of peaks; response across the plane of the force"
+    signature = "pairs of peaks appear, and the rotor also moves perpendicular to the force"
     source = "friswell2010"
     location = "bearings"
     family = "support"
@@ -216,7 +235,7 @@ class PlaneAnisotropy(Effect):
     anisotropy: float = parameter(
         0.2,
         "1",
-        "Difference of the principal stiffnesses over their mean",
+        "Difference of the two stiffnesses divided by their mean",
         0.1,
         0.5,
         null=0.0,
@@ -224,7 +243,15 @@ class PlaneAnisotropy(Effect):
         maximum=1.9,
     )
     angle: float = parameter(
-        0.35, "rad", "Angle from y towards z of the stiffer direction", -1.5708, 1.5708, minimum=-3.2, maximum=3.2
+        0.35,
+        "rad",
+        "Angle of the stiffer direction, from y towards z",
+        -1.5708,
+        1.5708,
+        minimum=-3.2,
+        maximum=3.2,
+        starts=(0.15, 0.35, 0.65, 0.85),
+        sign_seen_across=True,
     )
 
     def add_to(self, design: Design) -> None:
@@ -240,34 +267,35 @@ class ViscoelasticSupport(Effect):
 
     id = "viscoelastic_support"
     title = "Viscoelastic support"
-    meaning = "the bearings' seat relaxes: a Maxwell branch beside the stiffness, or several"
+    meaning = "the bearings' seat is viscoelastic: springs in series with dashpots (Maxwell branches) act beside k_b"
     equation = (
         r"D_b(\omega) = k_b \left(1 + g\,\frac{i\omega\tau}{1 + i\omega\tau}\right); \qquad s > 0: \; "
         r"D_b = k_b \left(1 + \sum_{j=1}^{n} g_j\,\frac{i\omega\tau_j}{1 + i\omega\tau_j}\right), \; "
         rf"n = {BRANCHES}, \; \tau_j = \tau\, 10^{{s (2j - n - 1)/(n - 1)}}, \; "
         r"g_j = g\, \frac{\min(j, n + 1 - j)}{((n + 1)/2)^2}"
     )
-    signature = "modes above 1/(2 pi tau) are stiffer than those below, damping is largest near it"
+    signature = "modes above 1/(2 pi tau) are stiffer than those below; the damping is largest near that frequency"
     source = "christensen1982"
     location = "bearings"
     family = "support"
     changes_size = True
 
     strength: float = parameter(
-        0.5, "1", "Stiffness of the branch over k_b", 0.1, 2.0, null=0.0, minimum=0.0, maximum=1e3, log=True
+        0.5, "1", "Stiffness of the branch divided by k_b", 0.1, 2.0, null=0.0, minimum=0.0, maximum=1e3, log=True
     )
     relaxation_time: float = parameter(
-        1e-3, "s", "Relaxation time of the branch", 1e-4, 1e-2, minimum=1e-7, maximum=1e3, log=True
+        1e-3, "s", "Relaxation time of the branch", 1e-4, 1e-2, minimum=1e-7, maximum=1e3, log=True, starts=(0.3, 0.7)
     )
     spread: float = parameter(
         0.0,
         "1",
-        "Decades s by which relaxation times differ to either side",
+        "Spread s of the relaxation times of several branches, in decades to either side; 0: one branch",
         0.0,
         1.5,
         minimum=0.0,
         maximum=3.0,
         form=True,
+        starts=(0.3, 0.7),
     )
 
     def add_to(self, design: Design) -> None:

@@ -13,13 +13,17 @@ from rigtwin.rotor.model.system import LinearSystem
 def condense_tilt(system: LinearSystem) -> LinearSystem:
     """Condense the rotations out of a non-spinning system (Guyan, *AIAA Journal* 3, 1965, 380).
 
-    T = [1; -K_ss^-1 K_sm]: the dropped rotations follow the kept deflections statically. Exact for
-    the stiffness, approximate for the mass. The gyroscopic matrix lives on the rotations and is
-    condensed with them; use the full system for a spinning rotor.
+    T = [1; -K_ss^-1 K_sm]: the removed rotations follow the kept deflections statically. The stiffness
+    is exact and the mass approximate. The gyroscopic matrix acts on the rotations and is condensed
+    with them, so use the full system for a spinning rotor.
 
     Returns
     -------
     LinearSystem on the free deflections; its shaft damping follows from the condensed matrices
+
+    >>> system = build_system(assemble(load_rig("nit-rourkela")), Condition(rigid_support=True))
+    >>> system.n, condense_tilt(system).n
+    (24, 10)
     """
     tilt = (system.free < system.structure.n) & (system.free % DOF_PER_NODE >= 2)
     kept, dropped = np.flatnonzero(~tilt), np.flatnonzero(tilt)

@@ -1,8 +1,8 @@
 """Frequency-response curves of a nonlinear rotor, through their folds: arc-length continuation.
 
-A curve of periodic motions is followed by its arc length, not by frequency [vongroll2001], so that
-it can turn back: predict along the tangent, correct on the plane across it. Length is measured
-relative to the motion's own amplitude, which spans three decades over a peak 0.2 Hz wide.
+A curve of periodic motions is followed along its arc length and not along frequency [vongroll2001],
+because it can turn back. Each step predicts along the tangent and corrects perpendicular to it. Length
+is relative to the motion's own amplitude, which varies by three decades over a peak 0.2 Hz wide.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _RELATIVE_CHANGE = 0.3
 # Distance between prediction and correction that the step length aims at, and the largest accepted.
 _AIM, _LARGEST = 0.05, 0.3
 
-# A curve that turns by more than this cosine, or loses its orientation, may be another curve: believed
-# at steps this short only. A Jenkins element's first slip is a corner of the curve itself.
+# A curve that turns by more than this cosine, or loses its orientation, may be another curve; it is accepted
+# only with steps this short. The first slip of a Jenkins element is a real corner of the curve.
 _TURN, _SURE_STEP = 0.5, 0.02
 
 _FIRST_STEP, _LONGEST_STEP, _SHORTEST_STEP = 0.05, 1.0, 1e-6
@@ -143,7 +143,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a slow stepped sine meets."""
+    """The motions that a slow stepped sine finds."""
 
     motions: Motions  # one for every line
     jumps_hz: FloatArray  # in the order in which they happen [Hz]

@@ -29,7 +29,7 @@ def dynamic_stiffness(system: LinearSystem, omega: FloatArray, spin_speed: float
 def hysteretic_dynamic_stiffness(system: LinearSystem, omega: FloatArray) -> ComplexArray:
     """D(omega) with the shaft's damping as a complex stiffness, K_s (1 + 2 i zeta sign(omega)).
 
-    Frequency domain only: no causal time model has it. The supports' dampers stay viscous.
+    For the frequency domain only, as no causal time model has it. The supports' dampers stay viscous.
     """
     w = np.asarray(omega, dtype=float)[:, None, None]
     loss = 2j * system.shaft_damping_ratio * np.sign(w) * system.K_shaft
@@ -73,6 +73,10 @@ def accelerance(
     Returns
     -------
     (n_freq, n_nodes, 1) accelerance -omega^2 H [(m/s^2)/N]; rows of rigidly held nodes are zero
+
+    >>> system = build_system(assemble(load_rig("nit-rourkela")), Condition(rigid_support=True))
+    >>> accelerance(system, frequency_hz=np.array([50.0, 60.0])).shape
+    (2, 7, 1)
     """
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     exciter = system.unit_vector(excitation_node, plane)
@@ -83,7 +87,7 @@ def accelerance(
 def driven_receptance(
     system: LinearSystem, omega: FloatArray, exciter: FloatArray, outputs: FloatArray, spin_speed: float = 0.0
 ) -> ComplexArray:
-    """Outputs per unit force of one exciter, solved in its plane alone where the planes do not couple.
+    """Outputs per unit force of one exciter, solved in its plane only where the planes are not coupled.
 
     Parameters
     ----------

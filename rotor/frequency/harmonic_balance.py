@@ -29,8 +29,8 @@ CORNER = 0.002
 # Samples of a period: smooth laws and those with memory, and laws with corners (see ``periodic_force``).
 SAMPLES, SAMPLES_OF_CORNERS = 256, 512
 
-# Newton's method has converged when its full step is this small beside the motion; a longer one, up to
-# the second figure, that does not make the residual fall is round-off.
+# Newton's method has converged when its full step is this small relative to the motion. A longer step, up to the
+# second number, that does not reduce the residual is taken for round-off.
 _CONVERGED, _ROUND_OFF = 1e-9, 1e-6
 
 _ITERATIONS, _SHORTEST_SHARE = 40, 1e-4
@@ -42,8 +42,8 @@ _FIRST_SHARE = 2.0**-8
 class Balance:
     """A rotor model with its exciting force, ready for harmonic balance.
 
-    Where the planes do not couple and the force acts in one plane, the motion stays in that plane
-    and every local force is scalar. Unbalance is left out: it runs with the spin, not with the force.
+    If the planes are not coupled and the force acts in one plane, the motion stays in that plane and
+    every local force is scalar. Unbalance is left out, because its frequency is that of the spin.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class Balance:
     def residual(
         self, receptance: tuple[ComplexArray, ComplexArray], force_amplitude: float, joints: ComplexArray
     ) -> tuple[FloatArray, FloatArray]:
-        """What the balance is out by, and its derivative.
+        """Residual of the balance, and its derivative.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class _Newton:
 
     @property
     def off(self) -> FloatArray:
-        """(B,) size of the next step beside the motion's."""
+        """(B,) size of the next step relative to the motion."""
         return np.linalg.norm(self.step, axis=1) / np.maximum(np.linalg.norm(self.u, axis=1), 1e-300)
 
     def _joints(self, u: FloatArray) -> ComplexArray:

@@ -1,4 +1,4 @@
-"""What a rig without noise reports of a linear rotor: effects of the measurement chain in the frequency domain.
+"""What a rig without noise measures on a linear rotor, effects of the measurement chain included.
 
 The virtual rig of ``sim`` measures through the same groups of channels and the same factors.
 """
@@ -26,14 +26,14 @@ DERIVATIVE_ORDER = {"receptance": 0, "mobility": 1, "accelerance": 2, "accelerat
 
 @dataclass(frozen=True)
 class ChannelGroup:
-    """Sensors that are read in one go, and the effects that act meanwhile."""
+    """Sensors that are read together, and the effects that act while they are read."""
 
     nodes: tuple[int, ...]
     effects: tuple[Effect, ...]
 
 
 def channel_groups(effects: Sequence[Effect], nodes: Sequence[int]) -> tuple[ChannelGroup, ...]:
-    """Split the nodes so that in each group one rotor is measured: a sensor with mass sits there only while it is read.
+    """Split the nodes into groups that see the same rotor: a sensor with mass loads its node only while it is read.
 
     Parameters
     ----------
@@ -43,6 +43,9 @@ def channel_groups(effects: Sequence[Effect], nodes: Sequence[int]) -> tuple[Cha
     Returns
     -------
     groups in the order of their first node; in their effects every ``SensorMass`` has the node it is at
+
+    >>> [group.nodes for group in channel_groups([SensorMass(mass=0.02, node=3)], nodes=[2, 3, 4])]
+    [(2, 4), (3,)]
     """
     groups: dict[tuple[Effect, ...], list[int]] = {}
     for node in nodes:
@@ -68,7 +71,7 @@ def check_nodes(effects: Sequence[Effect], n_nodes: int) -> None:
 
 
 def channel_factor(effects: Sequence[Effect], omega: FloatArray, node: int) -> ComplexArray:
-    """(n_freq,) reported over true response of the sensor at a node, by all effects."""
+    """(n_freq,) reported response divided by the true one at a node, by all effects."""
     factor = np.ones(len(omega), dtype=complex)
     for effect in effects:
         if type(effect).channel_factor is not Effect.channel_factor:
@@ -111,7 +114,7 @@ def measured_response(
     frequency_hz : (n_freq,) [Hz]
     nodes : nodes of the sensors, default all
     plane : what the sensors look along, 1 = y, 2 = z, default the plane of the force
-    quantity : "acceleration" is in m/s^2 and per nothing, recorded at constant exciter current
+    quantity : "acceleration" is in m/s^2 and not divided by a force, recorded at constant exciter current
     referred_to : the force on the rotor, or the one that was asked for; "acceleration" follows the latter
     force_amplitude : that was asked for [N], for "acceleration"
 
@@ -149,7 +152,7 @@ def _receptance(
     model = build_model(structure, condition, group.effects)
     if model.forces:
         laws = ", ".join(force.law.name for force in model.forces)
-        raise ValueError(f"a rotor with the force laws {laws} has no frequency response; see rotor.harmonic_balance")
+        raise ValueError(f"a rotor with the force laws {laws} has no frequency response; use harmonic balance")
     system = model.system
     exciter = system.unit_vector(condition.excitation_node, condition.excitation_plane)
     outputs = np.vstack([system.read_out(plane)[np.array(group.nodes) - 1], exciter])

@@ -37,12 +37,16 @@ def natural_frequencies_hz(system: LinearSystem, plane: int | None = None) -> Fl
     ----------
     system : the supported rotor
     plane : 1 = y or 2 = z to list the bending modes of one plane; default both
+
+    >>> system = build_system(assemble(load_rig("nit-rourkela")), Condition(rigid_support=True))
+    >>> natural_frequencies_hz(system, plane=1)[:2].round(1)
+    array([100.6, 324. ])
     """
     return system.modes.omega[_of_plane(system, plane)] / (2 * np.pi)
 
 
 def elastic_frequencies_hz(system: LinearSystem, plane: int | None = None) -> FloatArray:
-    """The same without those of rigid-body motion: a shaft on one bearing swings about it at no frequency."""
+    """The same without rigid-body motions, whose frequency is zero, such as a shaft swinging about a single bearing."""
     return system.modes.omega[_of_plane(system, plane) & system.modes.elastic] / (2 * np.pi)
 
 

@@ -4,11 +4,11 @@ The joints' displacements are sampled over one period, the force laws are evalua
 forces' harmonics are read off by a discrete Fourier transform [cameron1989]. Every law comes with
 its slope, so the derivative of the harmonics is exact for the sampled force.
 
-A sharp corner that moves from one sample to the next makes the sampled slope jump, and near a lightly
-damped resonance such a jump is a fold that reality does not have. So at every sample corners are
-rounded over a third of what the joint travels from one sample to the next: the rounding shrinks with the number of
-samples, and where the joint turns round, as a shaft at a stator does, there is next to none. Through
-its rounding a force depends on the rate x' = dx/d(omega t), too.
+When a sharp corner moves from one sample to the next, the sampled slope jumps. Near a lightly damped
+resonance such a jump makes a fold that does not really exist. So at every sample, corners are rounded
+over a third of the distance that the joint travels to the next sample. The rounding becomes smaller
+with more samples, and it is almost zero where the joint turns back, as a shaft does at a stator. Because
+of the rounding, a force also depends on the rate x' = dx/d(omega t).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from rigtwin.rotor.model.force_laws import LAWS
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
-# Rounding of a corner, relative to the way that the joint makes between two samples. With less, curves of lightly
-# damped rotors break into small folds that closer sampling moves about.
+# Rounding of a corner, relative to the distance that the joint travels between two samples. With less, the curves of
+# lightly damped rotors show small false folds, which move when there are more samples.
 TRAVEL = 0.35
 
 # Step into the complex plane that gives the derivatives of laws with memory: no difference is taken.
@@ -261,7 +261,11 @@ def _fourier(harmonics: int, n_samples: int) -> _Fourier:
 
 
 def real_form(phasors: ComplexArray) -> FloatArray:
-    """(B, 2 K - 1, n) real unknowns of (B, K, n) phasors: real parts, then imaginary parts without the mean's."""
+    """(B, 2 K - 1, n) real unknowns of (B, K, n) phasors: real parts, then imaginary parts without the mean's.
+
+    >>> real_form(np.array([[[5.0], [2.0 + 3.0j]]])).ravel()
+    array([5., 2., 3.])
+    """
     return np.concatenate([phasors.real, phasors.imag[:, 1:]], axis=1)
 
 

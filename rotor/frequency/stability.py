@@ -9,9 +9,9 @@ in the coordinates of the linear rotor's eigenvectors. After one period it is mu
 monodromy matrix, whose eigenvalues are the multipliers; beyond modulus one the motion is not
 stable [nayfeh1979; krack2019]. Eigenvectors far above the harmonics follow statically: D.
 
-Between samples the linear part moves exactly, and the slope acts as a kick at each sample: second
-order in the sampling interval, and no damping of its own. Only disturbances in the plane of the
-motion are seen, where the motion stays in one.
+Between samples the linear part is exact, and the slope acts as an impulse at each sample. The error is
+of second order in the sampling interval and adds no damping. If the motion stays in one plane, only
+disturbances in that plane are examined.
 """
 
 from __future__ import annotations
@@ -23,15 +23,19 @@ from rigtwin.rotor.frequency.harmonic_balance import Motions
 from rigtwin.rotor.frequency.periodic_force import Memory
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
-# Eigenvalues beyond this multiple of the highest harmonic's frequency follow statically.
+# Modes with eigenvalues above this multiple of the highest harmonic's frequency follow statically.
 _STATIC = 4.0
 
-# Modulus up to which a multiplier counts as one: an element that never slips is indifferent.
+# A multiplier whose modulus exceeds one by less than this counts as one: an element that never slips is neutral.
 NEUTRAL = 1e-6
 
 
 def is_stable(multipliers: ComplexArray) -> NDArray[np.bool_]:
-    """(n,) whether every multiplier (n, m) has modulus one at most."""
+    """(n,) whether every multiplier (n, m) has modulus one at most.
+
+    >>> is_stable(np.array([[0.9, 0.5], [1.2, 0.5]]))
+    array([ True, False])
+    """
     return np.abs(multipliers).max(axis=1, initial=0.0) <= 1 + NEUTRAL
 
 

@@ -14,7 +14,7 @@ from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.rotor.model.system import LinearSystem
 
 # A mode whose orbits enclose less than this share of the area of circles has no direction: it
-# moves in a plane, or its two planes are alike and the choice between the two whirls is arbitrary.
+# moves in a plane, or both planes are alike and its direction is arbitrary.
 _PLANAR = 1e-3
 
 
@@ -44,6 +44,10 @@ def campbell(system: LinearSystem, spin_speed: FloatArray, n_modes: int = 8) -> 
     system : the supported rotor
     spin_speed : (n_speeds,) Omega [rad/s]
     n_modes : modes kept at each speed
+
+    >>> system = build_system(assemble(load_rig("nit-rourkela")), Condition())
+    >>> campbell(system, spin_speed=np.array([500.0]), n_modes=4).direction  # backward and forward whirl
+    array([[-1.,  1., -1.,  1.]])
     """
     rows = []
     for Omega in np.asarray(spin_speed, dtype=float):
@@ -72,8 +76,8 @@ def critical_speeds(system: LinearSystem, n: int = 4) -> CriticalSpeeds:
     """Undamped critical speeds: omega = Omega in K phi = omega^2 (M - i G) phi.
 
     The matrix M - i G is Hermitian and K positive definite, so that 1/omega^2 are the eigenvalues of
-    a Hermitian problem; those that are not positive belong to whirls that no spin catches up with
-    (a forward whirl of a disk whose polar inertia is the larger one).
+    a Hermitian problem. Those that are not positive belong to whirls whose frequency no spin speed
+    reaches (a forward whirl of a disk whose polar inertia is larger than its diametral one).
 
     Parameters
     ----------

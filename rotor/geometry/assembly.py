@@ -24,6 +24,10 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
     Returns
     -------
     Structure with 4 degrees of freedom per mesh node
+
+    >>> structure = assemble(load_rig("nit-rourkela"))
+    >>> structure.n_nodes, structure.n
+    (7, 28)
     """
     x = _mesh(rig, elements_between_nodes or rig.elements_between_nodes)
     n = DOF_PER_NODE * len(x)
@@ -51,7 +55,7 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
         disk_thickness=np.array([d.thickness_m or 0.0 for d in rig.disk]),
         disk_lumped_diametral=np.array([d.own_diametral_inertia - d.diametral_inertia for d in rig.disk]),
         disk_lumped_polar=np.array([d.own_polar_inertia - d.polar_inertia for d in rig.disk]),
-        support_node=np.array([stations[s.node - 1] for s in rig.support]),
+        support_node=np.array([stations[s.node - 1] for s in rig.support], dtype=np.int64),
         support_stiffness=np.array([_number(s.stiffness) for s in rig.support]),
         support_tilt_stiffness=np.array([_number(s.tilt_stiffness_Nm_per_rad) for s in rig.support]),
         support_damping=np.array([s.damping_Ns_per_m for s in rig.support]),

@@ -245,6 +245,9 @@ def load_rig(source: str | Path) -> Rig:
     ------
     RigError : no such rig or file, not TOML, a key is wrong (every wrong key is named), or another rotor has the
         name of a shipped one
+
+    >>> load_rig("nit-rourkela").length
+    0.426
     """
     if str(source) in shipped_rigs():
         return parse_rig(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Largest damper of a bearing [N s/m].
+# Largest damping that a bearing may have [N s/m].
 MOST_BEARING_DAMPING = 1e6
 
 
@@ -14,10 +14,15 @@ MOST_BEARING_DAMPING = 1e6
 class Condition:
     """The parameters a test condition can change.
 
-    k_b [N/m] and bearing_damping [N s/m] belong to every bearing, in y and z alike;
-    ``rigid_support`` pins the bearings instead. shaft_damping_ratio [-] is the shaft's own. The
+    k_b [N/m] and bearing_damping [N s/m] are those of every bearing, the same in y and z.
+    ``rigid_support`` pins the bearings instead. shaft_damping_ratio [-] belongs to the shaft. The
     exciter acts at ``excitation_node`` (from 1) in ``excitation_plane`` (1 = y, 2 = z);
     spin_speed [rad/s] is about +x.
+
+    >>> Condition(k_b=-1.0)
+    Traceback (most recent call last):
+        ...
+    ValueError: k_b must be a positive stiffness in N/m, got -1.0
     """
 
     k_b: float = 1e7

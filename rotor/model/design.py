@@ -1,8 +1,8 @@
 """The rotor while effects are put into it.
 
-An effect writes down what it changes, in words of the machine (a bearing's stiffness, a mass at a
-node, a crack); ``build_model`` then makes the matrices, always in the same order. So effects compose,
-and the order in which they are put in does not matter.
+An effect changes the design in terms of the machine (the stiffness of a bearing, a mass at a node, a
+crack). ``build_model`` then makes the matrices, always in the same order. So effects can be combined,
+and the order in which they are given does not matter.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from rigtwin.rotor.model.elements import shape_functions
 from rigtwin.rotor.model.force_laws import ForceLaw
 from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, FloatArray, IntArray, Structure
 
-# A round bar's length, in diameters, over which a crack counts as reduced bending stiffness.
+# Length of shaft, in diameters, over which a crack counts as a reduced bending stiffness.
 CRACK_LENGTH = 0.8
 
-# A viscoelastic branch is at least so stiff, over its bearing: the joint of its spring and dashpot needs a stiffness.
+# Least stiffness of a viscoelastic branch relative to its bearing: the point between spring and dashpot needs one.
 WEAKEST_BRANCH = 1e-9
 
-# A block whose mount has no more than this compliance, over its pedestal's, is the ground.
+# A block whose mount has at most this compliance, relative to the pedestal's, counts as the ground.
 GROUND_COMPLIANCE = 1e-6
 
-# Entries of a vector over all degrees of freedom that are not zero: where, and how much.
+# Nonzero entries of a vector over all degrees of freedom: their places and their values.
 Pattern = tuple[IntArray, FloatArray]
 
 
@@ -43,7 +43,7 @@ class JointLaw:
 class Pedestal:
     """What a bearing stands on, in y and in z: mass [kg] on stiffness [N/m] and damping [N s/m].
 
-    Below it is the ground, or a block of so many times its mass on so many times its compliance.
+    It stands on the ground or on a block, whose mass and compliance are multiples of its own.
     """
 
     stiffness: float
@@ -54,12 +54,12 @@ class Pedestal:
 
     @property
     def has_block(self) -> bool:
-        """Whether there is a block below, that the ground is not."""
+        """Whether the pedestal stands on a block that can move."""
         return self.block_compliance > GROUND_COMPLIANCE
 
     @property
     def n_masses(self) -> int:
-        """The pedestal's, and its block's."""
+        """Number of masses: the pedestal, and the block if there is one."""
         return 2 if self.has_block else 1
 
 
@@ -110,9 +110,9 @@ class Design:
         self._replaced: set[str] = set()
 
     def replace(self, effect: str) -> None:
-        """Called by an effect that puts a value in place of another; a second such value would contradict the first.
+        """Called by an effect that replaces a value; a second replacement would contradict the first.
 
-        Raises ValueError when the effect has been here before.
+        Raises ValueError when the effect has been called before.
         """
         if effect in self._replaced:
             raise ValueError(f"{effect} is given twice, and takes the place of one value; give it once")
@@ -120,7 +120,7 @@ class Design:
 
 
 def _bearings(structure: Structure, condition: Condition) -> list[Bearing]:
-    """The bearings of a rotor that runs in them; none on rigid supports."""
+    """The bearings of the rotor; none on rigid supports."""
     if condition.rigid_support:
         return []
     places = np.flatnonzero(np.isnan(structure.support_stiffness))
@@ -148,8 +148,8 @@ def _element_at(structure: Structure, x: float) -> int:
 def shaft_point(structure: Structure, x: float, plane: int) -> tuple[Pattern, Pattern]:
     """Deflection and rotation of the shaft at position x [m] in plane 1 or 2.
 
-    Between mesh nodes by the element's shape functions; beyond the shaft's ends the shaft goes on
-    straight and rigid.
+    Between mesh nodes the element's shape functions give them. Beyond its ends the shaft is
+    continued as a straight and rigid line.
     """
     node = int(np.argmin(np.abs(structure.x - x)))
     if abs(structure.x[node] - x) < 1e-12:
@@ -171,7 +171,10 @@ def shaft_point(structure: Structure, x: float, plane: int) -> tuple[Pattern, Pa
 def local_flexibility(structure: Structure, x: float, plane: int) -> float:
     """How far a unit force at x [m] bends and shears an element whose ends are held [m/N]; zero at mesh nodes.
 
-    The shape functions carry a load between two nodes to the nodes exactly, but do not see this.
+    The shape functions transfer a load between two nodes to the nodes exactly, but do not contain this deflection.
+
+    >>> local_flexibility(assemble(load_rig("nit-rourkela")), x=0.0, plane=1)
+    0.0
     """
     element = _element_at(structure, x)
     before, after = x - structure.x[element], structure.x[element + 1] - x
@@ -189,8 +192,8 @@ def local_flexibility(structure: Structure, x: float, plane: int) -> float:
 def shaft_stiffness(design: Design) -> FloatArray:
     """(n, n) stiffness of the shaft with its modulus, hubs and cracks [N/m].
 
-    An element whose bending stiffness changes along its length is built from its flexibility,
-    which just adds up: exact under forces at its ends, wherever the change sits.
+    An element whose bending stiffness changes along its length is built from the sum of its
+    flexibilities. This is exact for forces at its ends, wherever the change is.
     """
     structure = design.structure
     K = structure.K.copy()
@@ -240,7 +243,7 @@ def _added_flexibility(design: Design) -> dict[int, FloatArray]:
 
 
 def _covered(structure: Structure, start: float, stop: float) -> list[tuple[int, float, float]]:
-    """Elements that a stretch of shaft covers, and the ends of the covered parts."""
+    """Elements that a part of the shaft covers, and the ends of the covered pieces."""
     left, right = np.maximum(structure.x[:-1], start), np.minimum(structure.x[1:], stop)
     return [(int(e), float(left[e]), float(right[e])) for e in np.flatnonzero(right - left > 1e-12)]
 

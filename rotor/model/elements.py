@@ -48,7 +48,7 @@ class Section:
         return self.shear_factor * self.shear_modulus * self.area
 
     def shear_parameter(self, length: float) -> float:
-        """Phi = 12 E I / (kappa G A L^2) [-], the shear to bending flexibility of an element."""
+        """Phi = 12 E I / (kappa G A L^2) [-], ratio of shear to bending flexibility of an element."""
         return 12.0 * self.bending_stiffness / (self.shear_stiffness * length**2)
 
 
@@ -57,6 +57,9 @@ def cowper_shear_factor(poisson: float, bore_ratio: float = 0.0) -> float:
 
     Solid: 6(1+nu)/(7+6nu). Hollow, with m = inner/outer diameter:
     6(1+nu)(1+m^2)^2 / [(7+6nu)(1+m^2)^2 + (20+12nu) m^2].
+
+    >>> round(cowper_shear_factor(poisson=0.3), 3)
+    0.886
     """
     wall = (1.0 + bore_ratio**2) ** 2
     return 6 * (1 + poisson) * wall / ((7 + 6 * poisson) * wall + (20 + 12 * poisson) * bore_ratio**2)

@@ -1,10 +1,9 @@
 """Local force laws, each written once, as an expression.
 
 ``python build_laws.py`` prints every law's force and derivatives for floats and for arrays into
-``printed_laws.py``, and in C into ``fmu_src/native/laws.[hc]``; nothing is written twice by hand. A law gives what
-its joint pulls back with *beyond the linear stiffness that is in the model already*, as a function
-of the joint's displacement x [m]. What it pulls with at rest is no part of that: whoever uses a law
-takes it away.
+``printed_laws.py``, and in C into ``fmu_src/native/laws.[hc]``; nothing is written twice by hand. A law gives the
+restoring force of a joint *in addition to its linear stiffness, which the model already has*, as a
+function of the joint's displacement x [m]. The caller subtracts the force at rest.
 
 ``pos(u)`` is max(u, 0) with its corner rounded over the length ``corner`` [m],
 (u + sqrt(u^2 + corner^2)) / 2. ``limited(u, a)`` is u kept within -a and a.
@@ -19,10 +18,12 @@ from dataclasses import dataclass
 class ForceLaw:
     """A scalar force law.
 
-    Without memory: force(x, *coefficients). With memory the force is its own memory, a function of
-    the displacement, the displacement before, and the force before:
-    force(x, x_before, force_before, *coefficients), exact for any monotone path in between, and of
-    the form limited(force_before + ..., ...).
+    Without memory it is force(x, *coefficients). With memory it depends on the displacement and on
+    the displacement and the force one instant earlier, force(x, x_before, force_before, *coefficients).
+    It is then exact for any monotone path in between, and of the form limited(force_before + ..., ...).
+
+    >>> CLEARANCE.arguments
+    ('x', 'k', 'gap', 'corner')
     """
 
     name: str
@@ -34,18 +35,18 @@ class ForceLaw:
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """Names of all arguments, the derivatives' ones first."""
+        """Names of all arguments; those by which the force is differentiated come first."""
         return (*self.variables, *self.coefficients)
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """What the force is differentiated by."""
+        """Names of the arguments by which the force is differentiated."""
         return ("x", "x_before", "force_before") if self.memory else ("x",)
 
 
 CUBIC = ForceLaw("cubic", "k3*x**3", ("k3",), radial=True)
 
-# Dead band: nothing within the gap, k beyond it; the model's own k x is taken away again.
+# Dead band: no force within the gap, stiffness k beyond it; the linear k x of the model is subtracted.
 CLEARANCE = ForceLaw(
     "clearance",
     "k*(pos(x - gap) - pos(-x - gap)) - k*x",

@@ -1,4 +1,4 @@
-"""A force law at a joint of the rotor: where it acts, on what, and what it answers."""
+"""A force law at a joint of the rotor: where it acts, and its force for a given displacement."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rigtwin.rotor.model.force_laws import ForceLaw
 from rigtwin.rotor.model.printed_laws import ARRAY, SCALAR
 from rigtwin.rotor.model.structure import FloatArray
 
-# Two displacements this close [m] are one: the resultant of a radial law has no direction there.
+# Below this displacement [m] the resultant of a radial law has no direction.
 _NO_DISPLACEMENT = 1e-18
 
 
@@ -20,8 +20,8 @@ class LocalForce:
     """A force -patterns' F(patterns q) on the rotor, beyond the linear stiffness of the joint.
 
     The joint displacements are y = patterns[0] q and z = patterns[1] q. A radial law acts along
-    their resultant, any other in each plane alone. ``offset`` is the joint's static displacement
-    in y, about which the rotor vibrates; what the law pulls with there is no part of the force.
+    their resultant, any other law in each plane separately. ``offset`` is the static displacement of
+    the joint in y, about which the rotor vibrates; the force of the law there is subtracted.
     """
 
     law: ForceLaw
@@ -48,6 +48,10 @@ class LocalForce:
         Returns
         -------
         (N,) force and its derivatives by displacement and by rounding
+
+        >>> force, slope, _ = LocalForce(CUBIC, coefficients=(2.0,), patterns=np.eye(2)).along(np.array([1.0, 3.0]))
+        >>> force, slope
+        (array([ 2., 54.]), array([ 6., 54.]))
         """
         force, slope, by_corner = ARRAY[self.law.name](x + self.offset, *self._coefficients(corner))
         return force - self._static, slope, np.broadcast_to(by_corner, x.shape)
@@ -93,5 +97,5 @@ class LocalForce:
 
     @property
     def _static(self) -> float:
-        """What the law pulls with at rest, in y [N]."""
+        """Force of the law at rest, in y [N]."""
         return float(SCALAR[self.law.name](self.offset, *self.coefficients)[0])

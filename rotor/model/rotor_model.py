@@ -1,4 +1,4 @@
-"""From a structure, a test condition and effects to what the solvers take."""
+"""From a structure, a test condition and effects to the model that the solvers use."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class RotorModel:
 
     @property
     def memory(self) -> bool:
-        """Whether a law has memory: its samples follow from one another."""
+        """Whether a law has memory, so that each sample depends on the one before."""
         return any(force.law.memory for force in self.forces)
 
     def in_plane(self, plane: int) -> RotorModel:
@@ -57,8 +57,8 @@ class RotorModel:
 def build_model(structure: Structure, condition: Condition, effects: Sequence[Change] = ()) -> RotorModel:
     """Put the rotor on its supports, with effects.
 
-    A rigid support removes the degree of freedom: a stiff spring would leave float64 with
-    frequencies off by 1e-7 and an undamped mode at the support.
+    A rigid support removes the degree of freedom. A stiff spring instead would, by round-off, change
+    the frequencies by 1e-7 and add an undamped mode at the support.
 
     Raises ValueError where an effect names a node that does not exist.
     """
@@ -66,17 +66,21 @@ def build_model(structure: Structure, condition: Condition, effects: Sequence[Ch
 
 
 def build_system(structure: Structure, condition: Condition, effects: Sequence[Change] = ()) -> LinearSystem:
-    """The linear part of ``build_model``."""
+    """The linear part of ``build_model``.
+
+    >>> build_system(assemble(load_rig("nit-rourkela")), Condition(rigid_support=True)).n
+    24
+    """
     return build_model(structure, condition, effects).system
 
 
 def bearing_stiffness(
     structure: Structure, condition: Condition, effects: Sequence[Change], omega: FloatArray, plane: int
 ) -> ComplexArray:
-    """Dynamic stiffness from the shaft to the ground at every bearing, all that it stands on condensed.
+    """Dynamic stiffness between shaft and ground at every bearing, with everything below it condensed.
 
     D = Z_ss - Z_sb Z_bb^-1 Z_bs with Z = K + i omega C - omega^2 M of the bearings alone: s are the shaft's degrees of
-    freedom there, b those below. Of bearings at their nodes, without their tilt stiffness and force laws.
+    freedom there, b those below. It holds for bearings at their nodes and leaves out tilt stiffness and force laws.
 
     Parameters
     ----------
@@ -101,7 +105,7 @@ def bearing_stiffness(
 
 
 def _designed(structure: Structure, condition: Condition, effects: Sequence[Change]) -> Design:
-    """The rotor with what the effects write down."""
+    """The design of the rotor after all effects have changed it."""
     design = Design(structure, condition)
     for effect in effects:
         effect.add_to(design)
@@ -121,7 +125,7 @@ class _Assembly:
         self.forces: list[LocalForce] = []
 
     def model(self) -> RotorModel:
-        """Everything in its fixed order."""
+        """The model, built in a fixed order."""
         self._shaft()
         self._bodies()
         self._fixed_supports()
@@ -295,7 +299,7 @@ class _Assembly:
 
 
 def _check(bearing: Bearing) -> None:
-    """A law in place of the linear stiffness stands for all of it, the same in every direction."""
+    """A law that replaces the linear stiffness replaces all of it, in every direction alike."""
     laws = [joint.law.name for joint in bearing.laws if joint.law.in_place]
     if len(laws) > 1:
         raise ValueError(f"the laws {' and '.join(laws)} both take the place of k_b; give one of them")

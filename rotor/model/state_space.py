@@ -1,8 +1,8 @@
 """The linear rotor as first-order equations, the one form every solver starts from.
 
-The state is x = (s eta, eta', w): modal coordinates of q = Phi eta scaled by s = omega, so that the
-undamped part is skew; modal velocities; and what the massless degrees of freedom (a dashpot in
-series with a spring has one) deviate from their static position.
+The state is x = (s eta, eta', w). The first part are the modal coordinates of q = Phi eta, scaled by
+s = omega so that the undamped part is skew-symmetric; then the modal velocities; w is the deviation
+of massless degrees of freedom (between a spring and a dashpot in series) from their static position.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.rotor.model.system import LinearSystem, Modes
 
-# Condition of the eigenvectors (Frobenius) beyond which the spectral form loses more than half the digits.
+# Condition number of the eigenvectors (Frobenius) above which the spectral form loses over half of the digits.
 _DEFECTIVE = 1e7
 
 
 @dataclass(frozen=True)
 class UpperResidual:
-    """Receptance of the modes above those that have states: undamped and coupled to nothing."""
+    """Receptance of the modes that have no states: undamped and not coupled to the others."""
 
     squares: FloatArray  # (n_modes,) of the natural frequencies [rad^2/s^2]
     residues: FloatArray  # (n_out, n_in, n_modes)
@@ -41,6 +41,9 @@ class StateSpace:
     modes_below_hz : modes above have no states; ``receptance`` takes them as undamped and coupled to nothing, which
         leaves about 1e-4 where the bearings' dampers are as strong as their springs and the limit is 30 times the
         highest line
+
+    >>> StateSpace(build_system(assemble(load_rig("nit-rourkela")), Condition())).n_states
+    56
     """
 
     def __init__(self, system: LinearSystem, spin_speed: float = 0.0, modes_below_hz: float = np.inf):

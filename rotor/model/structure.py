@@ -1,4 +1,4 @@
-"""The rotor without its supports: full matrices and where things sit on them.
+"""The rotor without its supports: full matrices, and the nodes of its parts.
 
 Plain arrays only, so that an FMU can carry them: no file format, no geometry.
 """
@@ -64,7 +64,7 @@ class Structure:
 
     @property
     def free_nodes(self) -> tuple[int, ...]:
-        """Rig nodes without a support, from 1: those that a rigid support lets move."""
+        """Rig nodes without a support, from 1; they move on rigid supports too."""
         return tuple((np.flatnonzero(~self._supported) + 1).tolist())
 
     @property
@@ -74,7 +74,7 @@ class Structure:
 
     @property
     def bearing_nodes(self) -> tuple[int, ...]:
-        """Those of them whose stiffness is k_b."""
+        """Rig nodes with a support whose stiffness is k_b, from 1."""
         bearings = self.support_node[np.isnan(self.support_stiffness)]
         return tuple((np.flatnonzero(np.isin(self.stations, bearings)) + 1).tolist())
 
@@ -86,6 +86,9 @@ class Structure:
         """Full index of a rig node's deflection; node from 1, plane 1 = y or 2 = z.
 
         Raises ValueError when there is no such node or plane.
+
+        >>> assemble(load_rig("nit-rourkela")).dof(node=2, plane=2)
+        5
         """
         if not 1 <= node <= self.n_nodes:
             raise ValueError(f"node {node} does not exist: the rotor has nodes 1 to {self.n_nodes}")

@@ -15,11 +15,11 @@ from scipy.linalg import eigh, qr, solve_triangular
 
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
 
-# Strain energy that is round-off: this share of the energies that add up to it. So little is that of a rigid-body
-# motion; a negative one of more is that of a rotor that buckles. The first mode of a beam of n elements has 2 / n^4.
+# Largest strain energy, relative to the sum of its unsigned parts, that counts as round-off. A mode with so little
+# is a rigid-body motion; a more negative one means buckling. The first mode of a beam of n elements has 2 / n^4.
 _NO_STRAIN = 1e-12
 
-# Ratio of the lowest to the highest eigenvalue below which one solution does not hold digits of both.
+# Ratio of the lowest to the highest eigenvalue below which one solution cannot be accurate for both.
 _WIDE = 1e-12
 
 
@@ -91,7 +91,7 @@ class LinearSystem:
         return self.sensors[plane - 1]
 
     def couples_planes(self, spin_speed: float = 0.0) -> bool:
-        """Whether motion in y and in z belong together."""
+        """Whether the motions in y and in z are coupled."""
         y, z = (np.flatnonzero(self.plane == plane) for plane in (1, 2))
         across = (y[:, None], z), (z[:, None], y)
         matrices = (self.M, self.K, self.C_support, spin_speed * self.G)
@@ -156,10 +156,10 @@ def undamped_modes(system: LinearSystem) -> Modes:
 def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Squares of the natural frequencies, ascending, and mass-normalised shapes.
 
-    The problem is solved upside down, M phi = K phi / omega^2: round-off is relative to the largest eigenvalue, so that
-    the lowest frequencies are right to 1e-13, not 1e-11. What the highest modes lose is given back: orthogonality from
-    the lowest up, and frequencies by Rayleigh's quotient, or, where the shaft has next to no mass, by the upright
-    problem. A rotor that floats has no inverse.
+    The inverse problem M phi = K phi / omega^2 is solved, because round-off is relative to the largest eigenvalue: the
+    lowest frequencies are then accurate to 1e-13 and not to 1e-11. The highest modes are corrected afterwards. They are
+    made orthogonal from the lowest up, and their frequencies come from Rayleigh's quotient or, where the shaft has
+    almost no mass, from the direct problem. ``_floating`` solves a rotor with rigid-body motions.
     """
     if not len(M):
         return np.zeros(0), np.zeros((0, 0))
@@ -180,19 +180,24 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:
-    """(m,) strain energy of shapes (n, m) over the energies that add up to it, whatever their signs."""
+    """(m,) strain energy of shapes (n, m), divided by the sum of its parts without their signs.
+
+    >>> spring = np.array([[1.0, -1.0], [-1.0, 1.0]])  # between two masses, which move together or against each other
+    >>> strain_share(spring, shapes=np.array([[1.0, 1.0], [1.0, -1.0]]))
+    array([0., 1.])
+    """
     energy = np.einsum("im,im->m", shapes, K @ shapes)
     size = np.einsum("im,im->m", np.abs(shapes), np.abs(K) @ np.abs(shapes))
     return energy / np.where(size > 0, size, 1.0)
 
 
 def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same of a rotor whose K has no inverse: rigid-body motions, and what is orthogonal to them.
+    """The same for a rotor whose K is singular: its rigid-body motions, and the modes orthogonal to them.
 
     Raises ValueError when the stiffness is negative: the rotor buckles.
     """
     diagonal = np.abs(K.diagonal())
-    stiff = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # entries of one size, whatever their units
+    stiff = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # makes entries of similar size, whatever their units
     motions = stiff[:, None] * eigh(stiff[:, None] * K * stiff)[1]
     shares = strain_share(K, motions)
     if shares.min() < -_NO_STRAIN:
@@ -208,13 +213,13 @@ def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _orthogonal_to(rows: FloatArray, size: FloatArray) -> FloatArray:
-    """(n, n - m) shapes that rows (m, n) do not see: each moves one place, and a few, common ones, as far as needed.
+    """(n, n - m) shapes orthogonal to rows (m, n): each moves one coordinate, and m common ones as far as needed.
 
-    Light and heavy places stay apart, so that no digits of the light ones' large forces end among the heavy ones.
+    Light and heavy coordinates are kept apart, so that round-off of the light ones does not spoil the heavy ones.
 
     Parameters
     ----------
-    size : (n,) of a place's motion at a kinetic energy of one
+    size : (n,) motion of each coordinate at a kinetic energy of one
     """
     m, n = rows.shape
     order = qr(rows * size, mode="r", pivoting=True)[-1]

@@ -1,36 +1,36 @@
 """Time stepping of the rotor with local nonlinear forces.
 
-The rotor is x' = A x + B u - B_n F(C_n x) in the scaled modal state of ``state_space``, F the joints'
-pulls. Their slope at rest S goes into the linear part, so that a shaft crossing a gap flies freely,
+The rotor is x' = A x + B u - B_n F(C_n x) in the scaled modal state of ``state_space``, with F the forces
+of the joints. Their slope at rest S is added to the linear part, so that a shaft in a gap moves freely,
 
     x' = A_t x + B u + G g,   g = F(d) - F(0) - S d,   d = C_n x,   A_t = A + G S C_n,   G = -B_n.
 
 Over a substep tau the linear part is exact, the tones included: they are states of the matrix
 exponential, set to the drive's exact phases at the start of every communication step. Only g is
-interpolated, by the cubic that has its values and rates g' at both ends, so that those at the end
-are what a substep has to find,
+interpolated, by the cubic that has its values and rates g' at both ends. A substep has to find those
+at its end,
 
     d_1 = d_free + P g_1 + P' g_1',   v_1 = v_free + Q g_1 + Q' g_1',   g_1 = g(d_1),   g_1' = dg/dd v_1.
 
-That is solved joint after joint by Newton's method, again until no joint moves another.
+This is solved by Newton's method joint after joint, repeated until no joint moves another.
 
 Substeps are the communication step over a power of two. One is halved until at every joint
 
     e <= max(3e-5 g_s, 1e-7 v_s / 2 |Q|)    |v_1 - v_0| <= 0.4 v_s    |P dg/dd| <= 0.2
 
 and doubled where twice its length should meet these bounds too. Here g_s and v_s are the largest g
-and v of the joint in the last ten periods or so of the slowest mode. e is the largest of the cubic's
-error in the middle of the substep, where the law is asked once more; of a thousandth of
-tau |g_0' - m| + tau |g_1' - m|, m the mean rate, which a corner of the law cannot hide from; and of
-what a turning point within the substep may change in a law with memory. So g is right to 3e-5 of its
-scale, or so nearly that the joint does not notice; no contact is passed over unseen; and the substep
-resolves the joint's stiffness, which makes the small system a contraction with one solution. What
-Newton's method does not settle, at a corner or far from a solution, is halved too. A substep is no
-longer than a 16th of a tone's period. Where Newton's method fails even on the shortest,
-NoBalanceError says so, and where a step takes millions of substeps.
+and v of the joint in about the last ten periods of the slowest mode. e is the largest of three values:
+the error of the cubic in the middle of the substep, where the law is evaluated once more; a thousandth
+of tau |g_0' - m| + tau |g_1' - m| with the mean rate m, which detects a corner of the law; and the
+change that a turning point within the substep may make in a law with memory. So g is accurate to 3e-5
+of its scale, or so accurate that the motion of the joint is not affected; no contact is missed; and the
+substep resolves the stiffness of the joint, which makes the small system a contraction with one solution.
+A substep for which Newton's method does not converge is halved too. A substep is at most a 16th of the
+period of a tone. NoBalanceError is raised where Newton's method fails even on the shortest substep, and
+where a step takes millions of substeps.
 
 The state vector is x, then, for every joint in y and in z: g, g', g_s, v_s, and the substep. Nothing
-else decides what comes next, so a saved state replays to the last bit.
+else decides the next step, so a run from a saved state repeats to the last bit.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ from rigtwin.rotor.model.structure import FloatArray, IntArray
 from rigtwin.rotor.time.drive import Drive
 from rigtwin.rotor.time.stepper import CACHE_SIZE, Block, add_tone
 
-# Error of a joint's pull within a substep, relative to the pull's scale.
+# Allowed error of a joint's force within a substep, relative to the scale of the force.
 FORCE_ERROR = 3e-5
 
-# Share of the difference between a pull's rates that counts as error, however well the cubic fits the middle.
+# Share of the change of a force's rate that counts as error, even if the cubic fits in the middle.
 _BEND = 1e-3
 
-# Change of a joint's velocity by an error of its pull, relative to the velocity's scale, that nothing notices.
+# Change of a joint's velocity by an error of its force, relative to the velocity's scale, that can be neglected.
 _UNNOTICED = 1e-7
 
 # Change of a joint's velocity in a substep, relative to its scale: 16 substeps a period of a sine.
@@ -79,7 +79,7 @@ _SUBSTEPS_BETWEEN = 256  # after so many substeps the scales fade
 # First substep of a rotor at rest, over the shortest time constant; the shortest of all over the first.
 _FIRST, _SHORTEST = 0.1, 1e-5
 
-# A step that needs more substeps than this is one of a motion beyond all bounds.
+# A step that needs more substeps than this belongs to a motion that grows without limit.
 _MOST_SUBSTEPS = 1 << 24
 
 # Newton's method stops when the pulls are consistent to this share of the error that is allowed anyway.
@@ -87,7 +87,7 @@ _NEWTON_SHARE = 0.01
 _NEWTON_RELATIVE = _NEWTON_SHARE * FORCE_ERROR
 _NEWTON_STEPS = 12
 
-# A velocity of a joint that is round-off of the rotor's motion.
+# Velocity of a joint, relative to the rotor's motion, below which it is round-off.
 _ROUND_OFF = 1e-9
 
 # Displacements [m] at which a law is straight but for round-off, and at which a radial one has no direction.
@@ -99,7 +99,7 @@ _ROWS = 5
 
 
 class NoBalanceError(ValueError):
-    """A joint's pull and the rotor's motion found no balance."""
+    """No force of a joint was found that agrees with the motion of the rotor."""
 
 
 class NonlinearStepper:

@@ -1,4 +1,4 @@
-"""The rotor as something that lives in time: parameters, a clock, a sine generator, a state."""
+"""The rotor in time: its parameters, a clock, a sine generator and the state of motion."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Span = tuple[float, float]
 # a replay from a saved state is exact to the last bit.
 TICKS_PER_SECOND = 2.0**36
 
-# A master that calls a step from another time than the rotor stands at has lost track of it.
+# Largest difference, in steps, between the time that a master gives for a step and the time of the rotor.
 _SAME_TIME = 1e-6
 
-# Thirty years, seven orders of magnitude above any settling time; the clock's arithmetic stays finite.
+# Largest time [s], thirty years: far above any settling time, and the arithmetic of the clock stays finite.
 _LAST_TIME = 1e9
 
 
@@ -92,6 +92,11 @@ class RotorSimulator:
         """Integrate from ``time`` over ``step`` [s].
 
         Raises ValueError when the step is not positive or ``time`` is not where the rotor stands.
+
+        >>> rotor = RotorSimulator(assemble(load_rig("nit-rourkela")))
+        >>> rotor.advance(time=0.0, step=0.5)
+        >>> rotor.time
+        0.5
         """
         if not (math.isfinite(time) and math.isfinite(step)):
             raise ValueError(f"the communication step must be finite, got {step:.9g} s at {time:.9g} s")

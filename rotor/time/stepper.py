@@ -6,7 +6,7 @@ differs from it decays freely, so that a communication step of any length is one
 
     x(t + h) = x_p(phi + omega h) + e^{hA} [x(t) - x_p(phi)] + int_0^h e^{sA} ds b u.
 
-A rotor that has settled stays settled exactly, however long the step. An undamped rotor driven at a
+A rotor in steady motion stays in it exactly, for any step length. An undamped rotor driven at a
 resonance has no steady response; there the tone becomes two more states of the exponential.
 """
 
@@ -28,14 +28,14 @@ from rigtwin.rotor.time.drive import Drive, Tone
 # subtracting a steady state so much larger than the motion would cost its digits.
 _NO_STEADY_STATE = 1e5
 
-# Propagators, and steady states, kept: a stepped-sine sweep needs a handful at a time, a variable-step master more;
-# with local forces, a few substeps for each of a few communication steps and frequencies.
+# Number of propagators and steady states that are kept. A stepped-sine sweep needs a few at a time, a master with
+# variable steps more; with local forces there are several substeps for each communication step and frequency.
 CACHE_SIZE = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """States that couple with each other; others are stepped without them."""
+    """States that are coupled with each other; they are stepped separately from all others."""
 
     places: IntArray  # (m,) indices of this block in the state
     A: FloatArray  # (m, m)
@@ -168,7 +168,12 @@ def add_tone(generator: FloatArray, first: int, omega: float, B: FloatArray) -> 
 
 
 def decoupled_blocks(A: FloatArray, B: FloatArray) -> list[Block]:
-    """The states in groups that do not act on each other."""
+    """The states in groups that do not act on each other.
+
+    >>> A = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
+    >>> [block.places.tolist() for block in decoupled_blocks(A, B=np.ones((3, 1)))]
+    [[0, 1], [2]]
+    """
     n_groups, group = connected_components(A != 0, directed=False)
     blocks = [np.flatnonzero(group == g) for g in range(n_groups)]
     return [Block(places, A[np.ix_(places, places)], B[places]) for places in blocks]

@@ -49,7 +49,11 @@ class Header:
 
 
 def parse_header(place: str, cells: list[str]) -> Header:
-    """Parse the header line; ``place`` names file and line. Raises MeasurementError that names them and the column."""
+    """Parse the header line; ``place`` names file and line. Raises MeasurementError that names them and the column.
+
+    >>> parse_header("run.csv, line 1", ["frequency_Hz", "node2_re", "node2_im"]).channels
+    (Channel(node=2, plane='y'),)
+    """
     names = tuple(cell.strip() for cell in cells)
     _refuse_no_header(place, names)
     for name, count in Counter(names).items():

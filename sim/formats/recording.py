@@ -41,7 +41,11 @@ def falls(frequency_hz: FloatArray) -> bool:
 
 
 def misplaced(frequency_hz: FloatArray) -> int | None:
-    """Index of the first line that is not positive, or above the one before; None where all rise, or all fall."""
+    """Index of the first line that is not positive, or above the one before; None where all rise, or all fall.
+
+    >>> misplaced(np.array([10.0, 12.0, 11.0]))
+    2
+    """
     if falls(frequency_hz) and frequency_hz[-1] > 0:
         return None
     wrong = ~np.isfinite(frequency_hz) | (np.diff(frequency_hz, prepend=0.0) <= 0)

@@ -54,7 +54,11 @@ _CHECK = TypeAdapter(RunSettings)
 
 
 def check_settings(settings: Mapping[str, Any], where: str | Path) -> RunSettings:
-    """Check settings key by key; ``where`` names their source in the MeasurementError."""
+    """Check settings key by key; ``where`` names their source in the MeasurementError.
+
+    >>> check_settings({"support": "rigid", "spin_rpm": 3000}, where="campaign.toml")
+    {'support': 'rigid', 'spin_rpm': 3000.0}
+    """
     try:
         return _CHECK.validate_python(dict(settings))
     except ValidationError as error:

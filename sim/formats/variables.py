@@ -49,7 +49,11 @@ def texts_of(run: Run) -> dict[str, str | int | float]:
 
 
 def known(name: str) -> bool:
-    """Whether a variable of this name belongs to a run."""
+    """Whether a variable of this name belongs to a run.
+
+    >>> known("h3"), known("force")
+    (True, False)
+    """
     return name in _ARRAYS or name == "plane" or name in SETTING_NAMES or _HARMONIC.fullmatch(name) is not None
 
 

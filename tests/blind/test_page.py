@@ -153,6 +153,6 @@ def test_shuffled_labels_leave_chance():
     crack = {"id": "open_crack", "parameters": {}, "location": {"kind": "position", "x_m": 0.1}}
     found = many(10, 0) + [outcome(label(crack), WRONG)] * 10
     words = controls(found)
-    assert "chance, from how often each name was hidden and answered: 50.0 %" in words
+    assert "as often as each name was hidden and answered, it would be right in 50.0 %" in words
     share = float(words.split("right in ")[1].split(" %")[0])
     assert 45 < share < 55

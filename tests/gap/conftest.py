@@ -13,8 +13,8 @@ from rigtwin.gap.diagnose import diagnose
 from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.campaign_model import structure_of
 from rigtwin.gap.model.forward import Forward
-from rigtwin.gap.prepare import structure_of
 from rigtwin.rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rigtwin.gap.inference.hypotheses import candidates
-from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.strategies.bearing_stiffness import compare_with_models, law_starts, measured_stiffness
 from rigtwin.rotor.effects import AttachedMass, BearingDamping, PedestalFlexibility, ViscoelasticSupport
 from rigtwin.rotor.model.rotor_model import bearing_stiffness

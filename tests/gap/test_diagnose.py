@@ -18,14 +18,15 @@ from rigtwin.gap.answer.report import _equivalent, _may_be_the_bearings, _regime
 from rigtwin.gap.audit.checked_run import Prepared
 from rigtwin.gap.audit.findings import common_error, usable
 from rigtwin.gap.curves import nrmse
-from rigtwin.gap.diagnose import _library, _not_ruled_out, diagnose
-from rigtwin.gap.document import FILE_NAME, SCHEMA, Cause, Finding, Location, Where
+from rigtwin.gap.diagnose import diagnose
+from rigtwin.gap.document import FILE_NAME, SCHEMA, Cause, Diagnosis, Finding, Location, Where
+from rigtwin.gap.explain import _laws_not_ruled_out, library_of
 from rigtwin.gap.inference.hypotheses import candidates
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.predict import predict
 from rigtwin.gap.prepare import prepared
-from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.verdict.adequacy import Adequacy, judge, not_shared, odd_lines
 from rigtwin.gap.verdict.ranking import Ranked, of_the_likeliest, verdict_of
 from rigtwin.gap.verdict.standing import Standing, excess_of
@@ -116,7 +117,7 @@ def test_the_gap_shrinks_to_the_noise(weighed):
 
 
 def test_the_interval_is_one_for_another_excitation_free_of_noise(weighed):
-    document = json.loads(weighed.diagnosis.to_json())
+    document = Diagnosis.from_json(weighed.diagnosis.to_json())
     runs = [blank(support, lines(support, [MASS]), excitation_node=4) for support in ("rigid", "bearing")]
     true = [truth(run, [MASS]) for run in runs]
     predicted = predict(document, campaign_of(*runs))
@@ -293,7 +294,7 @@ def test_a_gap_on_rigid_supports_is_no_law_of_the_bearings():
         runs = [measure("rigid", effects), *(measure("bearing", frequency_hz=run.frequency_hz) for run in bearing)]
         laws = candidates(bearing, STRUCTURE, all_but("bearing_cubic", "rub"), nonlinear=True)
         assert len(laws) > 1
-        assert {law.ids[0] for law in _not_ruled_out(problem_of(*runs), laws)} == set(left)
+        assert {law.ids[0] for law in _laws_not_ruled_out(problem_of(*runs), laws)} == set(left)
 
 
 def test_runs_are_prepared_with_the_scatter_of_their_lines():
@@ -558,13 +559,13 @@ def test_a_dead_run_is_left_out():
 
 def test_all_effects_are_equally_probable_beforehand():
     runs = [replace(run, force_amplitude_N=level) for run in both_supports() for level in (1.0, 3.0)]
-    library = _library(problem_of(*runs), ())
+    library = library_of(problem_of(*runs), ())
     priors = Counter()
     for hypothesis in (*library.linear, *library.laws):
         priors[hypothesis.ids] += hypothesis.prior
     assert {"rub", "bearing_cubic", "attached_mass"} < {name for (name,) in priors}
     assert_allclose(list(priors.values()), 1 / len(priors))
-    assert _library(problem_of(*both_supports()), ()).laws == []
+    assert library_of(problem_of(*both_supports()), ()).laws == []
 
 
 @pytest.mark.parametrize(

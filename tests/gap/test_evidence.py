@@ -14,7 +14,7 @@ from scipy.integrate import quad
 from rigtwin.gap.inference.evidence import sample
 from rigtwin.gap.inference.fit import Fit, Sampled
 from rigtwin.gap.inference.hypotheses import NOMINAL
-from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.rotor.effects import BearingCubic
 from tests.gap.conftest import MASS, both_supports, candidate, problem_of
 

@@ -11,7 +11,9 @@ import pytest
 from rigtwin.gap.inference.hypotheses import candidates
 from rigtwin.gap.search.laws.robust import each_from_scratch
 from rigtwin.gap.search.laws.search import search_nonlinear
-from rigtwin.gap.search.linear import all_polished, recalibrate, search, weak_starts
+from rigtwin.gap.search.linear import search, weak_starts
+from rigtwin.gap.search.nominal import recalibrate
+from rigtwin.gap.search.race import polish_all
 from rigtwin.gap.search.workers import each, helped_by
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from rigtwin.rotor.geometry.rig import load_rig
@@ -88,10 +90,10 @@ def test_another_process_makes_the_same_nonlinear_search():
     """Each candidate from nothing: a motion solved for one leads no other."""
     runs = runs_of(BearingCubic(stiffness=1e15))
     laws = candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
-    *_, alone = search_nonlinear(problem_of(*runs), laws)
+    *_, alone = search_nonlinear(problem_of(*runs), laws, 1.5)
     with executor(workers=1) as pool, helped_by(pool):
         pool.submit(square, 1).result()  # it is there
-        *_, shared = search_nonlinear(problem_of(*runs), laws)
+        *_, shared = search_nonlinear(problem_of(*runs), laws, 1.5)
     assert [(str(fit.hypothesis), fit.cost) for fit in shared.fits] == [
         (str(fit.hypothesis), fit.cost) for fit in alone.fits
     ]
@@ -105,7 +107,7 @@ def test_what_helpers_polish_is_predicted_here_as_there():
     fits = [problem.fit(start.hypothesis, start.u + np.array([0.0, 0.5]), steps=2) for start in starts]
     with executor(workers=1) as pool, helped_by(pool):
         pool.submit(square, 1).result()
-        made = all_polished(problem, fits)
+        made = polish_all(problem, fits)
     for fit in made:
         assert problem.cost(fit.hypothesis, fit.u, fit.nu) == pytest.approx(fit.cost, rel=1e-9)
 

@@ -9,9 +9,10 @@ import pytest
 
 from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
 from rigtwin.gap.model.nonlinear import ROUGH
-from rigtwin.gap.search.laws.grid import Rest, by_distance, seen_motion
+from rigtwin.gap.search.laws.grid import by_distance, seen_motion
 from rigtwin.gap.search.laws.reading import read
 from rigtwin.gap.search.laws.robust import fit_at_start, robust_misfit, thin_out
+from rigtwin.gap.search.strategies.law import Rest
 from rigtwin.rotor.effects import Rub
 from tests.gap.conftest import K_B, STRUCTURE, all_but
 from tests.gap.test_nonlinear import problem_of, swept

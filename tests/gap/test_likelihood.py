@@ -19,7 +19,7 @@ from rigtwin.gap.inference.observed import (
 )
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward
-from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.verdict.adequacy import judge
 from rigtwin.rotor.effects import AttachedMass, BearingDamping
 from rigtwin.rotor.geometry.rig import load_rig

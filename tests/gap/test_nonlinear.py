@@ -10,9 +10,8 @@ import pytest
 import rigtwin.gap.model.forward as forward_module
 from rigtwin.gap.answer.transfer import transfer_interval
 from rigtwin.gap.curves import nrmse
-from rigtwin.gap.diagnose import LEVEL_SIGMAS
-from rigtwin.gap.document import SCHEMA
-from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
+from rigtwin.gap.document import SCHEMA, Diagnosis
+from rigtwin.gap.inference.hypotheses import NOMINAL, PRIORS, candidates
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
 from rigtwin.gap.inference.score_test import Score
@@ -20,15 +19,11 @@ from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.model.linear import MODES, TOLERANCES
 from rigtwin.gap.model.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
 from rigtwin.gap.predict import predict
-from rigtwin.gap.search.laws.grid import Rest, by_distance, points_of, seen_motion
+from rigtwin.gap.search.laws.grid import by_distance, seen_motion
 from rigtwin.gap.search.laws.robust import descend, fit_at_start, robust_fit, robust_misfit, settle, thin_out
 from rigtwin.gap.search.laws.search import (
-    _FIRST,
-    _GRID_LINES,
-    _ROUGH_ERROR,
-    _SEVERAL,
-    ADEQUATE_NONLINEAR,
-    NEAR,
+    EVERY,
+    SEVERAL,
     _at_believed_levels,
     _bent,
     _calm,
@@ -41,10 +36,14 @@ from rigtwin.gap.search.laws.search import (
     most_promised,
     search_nonlinear,
 )
-from rigtwin.gap.search.linear import recalibrate
-from rigtwin.gap.search.pairs import PAIR_GAIN
+from rigtwin.gap.search.laws.search import LAWS as LAW_SEARCH
+from rigtwin.gap.search.linear import NEAR_SEARCH
+from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.starts import Start
+from rigtwin.gap.search.strategies.law import Rest
+from rigtwin.gap.search.strategies.registry import law_strategy_of
 from rigtwin.gap.verdict.standing import gains_differ
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
 from rigtwin.rotor.effects.effect import Effect
 from rigtwin.rotor.frequency import periodic_force
@@ -258,7 +257,7 @@ def test_where_levels_do_not_differ_no_law_is_kept():
     """At the end of its range where it does nothing, a law explains as much as none, and must not be named."""
     runs = runs_of(BearingCubic(stiffness=1.0))
     *_, found = search_nonlinear(
-        problem_of(runs), candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
+        problem_of(runs), candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True), 1.5
     )
     assert found.fits == ()
 
@@ -269,12 +268,12 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     problem = problem_of(runs)
     laws = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
     rest = Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, seen_motion(problem, K_B), (1, 7))
-    preloads = np.array([laws[0].effects(u[1:])[0].preload for u in points_of(laws[0], rest)])
+    preloads = np.array([laws[0].effects(u[1:])[0].preload for u in law_strategy_of(laws[0]).points(laws[0], rest)])
     assert opening.preload < rest.force < 1.5 * opening.preload
     assert preloads.max() < rest.force
     assert np.abs(preloads / opening.preload - 1).min() < 0.2
-    *_, found = search_nonlinear(problem, laws)
-    assert found.nominal.chi2 > NEAR * found.nominal.n_data
+    *_, found = search_nonlinear(problem, laws, THRESHOLDS.adequate_nonlinear)
+    assert found.nominal.chi2 > NEAR_SEARCH.near * found.nominal.n_data
     best = found.fits[0]
     assert best.chi2 < 1.2 * best.n_data
     assert best.effects[0].preload == pytest.approx(opening.preload, rel=0.05)
@@ -285,8 +284,8 @@ def test_a_gap_that_a_single_line_holds_is_seen():
     opening = BearingClearance(gap=5e-7, preload=47.0)
     runs = runs_of(opening)
     problem, laws = problem_of(runs), candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
-    *_, found = search_nonlinear(problem, laws)
-    assert found.nominal.chi2 < NEAR * found.nominal.n_data
+    *_, found = search_nonlinear(problem, laws, THRESHOLDS.adequate_nonlinear)
+    assert found.nominal.chi2 < NEAR_SEARCH.near * found.nominal.n_data
     assert found.fits[0].log_weight > found.nominal.log_weight + 100
     assert found.fits[0].effects[0].preload == pytest.approx(opening.preload, rel=0.05)
 
@@ -299,8 +298,8 @@ def test_a_bearing_that_lifts_off_on_few_lines_is_told_by_their_misfit():
     (law,) = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
     calm, nu = _calm(problem)
     rest = Rest(calm, calm.k_b, seen_motion(problem, calm.k_b), (1, 7))
-    few = thin_out(problem.made(resolution=ROUGH), _GRID_LINES, calm.k_b, _ROUGH_ERROR)
-    (best,) = descend(few, _promising(by_distance(few, law, rest, nu)), _FIRST)
+    few = thin_out(problem.made(resolution=ROUGH), EVERY.grid, calm.k_b, LAW_SEARCH.rough_error)
+    (best,) = descend(few, _promising(by_distance(few, law, rest, nu)), LAW_SEARCH.first_added)
     assert law.effects(best.u[1:])[0].gap == pytest.approx(opening.gap, rel=0.1)
     assert law.effects(best.u[1:])[0].preload == pytest.approx(opening.preload, rel=0.1)
 
@@ -384,7 +383,7 @@ def test_first_fits_follow_the_tolerances():
     problem = problem_of(runs)
     problem.allow_for_tolerances(load_rig(RIG), K_B)
     place = next(h for h in candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True) if str(h) == "rub node 3")
-    several = thin_out(problem.made(resolution=_SEVERAL), 1, K_B, MODEL_ERROR)
+    several = thin_out(problem.made(resolution=SEVERAL), 1, K_B, MODEL_ERROR)
     fit = robust_fit(several, place, np.log([K_B, rub.stiffness, rub.gap]), rounds=1, steps=3)
     assert fit
     assert fit.chi2 < 1.1 * fit.n_data
@@ -394,9 +393,9 @@ def test_a_weak_law_is_named():
     weak = BearingCubic(stiffness=1e13)
     runs = tuple(swept(weak, level, seed) for seed, level in enumerate(LEVELS[1:]))
     laws = candidates(runs, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
-    *_, found = search_nonlinear(problem_of(runs), laws)
+    *_, found = search_nonlinear(problem_of(runs), laws, THRESHOLDS.adequate_nonlinear)
     best, second = found.fits[0], found.nominal
-    assert second.chi2 < NEAR * second.n_data
+    assert second.chi2 < NEAR_SEARCH.near * second.n_data
     assert best.hypothesis.ids == ("bearing_cubic",)
     assert best.log_weight > second.log_weight + 10
     assert best.effects[0].stiffness == pytest.approx(1e13, rel=0.3)
@@ -409,11 +408,11 @@ def test_a_law_promises_more_than_noise_where_the_levels_own_resonances_tell_not
         problem = problem_of(runs)
         nominal = recalibrate(problem)
         gain, numbers = Score(problem, nominal, settled=True).apart([1, 2, 3])
-        assert gain < numbers + LEVEL_SIGMAS * np.sqrt(2 * numbers)
+        assert gain < numbers + THRESHOLDS.level_sigmas * np.sqrt(2 * numbers)
         laws = candidates(runs, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
         promised[stiffness] = most_promised(problem, nominal, laws)
     assert promised[1e9] < 12
-    assert promised[4e12] > 2 * PAIR_GAIN
+    assert promised[4e12] > 2 * PRIORS.pair_log_odds
 
 
 def test_many_places_of_a_law_do_not_crowd_out_the_others(hardening):
@@ -501,7 +500,7 @@ def test_the_interval_of_a_nonlinear_cause_holds_what_the_correction_explains(ha
 
 def test_the_law_is_named_and_its_number_found(hardening):
     laws = candidates(hardening, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
-    *_, found = search_nonlinear(problem_of(hardening), laws)
+    *_, found = search_nonlinear(problem_of(hardening), laws, THRESHOLDS.adequate_nonlinear)
     best = found.fits[0]
     assert best.hypothesis.ids == ("bearing_cubic",)
     assert best.chi2 < 1.2 * best.n_data
@@ -528,7 +527,7 @@ def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):
     problem = problem_of(hardening[2:3])
     (friction,) = candidates(hardening, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
     rest = Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), 0.8 * K_B, np.zeros(7), (1, 7))
-    points = [u for u in points_of(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
+    points = [u for u in law_strategy_of(friction).points(friction, rest) if np.isclose(u[0], np.log(rest.loud))]
     assert len(points) > 10
     assert np.allclose([np.exp(u[0]) + np.exp(u[2]) for u in points], rest.calm.k_b)
 
@@ -543,11 +542,11 @@ def test_friction_whose_limits_differ_is_told_from_friction_that_slips_at_once()
     plain = robust_fit(every, friction, np.log([K_B, 0.5, 1e6]))
     assert plain is not None
     assert plain.chi2 > 3 * plain.n_data
-    (bent,) = _bent(problem, every, [plain])
-    assert bent.chi2 < ADEQUATE_NONLINEAR * bent.n_data
+    (bent,) = _bent(problem, every, [plain], THRESHOLDS.adequate_nonlinear)
+    assert bent.chi2 < THRESHOLDS.adequate_nonlinear * bent.n_data
     assert bent.effects[0].spread == pytest.approx(0.85, abs=0.05)
     assert bent.effects[0].force == pytest.approx(0.5, rel=0.05)
-    assert _bent(problem, every, [bent]) == []
+    assert _bent(problem, every, [bent], THRESHOLDS.adequate_nonlinear) == []
 
 
 def test_a_far_start_is_not_held_by_its_worst_lines(hardening):
@@ -586,7 +585,7 @@ def test_a_sweep_stays_on_its_branch_however_far_apart_its_lines_are():
 def test_a_prediction_follows_the_sweep():
     run = blank("bearing", lines("bearing"), force_amplitude_N=1.5, sweep="up", name="up", channels=CHANNELS)
     made = [
-        predict(document("bearing_cubic", stiffness=1e15), campaign_of(each))[0].corrected.H
+        predict(Diagnosis.from_document(document("bearing_cubic", stiffness=1e15)), campaign_of(each))[0].corrected.H
         for each in (run, replace(run, sweep="down"))
     ]
     apart = np.linalg.norm(made[0] - made[1], axis=1) > 0.1 * np.linalg.norm(made[0], axis=1)
@@ -598,7 +597,7 @@ def test_a_prediction_follows_the_sweep():
 def test_values_of_a_run_do_not_choose_the_branch_of_a_prediction():
     run = blank("bearing", lines("bearing")[::3], force_amplitude_N=0.2, sweep="up", name="any")
     loud = replace(run, H=np.full_like(run.H, 1e3))
-    soft = document("bearing_hertz", preload=BearingHertz().preload)
+    soft = Diagnosis.from_document(document("bearing_hertz", preload=BearingHertz().preload))
     (a,), (b,) = predict(soft, campaign_of(run)), predict(soft, campaign_of(loud))
     assert np.array_equal(a.corrected.H, b.corrected.H)
     assert np.linalg.norm(a.corrected.H - a.nominal.H) > 0.05 * np.linalg.norm(a.nominal.H)

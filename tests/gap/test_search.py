@@ -9,26 +9,16 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-import rigtwin.gap.search.linear
-from rigtwin.gap.inference.hypotheses import Hypothesis
+from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.forward import Forward, acting
-from rigtwin.gap.search.linear import (
-    Search,
-    _of_each,
-    all_polished,
-    from_afar_too,
-    matched,
-    polished,
-    recalibrate,
-    search,
-    strained,
-    weak_starts,
-)
+from rigtwin.gap.search import pairs as pair_search
+from rigtwin.gap.search.linear import search, search_from_afar, weak_starts
+from rigtwin.gap.search.nominal import fit_lines_alike, recalibrate, strain_towards
 from rigtwin.gap.search.pairs import (
-    PAIR_GAIN,
+    PAIRS,
     _by_logarithms,
     _leaders,
     _paired,
@@ -39,8 +29,10 @@ from rigtwin.gap.search.pairs import (
     pairs,
     straightened,
 )
+from rigtwin.gap.search.race import Search, _of_each, polish, polish_all
 from rigtwin.gap.search.starts import Promise, Start
 from rigtwin.gap.search.strategies.dwell import _gains
+from rigtwin.gap.search.strategies.registry import Dwells
 from rigtwin.gap.verdict.adequacy import judge
 from rigtwin.gap.verdict.ranking import rank
 from rigtwin.gap.verdict.standing import Standing, adequate, gains_differ
@@ -236,7 +228,9 @@ def test_effects_of_several_numbers_are_looked_for_from_afar_too():
     near = search(problem, [candidate(runs, "attached_mass", 3)], recalibrate(problem))
     assert not near.rough
     assert near.best.cost > 1.3 * near.best.n_data
-    found = from_afar_too(problem, near, [candidate(runs, name) for name in ("pedestal_flexibility", "hub_stiffening")])
+    found = search_from_afar(
+        problem, near, [candidate(runs, name) for name in ("pedestal_flexibility", "hub_stiffening")]
+    )
     assert [fit.hypothesis.ids for fit in found.fits] == [("pedestal_flexibility",), ("attached_mass",)]
     assert found.best.cost < 1.1 * found.best.n_data
 
@@ -285,13 +279,13 @@ def test_a_grid_that_leaves_plenty_does_not_end_the_search(monkeypatch):
     problem = problem_with(AttachedMass(mass=0.3, node=4))
     nominal = recalibrate(problem)
 
-    def much(_problem, hypothesis, fit):
+    def much(_self, _problem, hypothesis, fit):
         if hypothesis.ids != ("fast_sweep",):
             return []
         u = np.append(fit.u[:1], np.log(0.5))
         return [Promise(0.95 * fit.cost, Start(hypothesis, u, fit.nu))]
 
-    monkeypatch.setattr(rigtwin.gap.search.linear, "scanned", much)
+    monkeypatch.setattr(Dwells, "scan", much)
     found = search(problem, of(problem.runs, "attached_mass", "fast_sweep"), nominal)
     assert names(found.fits)[0] == ("attached_mass",)
     assert ("attached_mass",) in [start.hypothesis.ids for start in found.rough]
@@ -343,7 +337,7 @@ def test_leaders_by_logarithms_are_not_judged_by_far_misfits(monkeypatch):
     hypotheses = of(problem.runs, "shaft_modulus", "sensor_delay", "bearing_damping")
     found = search(problem, hypotheses)
     others = tuple(fit for fit in found.fits if fit.hypothesis.ids != ("shaft_modulus",))
-    monkeypatch.setattr("rigtwin.gap.search.pairs._NO_LEADER", 1e-9)
+    monkeypatch.setattr(pair_search, "PAIRS", replace(PAIRS, no_leader=1e-9))
     leaders = _leaders(problem, replace(found, fits=others), hypotheses)
     assert "shaft_modulus" in {fit.hypothesis.ids[0] for fit in leaders}
 
@@ -357,7 +351,7 @@ def test_far_from_the_data_a_step_down_brings_a_pair_that_begins_like_others(mon
     for second in of(problem.runs, "attached_mass", "sensor_gain", "sensor_delay", "bearing_damping"):
         pair = _paired(seat, second)
         starts.append(Start(pair, pair.clipped(np.append(lead, second.starts()[0])), np.zeros(problem.nuisances.n)))
-    monkeypatch.setattr("rigtwin.gap.search.pairs._BY_ROUGH", 1)
+    monkeypatch.setattr(pair_search, "PAIRS", replace(PAIRS, by_rough=1))
     few = problem.thinned(5)
     by_start, all_of_them = (_by_logarithms(few, starts, near) for near in (True, False))
     assert (len(by_start), len(all_of_them)) == (2, 3)
@@ -397,7 +391,7 @@ def test_a_pair_found_from_either_of_its_effects_is_one_pair():
 def test_a_pair_has_to_explain_more_before_it_is_as_probable_as_one_effect():
     runs = both_supports()
     mass, modulus = (replace(of(runs, name)[0], prior=0.1) for name in ("attached_mass", "shaft_modulus"))
-    assert np.log(_paired(mass, modulus).prior / 0.1) == pytest.approx(-PAIR_GAIN)
+    assert np.log(_paired(mass, modulus).prior / 0.1) == pytest.approx(-PRIORS.pair_log_odds)
 
 
 def test_a_bent_law_beside_another_effect_is_tried_plain():
@@ -460,7 +454,7 @@ def test_tolerances_bend_a_candidate_at_its_own_numbers():
     problem = problem_of_longer(AttachedMass(mass=0.45, node=3))
     runs = problem.runs
     fit = problem.fit(candidate(runs, "attached_mass", 3), np.log([K_B, 0.45]), anneal=(0.1, 0.01, 0.0), steps=30)
-    better = polished(problem, fit)
+    better = polish(problem, fit)
     assert better.cost < 1.2 * better.n_data
     assert better.cost < fit.cost - 50
 
@@ -472,7 +466,7 @@ def test_a_single_effect_leaves_the_bends_of_a_better_pair(pair_first):
     mass, damper = candidate(problem.runs, "attached_mass", 3), of(problem.runs, "bearing_damping")[0]
     pair = problem.fit(Hypothesis((*mass.terms, *damper.terms)), np.log([K_B, 0.45, 150.0]), anneal=(0.0,), steps=30)
     single = problem.fit(mass, np.log([K_B, 0.002]), anneal=(0.0,), steps=1)
-    made = all_polished(problem, [pair, single] if pair_first else [single, pair])
+    made = polish_all(problem, [pair, single] if pair_first else [single, pair])
     best = max(made, key=lambda fit: fit.log_weight)
     assert best.hypothesis == pair.hypothesis
     assert best.cost < 1.2 * best.n_data
@@ -490,7 +484,7 @@ def test_what_the_nominal_model_cannot_explain_does_not_pull_its_stiffness(dampi
     """With another damping the peaks stand where they did; fitted by the noise alone they would drift, and k_b too."""
     problem = problem_with(ShaftDamping(damping_ratio=damping))
     fitted = recalibrate(problem)
-    said = matched(problem, fitted)
+    said = fit_lines_alike(problem, fitted)
     assert abs(fitted.k_b / K_B - 1) > 0.01
     assert abs(said.k_b / K_B - 1) < 0.004
     assert said.penalty < fitted.penalty / 100
@@ -499,11 +493,11 @@ def test_what_the_nominal_model_cannot_explain_does_not_pull_its_stiffness(dampi
 def test_a_nominal_model_that_explains_the_runs_is_said_as_it_was_fitted():
     problem = problem_with()
     fitted = recalibrate(problem)
-    assert matched(problem, fitted) is fitted
+    assert fit_lines_alike(problem, fitted) is fitted
     doubted = problem.on([replace(o, std=o.std / 3) for o in problem.observed])
     fitted = recalibrate(doubted)
-    assert matched(doubted, fitted, scale=3.0) is fitted
-    assert matched(doubted, fitted).added > 0
+    assert fit_lines_alike(doubted, fitted, scale=3.0) is fitted
+    assert fit_lines_alike(doubted, fitted).added > 0
 
 
 def test_a_strained_nominal_model_follows_a_cause_that_its_tolerances_can_mimic():
@@ -511,7 +505,7 @@ def test_a_strained_nominal_model_follows_a_cause_that_its_tolerances_can_mimic(
     problem = problem_with(ShaftModulus(factor=0.93), seed=4)
     nominal = recalibrate(problem)
     (cause,) = search(problem, of(problem.runs, "shaft_modulus"), nominal).fits[:1]
-    rival = strained(problem, cause)
+    rival = strain_towards(problem, cause)
     assert cause.cost < 1.2 * cause.n_data
     assert rival.cost < nominal.cost / 1000
     assert rival.penalty > 100  # and it says by how much it had to strain

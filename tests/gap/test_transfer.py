@@ -11,7 +11,7 @@ import rigtwin.gap.answer.transfer
 from rigtwin.gap.answer.transfer import _Test, transfer_interval
 from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
 from rigtwin.gap.model.forward import Forward
-from rigtwin.gap.search.linear import recalibrate
+from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (

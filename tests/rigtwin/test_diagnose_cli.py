@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.commands.diagnose import load_document, measured_on_the_virtual_rig
+from rigtwin.commands.diagnose import load_diagnosis, measured_on_the_virtual_rig
 from rigtwin.exits import UserError
 from rigtwin.gap.document import SCHEMA, Diagnosis
-from rigtwin.gap.prepare import structure_of
+from rigtwin.gap.model.campaign_model import structure_of
 from rigtwin.pages.diagnosis_words import VERIFIED
 from rigtwin.rotor.effects import EFFECTS
 from rigtwin.rotor.frequency.measured import measured_response
@@ -332,11 +332,11 @@ class Predicted:
 
 
 @pytest.fixture
-def predicted(monkeypatch) -> list[dict[str, Any]]:
+def predicted(monkeypatch) -> list[Diagnosis]:
     """A prediction that doubles and triples what was measured; keeps the documents it was given."""
-    documents: list[dict[str, Any]] = []
+    documents: list[Diagnosis] = []
 
-    def predict(document: dict[str, Any], campaign: Campaign) -> tuple[Predicted, ...]:
+    def predict(document: Diagnosis, campaign: Campaign) -> tuple[Predicted, ...]:
         documents.append(document)
         return tuple(Predicted(r, replace(r, H=2 * r.H), replace(r, H=3 * r.H)) for r in campaign.runs)
 
@@ -359,7 +359,7 @@ def test_predict_writes_every_run_twice_on_its_own_lines(predicted, document, ca
         again = read_run(tmp_path / "out" / kind / "more" / "second.csv", support="bearing")
         assert_allclose(again.H, factor * plain_run("").H, rtol=0)
         assert_allclose(again.frequency_hz, F_HZ, rtol=0)
-    assert predicted[0]["causes"][0]["effects"] == ["pedestal_flexibility"]
+    assert predicted[0].causes[0].effects == ("pedestal_flexibility",)
     assert "2 runs written" in result.stdout
     assert "names no cause" not in result.stderr
 
@@ -439,7 +439,7 @@ def set_cause(**entries: Any) -> Callable[[dict[str, Any]], Any]:
         (without("schema"), "schema is None"),
         (without("nominal"), "nominal is missing; the file is damaged"),
         (lambda document: document.update(causes={}), "causes is '{}'"),
-        (lambda document: document["causes"].append(7), "cause 4 is not a table"),
+        (lambda document: document["causes"].append(7), "cause 4 is '7'"),
         (lambda document: document["causes"][1].pop("parameters"), "cause 2 parameters is missing"),
         (set_cause(effects=["pedestal_flexibilty"]), "cause 1: there is no effect 'pedestal_flexibilty'; did you mean"),
         (set_cause(k_b="soft"), "cause 1 k_b is 'soft'"),
@@ -472,11 +472,12 @@ def test_what_is_no_document_is_refused(refused, predicted, campaign, tmp_path, 
     assert said in refused("predict", tmp_path / "diagnosis.json", campaign, "--out", tmp_path / "out")
 
 
-def test_every_document_that_is_written_can_be_read_again(tmp_path):
+def test_every_document_that_is_written_is_read_again_as_it_was(tmp_path):
     """Numbers that are not finite become null, and null is no damage."""
     few = Diagnosis("", "nit-rourkela", "not_enough_data", "", {"k_b": None, "gap": float("nan")}, DIAGNOSIS.where)
     for diagnosis in (DIAGNOSIS, few):
-        assert load_document(diagnosis.save(tmp_path))["verdict"] == diagnosis.verdict
+        again = load_diagnosis(diagnosis.save(tmp_path))
+        assert json.loads(again.to_json()) == json.loads(diagnosis.to_json())
 
 
 # --- all of it -------------------------------------------------------------------------------------

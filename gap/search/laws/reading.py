@@ -19,12 +19,9 @@ from rigtwin.gap.inference.descent import minimise, soften
 from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.search.laws.grid import Rest, rub_axes
 from rigtwin.gap.search.starts import Start
+from rigtwin.gap.search.strategies.law import Rest, contact_axes
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
-
-# Laws that are read.
-READ = ("rub",)
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
     ----------
     nu : (n_nuisances,) the linear rotor's
     """
-    grid = itertools.product(*rub_axes(hypothesis, rest, READING.stiffnesses, READING.gaps))
+    grid = itertools.product(*contact_axes(hypothesis, rest, READING.stiffnesses, READING.gaps))
     points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in grid]
     joints = {}
     for r, modal in enumerate(problem.try_modals(hypothesis, points[0]) or ()):

@@ -15,7 +15,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.inference.observed import residual
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.search.linear import first_of_each
+from rigtwin.gap.search.race import first_of_each
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.workers import Item, Result, each
 from rigtwin.rotor.model.structure import FloatArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -14,8 +14,8 @@ from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis
 from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.nonlinear import FINAL, MIDDLE, ROUGH, Resolution
-from rigtwin.gap.search.laws.grid import Rest, axis, by_distance, by_score, distance, node_of, points_of, seen_motion
-from rigtwin.gap.search.laws.reading import READ, read
+from rigtwin.gap.search.laws.grid import by_distance, by_score, distance, seen_motion
+from rigtwin.gap.search.laws.reading import read
 from rigtwin.gap.search.laws.robust import (
     best_of_each,
     cost_of,
@@ -28,109 +28,125 @@ from rigtwin.gap.search.laws.robust import (
     settle,
     thin_out,
 )
-from rigtwin.gap.search.linear import NEAR, Progress, Search, best_first, first_of_each, recalibrate
+from rigtwin.gap.search.linear import NEAR_SEARCH
+from rigtwin.gap.search.nominal import recalibrate
+from rigtwin.gap.search.race import Progress, Search, best_first, first_of_each
 from rigtwin.gap.search.starts import Start
+from rigtwin.gap.search.strategies.law import Rest, axis
+from rigtwin.gap.search.strategies.registry import law_strategy_of
 from rigtwin.gap.search.workers import each
 from rigtwin.rotor.model.structure import FloatArray
 
-# Every so many lines: of the grid, of the descents, of the fits; where the gap is small all, as one line may hold it.
-_GRID_LINES, _DESCENT_LINES, _FIT_LINES, _ALL_LINES = 8, 6, 4, 1
 
-# What coarsely computed motions leave of the response.
-_ROUGH_ERROR, _MIDDLE_ERROR = 0.05, 0.01
+@dataclass(frozen=True)
+class Thinning:
+    """Every so many lines are used."""
 
-# Numbers that coarse motions hardly tell, and the points along their ranges that are tried on finer ones.
-_VAGUE = {"bearing_clearance": "gap"}
-_TRIED = 14
+    grid: int = 8
+    descents: int = 6
+    fits: int = 4
+    small_gap: int = 1  # where the gap is small all are, as one line may hold it
 
-# How finely all laws are fitted first, and a bilinear support is followed.
-_SEVERAL = Resolution(9, 256, 15, bends=True)
 
-# Of a bilinear support, logarithms of the ratio that are started from, its mean stiffness over that of a linear rotor,
-# and how long it is followed; fits that end within ``_WITHIN`` of the best are all carried on, but for
-# those that end at the same place, since one level hardly tells them apart.
-_RATIOS, _MEANS = (0.1, 0.2, 0.4, 0.7, 1.0), (0.97, 1.0, 1.03, 1.06, 1.1)
-_UNEVEN_EFFORT, _SAME = {"rounds": 2, "steps": 5}, 0.01
+@dataclass(frozen=True)
+class LawSearch:
+    """How laws are narrowed down."""
 
-# It is the same at all levels: the stiffnesses of linear rotors at the lowest and the highest differ by less than this.
-_ALIKE = 0.05
+    rough_error: float = 0.05  # what coarsely computed motions leave of the response
+    middle_error: float = 0.01  # the same of finer ones
+    tried: int = 14  # points along a number that coarse motions hardly tell, on finer ones
+    first_added: tuple[float, ...] = (0.3,)  # relative error that is added in the first descents
+    starts: int = 2  # points of the grid that are descended from, of every effect,
+    places: int = 3  # or of one with places, so many places
+    places_small: int = 2  # places that are carried on where the gap is small: they hardly differ there
+    near_starts: int = 6  # points that are descended from where the gap is small,
+    ahead: float = 240.0  # and by how much more of the misfit than the best one's a candidate may leave after that
+    least_motion: float = 0.03  # share of another node's motion that a node is taken to move at least
+    left: int = 4  # effects that are left after the first descents,
+    finalists: int = 3  # and after the second
+    roughly: float = 3.0  # beyond the best one, only those whose loss is within this factor of its go on,
+    within: float = 1.5  # and later within this one
+    gained: float = 0.7  # share of the linear rotor's misfit that the best of these leaves at most
+    clear: float = 400.0  # a misfit by so much above the best one's is not fitted further after the first fits,
+    clearly: float = 100.0  # and by so much after those with more steps
 
-# Effects whose stiffness at rest is not k_b; points that are descended from where the gap is small, and by how much
-# more of the misfit than the best one's a candidate may leave after that.
-_SHARES_STIFFNESS = ("bearing_friction",)
-_NEAR_STARTS, _AHEAD = 6, 240.0
 
-# Where the gap is small, places of a law that are carried on: they hardly differ there.
-_PLACES_SMALL = 2
+@dataclass(frozen=True)
+class UnevenSearch:
+    """Where a support that is stiffer one way begins."""
 
-# Of every effect, so many points of the grid are descended from; of one with places, so many places.
-_STARTS, _PLACES = 2, 3
+    log_ratios: tuple[float, ...] = (0.1, 0.2, 0.4, 0.7, 1.0)  # logarithms of the ratio that are started from
+    means: tuple[float, ...] = (0.97, 1.0, 1.03, 1.06, 1.1)  # its mean stiffness over that of a linear rotor
+    rounds: int = 2  # how long it is followed,
+    steps: int = 5  # and in how many steps each
+    same: float = 0.01  # ends that are so near are one place: one level hardly tells them apart
+    # It is the same at all levels: the stiffnesses of linear rotors at the lowest and the highest differ by less.
+    alike: float = 0.05
 
-# A node that moves less than this share of another's is taken to move so much, when a law is carried over to it.
-_LEAST_MOTION = 0.03
 
-# Relative error that is added in the first descents.
-_FIRST = (0.3,)
+EVERY, LAWS, UNEVEN = Thinning(), LawSearch(), UnevenSearch()
 
-# Effects that are left after the first descents, and after the second; beyond the best one, only those whose loss
-# is within these factors of its.
-_LEFT, _FINALISTS = 4, 3
-_ROUGHLY, _WITHIN = 3.0, 1.5
-
-# Share of the linear rotor's misfit that the best of these leaves at most.
-_GAINED = 0.7
-
-# Mean square misfit that a law's noise leaves at most; docs/diagnosis-method.md says why it is more than 1.
-ADEQUATE_NONLINEAR = 1.5
-
-# A misfit by so much above the best one's is not fitted further, after the first fits and after those with more steps.
-_CLEAR, _CLEARLY = 400.0, 100.0
+# How finely all laws are fitted first, and an uneven support is followed.
+SEVERAL = Resolution(9, 256, 15, bends=True)
 
 
 def search_nonlinear(
-    problem: Problem, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+    problem: Problem, hypotheses: Sequence[Hypothesis], adequate: float, progress: Progress | None = None
 ) -> tuple[Problem, Fit, Search]:
-    """Fit the nonlinear candidates.
+    """Fit the nonlinear candidates; adequate: mean square misfit from which a fit is carried on at the given levels.
 
     Returns
     -------
     the problem with the model error of a truncated motion; the nominal model fitted to it as the candidates are, where
     a line far from the data counts by the logarithm of its misfit; and the search: candidates that explain more
     """
-    calm, nu = _calm(problem)
-    loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
-    rest = Rest(calm, loud, seen_motion(problem, calm.k_b), held)
+    rest, nu = _rest(problem)
+    calm = rest.calm
     final = problem.made(resolution=FINAL, refined=True)
-    every, lines = thin_out(final, _FIT_LINES, calm.k_b, MODEL_ERROR), _FIT_LINES
+    every, lines = thin_out(final, EVERY.fits, calm.k_b, MODEL_ERROR), EVERY.fits
     nominal = every.fit(NOMINAL, calm.u, nu)
-    small = nominal.chi2 < NEAR * nominal.n_data
+    small = nominal.chi2 < NEAR_SEARCH.near * nominal.n_data
     if small:
-        every, lines = thin_out(final, _ALL_LINES, calm.k_b, MODEL_ERROR), _ALL_LINES
+        every, lines = thin_out(final, EVERY.small_gap, calm.k_b, MODEL_ERROR), EVERY.small_gap
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
     others = _gridded(hypotheses)
-    uneven = [hypothesis for hypothesis in hypotheses if hypothesis not in others]
     plain, left = (False, []) if small else _far(problem, others, rest, linear, nu, tell)
     beside = [] if plain else left[:1]  # told by other lines and errors than those near the nominal model
     if not plain:
         left = _near(problem, lines, others, rest, nominal, tell)
-    tell("bilinear_support")
-    left = [*(start for start in left if start.cost < _WITHIN * left[0].cost), *beside]
-    if abs(np.log(rest.loud / calm.k_b)) < _ALIKE:
+    tell("uneven supports")
+    left = [*(start for start in left if start.cost < LAWS.within * left[0].cost), *beside]
+    if abs(np.log(rest.loud / calm.k_b)) < UNEVEN.alike:
+        uneven = (hypothesis for hypothesis in hypotheses if hypothesis not in others)
         left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
-    several = thin_out(problem.made(resolution=_SEVERAL), lines, calm.k_b, MODEL_ERROR)
-    first = robust_fits(several, left, rounds=1, steps=3)
-    fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[:_FINALISTS]
-    near, far = _parted(fits, _CLEAR)
-    nearest, behind = _parted(_or_vaguer(several, robust_fits(several, near)), _CLEARLY)
-    fits = [*robust_fits(every, nearest), *behind, *far]
-    fits += _bent(problem, every, fits)
+    fits = _fits(problem, every, lines, calm.k_b, left, adequate)
     fits = best_first(fit for fit in fits if fit.log_evidence() > linear.log_evidence())
-    if fits and _adequate(fits[0]):
+    if fits and _is_adequate(fits[0], adequate):
         every, fits = _at_believed_levels(every, fits)
     return every, linear, Search(nominal, tuple(fits))
+
+
+def _rest(problem: Problem) -> tuple[Rest, FloatArray]:
+    """Linear rotors of the lowest and the highest level; the nuisances of the first, in the order of all runs."""
+    calm, nu = _calm(problem)
+    loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
+    return Rest(calm, loud, seen_motion(problem, calm.k_b), held), nu
+
+
+def _fits(
+    problem: Problem, every: Problem, lines: int, k_b: float, starts: Sequence[Start], adequate: float
+) -> list[Fit]:
+    """Ever finer fits of ever fewer laws, the best of them bent where that may help."""
+    several = thin_out(problem.made(resolution=SEVERAL), lines, k_b, MODEL_ERROR)
+    first = robust_fits(several, starts, rounds=1, steps=3)
+    fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[: LAWS.finalists]
+    near, far = _parted(fits, LAWS.clear)
+    nearest, behind = _parted(_or_vaguer(several, robust_fits(several, near)), LAWS.clearly)
+    fits = [*robust_fits(every, nearest), *behind, *far]
+    return [*fits, *_bent(problem, every, fits, adequate)]
 
 
 def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> float:
@@ -140,7 +156,7 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     shifts that are free of each other are not.
     """
     rest = Rest(fit, fit.k_b, seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
-    every = thin_out(problem.made(resolution=ROUGH), _ALL_LINES, fit.k_b, MODEL_ERROR)
+    every = thin_out(problem.made(resolution=ROUGH), EVERY.small_gap, fit.k_b, MODEL_ERROR)
     score = Score(every, every.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 
@@ -148,14 +164,15 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
 def _promise(score: Score, rest: Rest, hypothesis: Hypothesis) -> float:
     """The most that a law takes away to first order, at every second point of its grid: its strength is scaled."""
     gains = (
-        score.gain(hypothesis.effects(u[1:]))[0] for u in itertools.islice(points_of(hypothesis, rest), 0, None, 2)
+        score.gain(hypothesis.effects(u[1:]))[0]
+        for u in itertools.islice(law_strategy_of(hypothesis).points(hypothesis, rest), 0, None, 2)
     )
     return max(gains, default=0.0)
 
 
 def _gridded(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The laws that a grid tells of; see ``_uneven`` for the other one."""
-    return [hypothesis for hypothesis in hypotheses if hypothesis.ids != ("bilinear_support",)]
+    return [hypothesis for hypothesis in hypotheses if law_strategy_of(hypothesis).gridded]
 
 
 class _Teller:
@@ -183,26 +200,26 @@ def _far(
     whether the gap is plain, and where the descents ended
     """
     calm = rest.calm
-    few = thin_out(problem.made(resolution=ROUGH), _GRID_LINES, calm.k_b, _ROUGH_ERROR)
+    few = thin_out(problem.made(resolution=ROUGH), EVERY.grid, calm.k_b, LAWS.rough_error)
     grid: dict[str, list[Start]] = {}
     for hypothesis, points in each_from_scratch(few, partial(by_distance, rest=rest, nu=nu), hypotheses):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
     tell("descents")
-    rough = descend(few, [start for points in grid.values() for start in _promising(points)], _FIRST)
-    some = thin_out(problem.made(resolution=MIDDLE), _DESCENT_LINES, calm.k_b, _MIDDLE_ERROR)
-    left = settle(some, [start for start in rough[:_LEFT] if start.cost < _ROUGHLY * rough[0].cost])
+    rough = descend(few, [start for points in grid.values() for start in _promising(points)], LAWS.first_added)
+    some = thin_out(problem.made(resolution=MIDDLE), EVERY.descents, calm.k_b, LAWS.middle_error)
+    left = settle(some, [start for start in rough[: LAWS.left] if start.cost < LAWS.roughly * rough[0].cost])
     left = best_of_each([*left, *settle(some, [*_told(some, left), *_read(problem, hypotheses, rest, nu)])])
-    if not left or left[0].cost > _GAINED * robust_misfit(some, linear)[0]:
+    if not left or left[0].cost > LAWS.gained * robust_misfit(some, linear)[0]:
         return False, left
-    return True, best_of_each([*left, *settle(some, _elsewhere(some, hypotheses, left))])[:_LEFT]
+    return True, best_of_each([*left, *settle(some, _elsewhere(some, hypotheses, left))])[: LAWS.left]
 
 
 def _read(problem: Problem, hypotheses: Sequence[Hypothesis], rest: Rest, nu: FloatArray) -> list[Start]:
     """The places of laws that the forces in the runs tell of best; a coarse grid of responses misses soft contacts."""
-    lines = thin_out(problem.made(resolution=ROUGH), _FIT_LINES, rest.calm.k_b, MODEL_ERROR)
-    found = each(partial(read, lines, rest, nu), [h for h in hypotheses if h.ids[0] in READ])
-    return sorted((start for start in found if start), key=cost_of)[:_PLACES]
+    lines = thin_out(problem.made(resolution=ROUGH), EVERY.fits, rest.calm.k_b, MODEL_ERROR)
+    found = each(partial(read, lines, rest, nu), [h for h in hypotheses if law_strategy_of(h).readable])
+    return sorted((start for start in found if start), key=cost_of)[: LAWS.places]
 
 
 def _parted(fits: Sequence[Fit], clear: float) -> tuple[list[Fit], list[Fit]]:
@@ -238,12 +255,11 @@ def _or_vaguer(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
 
 def _ranges(start: Start) -> list[FloatArray]:
     """Points along the range of every number of the start that coarse motions hardly tell."""
-    vague = _VAGUE.get(start.hypothesis.ids[0])
-    found = []
+    roles, found = start.hypothesis.terms[0].effect.parameters(), []
     for place, free in enumerate(start.hypothesis.free, start=1):
-        if free.name == vague:
-            points = np.tile(start.u, (_TRIED, 1))
-            points[:, place] = axis(free, _TRIED)
+        if roles[free.name].vague:
+            points = np.tile(start.u, (LAWS.tried, 1))
+            points[:, place] = axis(free, LAWS.tried)
             found.append(points)
     return found
 
@@ -257,23 +273,23 @@ def _misfit(problem: Problem, start: Start) -> float:
 
 
 def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray) -> list[Start]:
-    """The start of a bilinear support: fits of one level, as it is the same at all of them, from several ratios.
+    """Starts of a support that is stiffer one way: fits of one level, as it is the same at all, from several ratios.
 
     How stiff it is on average is another number for every resonance, and takes several harmonics. Single lines near a
     resonance are on another branch of the response at times, so the fits are robust.
     """
-    low = thin_out(_at_level(problem.made(resolution=_SEVERAL), min), _DESCENT_LINES, calm.k_b, MODEL_ERROR)
-    points = list(each(partial(_of_mean, low, hypothesis, calm), _RATIOS))
-    found = sorted(robust_fits(low, points, **_UNEVEN_EFFORT), key=lambda fit: fit.cost)
-    near = [Start(hypothesis, fit.u, nu, fit.cost) for fit in found if fit.cost < _WITHIN * found[0].cost]
-    return first_of_each(near, lambda start: tuple(np.round(start.u / _SAME)))
+    low = thin_out(_at_level(problem.made(resolution=SEVERAL), min), EVERY.descents, calm.k_b, MODEL_ERROR)
+    points = list(each(partial(_of_mean, low, hypothesis, calm), UNEVEN.log_ratios))
+    found = sorted(robust_fits(low, points, rounds=UNEVEN.rounds, steps=UNEVEN.steps), key=lambda fit: fit.cost)
+    near = [Start(hypothesis, fit.u, nu, fit.cost) for fit in found if fit.cost < LAWS.within * found[0].cost]
+    return first_of_each(near, lambda start: tuple(np.round(start.u / UNEVEN.same)))
 
 
 def _of_mean(low: Problem, hypothesis: Hypothesis, calm: Fit, log_ratio: float) -> Start:
-    """A bilinear support of a ratio, as stiff on average as suits the runs best."""
+    """An uneven support of a ratio, as stiff on average as suits the runs best."""
     ratio = log_ratio if hypothesis.free[0].log else np.exp(log_ratio)
     starts = []
-    for mean in _MEANS:
+    for mean in UNEVEN.means:
         low.forget()
         u = hypothesis.clipped(np.array([np.log(mean * calm.k_b) + _softer(log_ratio), ratio]))
         starts.append(Start(hypothesis, u, calm.nu, distance(low, fit_at_start(low, hypothesis, u, calm.nu))))
@@ -281,7 +297,7 @@ def _of_mean(low: Problem, hypothesis: Hypothesis, calm: Fit, log_ratio: float) 
 
 
 def _softer(log_ratio: float) -> float:
-    """Logarithm of a bilinear support's mean stiffness over that of a linear one of the same frequency."""
+    """Logarithm of an uneven support's mean stiffness over that of a linear one of the same frequency."""
     return float(np.log((1 + np.exp(log_ratio / 2)) ** 2 / (4 * np.exp(log_ratio))))
 
 
@@ -303,31 +319,31 @@ def _near(
     for hypothesis, points in zip(hypotheses, gains, strict=True):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
-        if hypothesis.ids[0] in _SHARES_STIFFNESS:
-            few = thin_out(rough, _DESCENT_LINES, k_b, MODEL_ERROR)
+        if hypothesis.terms[0].effect.shares_k_b:
+            few = thin_out(rough, EVERY.descents, k_b, MODEL_ERROR)
             beside += sorted(by_distance(few, hypothesis, rest, nu), key=cost_of)[:1]
     tell("descents")
-    chosen = _few_of_each([start for points in grid.values() for start in _promising(points)])[:_NEAR_STARTS]
+    chosen = _few_of_each([start for points in grid.values() for start in _promising(points)])[: LAWS.near_starts]
     left = descend(finer, [*chosen, *beside], (0.0,))
-    left = _few_of_each([*left, *descend(finer, _elsewhere(finer, hypotheses, left), (0.0,))])[:_LEFT]
-    return [start for start in left if start.cost < left[0].cost + _AHEAD]
+    left = _few_of_each([*left, *descend(finer, _elsewhere(finer, hypotheses, left), (0.0,))])[: LAWS.left]
+    return [start for start in left if start.cost < left[0].cost + LAWS.ahead]
 
 
-def _bent(problem: Problem, every: Problem, fits: Sequence[Fit]) -> list[Fit]:
+def _bent(problem: Problem, every: Problem, fits: Sequence[Fit], adequate: float) -> list[Fit]:
     """The best law bent, if it can be, where it leaves more than noise: that number roughly first, then all finely."""
     plain = min(fits, key=lambda fit: fit.cost, default=None)
-    if plain is None or _adequate(plain):
+    if plain is None or _is_adequate(plain, adequate):
         return []
     law = plain.hypothesis
     starts = [Start(law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
     if not starts:
         return []
-    some = thin_out(problem.made(resolution=MIDDLE), _DESCENT_LINES, plain.k_b, _MIDDLE_ERROR)
-    return robust_fits(every, settle(some, descend(some, starts, _FIRST))[:1])
+    some = thin_out(problem.made(resolution=MIDDLE), EVERY.descents, plain.k_b, LAWS.middle_error)
+    return robust_fits(every, settle(some, descend(some, starts, LAWS.first_added))[:1])
 
 
-def _adequate(fit: Fit) -> bool:
-    return fit.chi2 < ADEQUATE_NONLINEAR * fit.n_data
+def _is_adequate(fit: Fit, adequate: float) -> bool:
+    return fit.chi2 < adequate * fit.n_data
 
 
 def _at_believed_levels(problem: Problem, fits: Sequence[Fit]) -> tuple[Problem, Sequence[Fit]]:
@@ -355,8 +371,8 @@ def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequen
     starts = []
     for other in hypotheses:
         if other.ids == leader.hypothesis.ids and other != leader.hypothesis:
-            ratio = np.log(size[node_of(other) - 1])
-            moved = [{"gap": ratio, "stiffness": -2 * ratio}.get(free.name, 0.0) for free in other.free]
+            ratio, roles = np.log(size[other.terms[0].node - 1]), other.terms[0].effect.parameters()
+            moved = [roles[free.name].motion_power * ratio for free in other.free]
             starts.append(Start(other, other.clipped(leader.u + np.array([0.0, *moved])), leader.nu))
     return starts
 
@@ -372,19 +388,19 @@ def _largest_motion(problem: Problem, start: Start) -> FloatArray:
             solved = law.solved()
             motions.append(np.abs(solved.states[solved.converged, 1] @ law.balance.read_out(plane).T))
     motion = np.concatenate(motions)
-    own = motion[:, node_of(start.hypothesis) - 1]
-    return np.maximum(motion[own.argmax()] / own.max(), _LEAST_MOTION)
+    own = motion[:, start.hypothesis.terms[0].node - 1]
+    return np.maximum(motion[own.argmax()] / own.max(), LAWS.least_motion)
 
 
 def _promising(points: Sequence[Start]) -> list[Start]:
     """The best points of an effect: of each of its places one, of a single place several."""
     places = best_of_each(points)
-    return sorted(points, key=cost_of)[:_STARTS] if len(places) == 1 else places[:_PLACES]
+    return sorted(points, key=cost_of)[: LAWS.starts] if len(places) == 1 else places[: LAWS.places]
 
 
 def _few_of_each(starts: Sequence[Start]) -> list[Start]:
     """The best candidates, best first, of each law not more than two places."""
-    return first_of_each(best_of_each(starts), lambda start: start.hypothesis.ids[0], _PLACES_SMALL)
+    return first_of_each(best_of_each(starts), lambda start: start.hypothesis.ids[0], LAWS.places_small)
 
 
 def _at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:

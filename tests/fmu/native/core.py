@@ -1,35 +1,73 @@
-"""The C core in a shared library, as ctypes sees it."""
+"""The C core in a shared library, as ctypes sees it; its structs are read from its headers."""
 
 from __future__ import annotations
 
 import ctypes as ct
+import re
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rigtwin.fmu_src.compiling import compiler, this_machine
-from rigtwin.fmu_src.native_sources import CONDITION_WORDS, EFFECT_WORDS, NATIVE, ROTOR_CORE, constants_code
+from rigtwin.fmu_src.model_description import Model
+from rigtwin.fmu_src.native_sources import NATIVE, ROTOR_CORE, core_code
+from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.effects.effect import SWITCH
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.structure import FloatArray, IntArray
+from rigtwin.rotor.model.structure import FloatArray, to_arrays
 from rigtwin.rotor.model.structure import Structure as PythonStructure
 
 DOUBLES, INTS = ct.POINTER(ct.c_double), ct.POINTER(ct.c_int)
 
+# The core is printed for the variables of this rig; other rigs have the same parameters in the same places.
+FACTS = RotorFacts(
+    n_nodes=7,
+    excitation_node=2,
+    shaft_damping_ratio=0.001,
+    bearing_damping=0.0,
+    k_b_start=1e7,
+    k_b_min=1e4,
+    k_b_max=1e12,
+    length=0.426,
+)
 
-def compiled(folder: Path) -> ct.CDLL:
-    """The core, compiled without a warning and without fused operations: sums are those of numpy."""
+
+@dataclass(frozen=True)
+class Library:
+    """The compiled core, the model whose variables make its designs, and its structs by name."""
+
+    functions: ct.CDLL
+    model: Model
+    structs: Mapping[str, type[ct.Structure]]
+
+
+def compiled(folder: Path, changed: Mapping[str, str] | None = None) -> Library:
+    """The core, compiled without a warning and without fused operations: sums are those of numpy.
+
+    Parameters
+    ----------
+    folder : where it is compiled
+    changed : texts of C files that take the place of the core's own, by name
+    """
     command = compiler(this_machine())
     flags = ["-O2", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-shared", "-fPIC"]
-    library = folder / "core.so"
-    (folder / "constants.h").write_text(constants_code(), encoding="utf-8")
-    sources = [str(NATIVE / f"{name}.c") for name in ROTOR_CORE]
-    subprocess.run([*command, *flags, f"-I{folder}", *sources, "-o", str(library), "-lm"], check=True)
-    core = ct.CDLL(str(library))
+    library, model = folder / "core.so", Model("RotorRig", "", "", "", 1.0, rotor_variables(FACTS))
+    sources = {path.name: path.read_text(encoding="utf-8") for path in NATIVE.glob("*.[ch]")}
+    sources |= {**(changed or {}), **core_code(model)}
+    for name, text in sources.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    files = [str(folder / f"{name}.c") for name in (*ROTOR_CORE, "design")]
+    subprocess.run([*command, *flags, *files, "-o", str(library), "-lm"], check=True)
+    structs = structs_of(sources["design.h"] + sources["rotor.h"])
+    return Library(with_types(ct.CDLL(str(library))), model, structs)
+
+
+def with_types(core: ct.CDLL) -> ct.CDLL:
+    """The functions with what they take and return."""
     core.simulator_new.restype = ct.c_void_p
     for name in ("simulator_configure", "simulator_advance", "simulator_start_at", "simulator_restore", "system_build"):
         getattr(core, name).restype = ct.c_char_p
@@ -46,72 +84,24 @@ def compiled(folder: Path) -> ct.CDLL:
     return core
 
 
-def _fields(kind: Any, names: str) -> list[tuple[str, Any]]:
-    return [(name, kind) for name in names.split()]
+def structs_of(header: str) -> dict[str, type[ct.Structure]]:
+    """Every ``typedef struct { ... } Name;`` of a C header without nested structs, as a ctypes class by name."""
+    types: dict[str, Any] = {"int": ct.c_int, "double": ct.c_double}
+    text = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
+    for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, flags=re.DOTALL):
+        members = []
+        for declaration in body.split(";")[:-1]:
+            kind, names = declaration.replace("const ", "").split(maxsplit=1)
+            members += [_member(types[kind], one.strip()) for one in names.split(",")]
+        types[name] = type(name, (ct.Structure,), {"_fields_": members})
+    return types
 
 
-class Structure(ct.Structure):
-    """``Structure`` of rotor.h."""
-
-    _fields_ = [
-        *_fields(ct.c_int, "n_mesh n_nodes n_disks n_supports"),
-        *_fields(DOUBLES, "M K G K_tension x"),
-        *_fields(INTS, "stations"),
-        *_fields(DOUBLES, "bending shear diameter"),
-        *_fields(INTS, "disk_node"),
-        *_fields(DOUBLES, "disk_mass disk_thickness disk_lumped_diametral disk_lumped_polar"),
-        *_fields(INTS, "support_node"),
-        *_fields(DOUBLES, "support_stiffness support_tilt_stiffness support_damping"),
-    ]
-
-
-class Design(ct.Structure):
-    """``Design`` of rotor.h."""
-
-    _fields_ = [
-        *_fields(ct.c_double, "k_b bearing_damping shaft_damping_ratio spin_speed"),
-        *_fields(ct.c_int, "rigid_support excitation_node excitation_plane"),
-        *_fields(ct.c_double, "modulus_factor hub_factor crack_position crack_lost tension"),
-        *_fields(ct.c_double, "disk_mass_change disk_inertia_factor gyroscopic_factor"),
-        *_fields(ct.c_int * 2, "mass_node"),
-        *_fields(ct.c_double * 2, "mass mass_half_width"),
-        *_fields(ct.c_int, "sensor_node"),
-        *_fields(ct.c_double, "sensor_offset ground_stiffness ground_damping rigid_stiffness tilt_stiffness"),
-        *_fields(ct.c_int, "has_pedestal"),
-        *_fields(ct.c_double, "pedestal_stiffness pedestal_mass pedestal_damping block_compliance block_mass"),
-        *_fields(ct.c_double, "asymmetry offset anisotropy anisotropy_angle"),
-        *_fields(ct.c_int, "has_branch"),
-        *_fields(ct.c_double, "branch_strength branch_time branch_spread"),
-        *_fields(ct.c_int, "unbalance_node"),
-        *_fields(ct.c_double, "unbalance_moment unbalance_phase"),
-        *_fields(ct.c_double, "cubic_stiffness hertz_preload clearance_gap clearance_preload"),
-        *_fields(ct.c_double, "friction_force friction_stiffness friction_spread bilinear_ratio"),
-        *_fields(ct.c_int, "rub_node"),
-        *_fields(ct.c_double, "rub_stiffness rub_gap"),
-    ]
-
-
-class LocalForce(ct.Structure):
-    """``LocalForce`` of rotor.h."""
-
-    _fields_ = [
-        *_fields(ct.c_int, "law"),
-        *_fields(ct.c_double * 3, "coefficients"),
-        *_fields(ct.c_double, "offset"),
-        *_fields(DOUBLES, "y z"),
-    ]
-
-
-class System(ct.Structure):
-    """``System`` of rotor.h."""
-
-    _fields_ = [
-        *_fields(ct.c_int, "n"),
-        *_fields(DOUBLES, "M K C G K_shaft"),
-        *_fields(INTS, "free plane"),
-        ("forces", ct.POINTER(LocalForce)),
-        ("n_forces", ct.c_int),
-    ]
+def _member(kind: Any, declared: str) -> tuple[str, Any]:
+    """Name and type of ``x``, ``*x`` or ``x[3]``."""
+    pointer, name, count = re.fullmatch(r"(\*?)(\w+)(?:\[(\d+)\])?", declared).groups()
+    kind = ct.POINTER(kind) if pointer else kind
+    return name, kind * int(count) if count else kind
 
 
 class Core:
@@ -123,47 +113,43 @@ class Core:
     structure : the rotor
     """
 
-    def __init__(self, library: ct.CDLL, structure: PythonStructure):
-        self.library, self._kept = library, []
-        s, d, i = structure, self._doubles, self._ints
-        self.structure = Structure(
-            len(s.x), s.n_nodes, len(s.disk_node), len(s.support_node),
-            d(s.M), d(s.K), d(s.G), d(s.K_tension), d(s.x), i(s.stations),
-            d(s.bending_stiffness), d(s.shear_stiffness), d(s.diameter),
-            i(s.disk_node), d(s.disk_mass), d(s.disk_thickness), d(s.disk_lumped_diametral), d(s.disk_lumped_polar),
-            i(s.support_node), d(s.support_stiffness), d(s.support_tilt_stiffness), d(s.support_damping),
-        )  # fmt: skip
+    def __init__(self, library: Library, structure: PythonStructure):
+        self.compiled, self.library, self._kept = library, library.functions, []
+        s, Structure = structure, library.structs["Structure"]
+        types = dict(Structure._fields_)
+        arrays = {name: self._pointer(values, types[name]) for name, values in to_arrays(structure).items()}
+        counts = {
+            "n_mesh": len(s.x),
+            "n_nodes": s.n_nodes,
+            "n_disks": len(s.disk_node),
+            "n_supports": len(s.support_node),
+        }
+        assert {*arrays, *counts} == {*types}
+        self.structure = Structure(**arrays, **counts)
 
-    def _doubles(self, values: FloatArray) -> Any:
-        self._kept.append(np.ascontiguousarray(values, dtype=float))
-        return self._kept[-1].ctypes.data_as(DOUBLES)
+    def _pointer(self, values: np.ndarray, kind: Any) -> Any:
+        self._kept.append(np.ascontiguousarray(values, dtype=np.int32 if kind is INTS else float))
+        return self._kept[-1].ctypes.data_as(kind)
 
-    def _ints(self, values: IntArray) -> Any:
-        self._kept.append(np.ascontiguousarray(values, dtype=np.int32))
-        return self._kept[-1].ctypes.data_as(INTS)
-
-    def design(self, condition: Condition, effects: Sequence[Effect]) -> Design:
-        """The C core's words for a condition and effects."""
-        design = Design()
-        self.library.design_nominal(ct.byref(design))
-        for name in CONDITION_WORDS:
-            setattr(design, name, getattr(condition, name))
+    def design(
+        self, condition: Condition, effects: Sequence[Effect], others: Mapping[str, float] | None = None
+    ) -> ct.Structure:
+        """The C core's design for a condition, effects and other values of the FMU's variables, as the FMU makes it."""
+        values = {v.name: v.start or 0.0 for v in self.compiled.model.table} | vars(condition)
         for effect in effects:
-            for name, word in EFFECT_WORDS[effect.id].items():
-                field, _, place = word.partition("[")
-                value = True if name == SWITCH else getattr(effect, name)
-                if place:
-                    getattr(design, field)[int(place[0])] = value
-                else:
-                    setattr(design, field, value)
+            values |= effect.start_values()
+        values |= others or {}
+        design = self.compiled.structs["Design"]()
+        self.library.design_of((ct.c_double * len(values))(*values.values()), ct.byref(design))
         return design
 
-    def system(self, design: Design) -> dict[str, Any]:
+    def system(self, design: ct.Structure) -> dict[str, Any]:
         """The matrices of a design, which degrees of freedom they stand for, and the local forces' numbers."""
         sizes = n_doubles, n_ints, n_forces = ct.c_int(), ct.c_int(), ct.c_int()
         self.library.system_memory(ct.byref(self.structure), *map(ct.byref, sizes))
         doubles, ints = np.zeros(n_doubles.value), np.zeros(n_ints.value, dtype=np.int32)
-        system, forces = System(), (LocalForce * n_forces.value)()
+        structs = self.compiled.structs
+        system, forces = structs["System"](), (structs["LocalForce"] * n_forces.value)()
         system.forces = forces
         wrong = self.library.system_build(
             ct.byref(system), ct.byref(self.structure), ct.byref(design),
@@ -196,7 +182,7 @@ class Rotor:
         """As RotorSimulator's. Raises ValueError."""
         self.use(self._core.design(condition, effects))
 
-    def use(self, design: Design) -> None:
+    def use(self, design: ct.Structure) -> None:
         """Be this design. Raises ValueError."""
         self._checked(self._library.simulator_configure(self._simulator, ct.byref(design)))
         self._design = design

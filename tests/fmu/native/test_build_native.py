@@ -20,9 +20,11 @@ from rigtwin.commands.fmus import manifest
 from rigtwin.fmu_src import compiling
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
-from rigtwin.fmu_src.native_sources import EFFECT_WORDS
+from rigtwin.fmu_src.native_sources import NATIVE, check_core_reads_every_effect
 from rigtwin.fmu_src.network_code import WIDEST, UnknownOperationError, network_code
+from rigtwin.rotor.effects import EFFECTS
 from rigtwin.rotor.geometry.rig import load_rig
+from tests.fmu.native.new_effect import DriveMass
 
 SEEN = '__attribute__((visibility("default"))) '
 
@@ -159,12 +161,20 @@ def test_where_the_compiler_fails_the_virtual_rig_says_so_and_goes_on(tmp_path, 
     assert "the C compiler failed; the virtual rig goes on" in capsys.readouterr().err
 
 
-def test_an_effect_without_words_in_c_leaves_the_virtual_rig_pythonfmus_fmu(tmp_path, monkeypatch, capsys):
-    monkeypatch.delitem(EFFECT_WORDS, "hub_stiffening")
+def test_an_effect_that_the_core_does_not_read_leaves_the_virtual_rig_pythonfmus_fmu(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(EFFECTS, DriveMass.id, DriveMass)
     fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
     with zipfile.ZipFile(fmu) as archive:
         assert "sources/nonlinear.c" not in archive.namelist()
-    assert "the effect hub_stiffening has no words in C: give them in EFFECT_WORDS" in capsys.readouterr().err
+    assert "the C core does not read drive_mass.mass: add the line that does" in capsys.readouterr().err
+
+
+def test_a_single_parameter_that_the_core_does_not_read_is_named():
+    core = "".join(path.read_text(encoding="utf-8") for path in sorted(NATIVE.glob("*.c")))
+    check_core_reads_every_effect(core)
+    forgetful = core.replace("d->pedestal_flexibility.block_mass", "8")
+    with pytest.raises(CompileError, match=r"does not read pedestal_flexibility\.block_mass: add the line"):
+        check_core_reads_every_effect(forgetful)
 
 
 def tanh_network(file: Path, neurons: int) -> Path:

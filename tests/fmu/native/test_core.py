@@ -9,15 +9,18 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
-from rigtwin.fmu_src.native_sources import EFFECT_WORDS
+from rigtwin.fmu_src.native_sources import NATIVE
+from rigtwin.fmu_src.rotor_variables import effects_in_fmu
 from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
     AxialLoad,
     BearingClearance,
+    BearingDamping,
     BearingFriction,
     PedestalFlexibility,
     Rub,
+    ShaftDamping,
     ViscoelasticSupport,
 )
 from rigtwin.rotor.effects.nonlinear import SEAT_PARTS
@@ -28,10 +31,11 @@ from rigtwin.rotor.model.force_laws import LAWS
 from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.fmu.native.core import Core, Rotor, compiled
+from tests.fmu.native.new_effect import LINE_OF_C, DriveMass
 from tests.rotor import rigs
 
 CONDITION = Condition(k_b=3.3e6, bearing_damping=17.0, shaft_damping_ratio=0.0013, excitation_node=3)
-KNOWN = tuple(EFFECT_WORDS)
+KNOWN = tuple(effect.id for effect in effects_in_fmu())
 LINEAR = tuple(name for name in KNOWN if EFFECTS[name].family != "nonlinear")
 COMBINATIONS = [(), *((name,) for name in LINEAR), ("unbalance", "gyroscopic", "plane_anisotropy"), LINEAR]
 STRUCTURE = assemble(load_rig("nit-rourkela"))
@@ -87,8 +91,24 @@ def assert_same_matrices(core, condition, effects):
         assert np.abs(found[name] - matrix).max() <= 4e-16 * np.abs(matrix).max(), name
 
 
-def test_the_core_knows_every_effect_of_the_fmu():
-    assert set(KNOWN) == {name for name, effect in EFFECTS.items() if effect.in_fmu}
+def test_a_new_linear_effect_takes_one_class_and_one_line_of_c(tmp_path, monkeypatch):
+    monkeypatch.setitem(EFFECTS, DriveMass.id, DriveMass)
+    written = (NATIVE / "rotor.c").read_text(encoding="utf-8")
+    place = "    add_mass(a, d->sensor_mass.node"
+    assert written.count(place) == 1
+    larger = Core(compiled(tmp_path, {"rotor.c": written.replace(place, LINE_OF_C + place)}), STRUCTURE)
+    for effects in ([DriveMass()], []):
+        assert_same_matrices(larger, CONDITION, effects)
+
+
+def test_values_that_have_no_say_are_not_in_the_design(core):
+    """Otherwise setting one while the rotor runs would build its equations once more."""
+    parameters = [effect.full_name(name) for effect in effects_in_fmu() for name in effect.roles()]
+    nominal = bytes(core.design(CONDITION, []))
+    assert bytes(core.design(CONDITION, [], dict.fromkeys(parameters, 7))) == nominal
+    damped = [ShaftDamping(), BearingDamping()]
+    undamped = replace(CONDITION, bearing_damping=0.0, shaft_damping_ratio=0.0)
+    assert bytes(core.design(undamped, damped)) == bytes(core.design(CONDITION, damped)) != nominal
 
 
 @pytest.mark.parametrize(
@@ -137,7 +157,7 @@ def test_a_disk_on_a_weightless_shaft_answers_as_two_degrees_of_freedom(core, de
     omega = 2 * np.pi * frequency
     modes = Phi[0] ** 2 / (squares - omega**2 + 2j * zeta * np.sqrt(np.clip(squares, 0, None)) * omega)
     exact = abs(omega**2 * modes.sum())
-    for rotor in (Rotor(Core(core.library, structure), condition), RotorSimulator(structure, condition)):
+    for rotor in (Rotor(Core(core.compiled, structure), condition), RotorSimulator(structure, condition)):
         settled = moved(rotor, [h] * 4000, 0.0, 1.0, frequency)[-50:, 1]  # one period, node 2
         assert settled.max() == pytest.approx(exact, rel=2e-3)  # of 50 samples one is near the peak
         assert settled.min() == pytest.approx(-exact, rel=2e-3)
@@ -265,7 +285,7 @@ def test_a_force_beyond_all_bounds_says_so_and_changes_nothing(core):
     rotor = Rotor(core, CONDITION)
     moved(rotor, [1e-3] * 20, amplitude=STRONG)
     design = core.design(CONDITION, effects_of(["bearing_cubic"]))
-    design.cubic_stiffness = 1e300
+    design.bearing_cubic.stiffness = 1e300
     rotor.use(design)
     kept = rotor.snapshot()
     with pytest.raises(ValueError, match=r"cubic in [yz] finds no balance .* check the effect's parameters"):

@@ -1,0 +1,239 @@
+"""What explains the runs: linear effects, force laws where force levels differ, pairs where no single effect suffices.
+
+The steps, each a function below:
+
+1. search single linear effects, unless the levels plainly differ;
+2. begin anew with a better posed problem: without errors that channels do not share, or with gains of each sensor in
+   each run;
+3. finish the linear answer (bent laws, pairs, the finer mesh) where levels do not differ in what it leaves;
+4. else search force laws, and let the finished linear answer rival them on the same lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rigtwin.gap.clock import Clock
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis, candidates
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.inference.score_test import Score
+from rigtwin.gap.search.laws.robust import robust_fit
+from rigtwin.gap.search.laws.search import most_promised, search_nonlinear
+from rigtwin.gap.search.linear import bend_best, bend_laws, search, search_from_afar
+from rigtwin.gap.search.nominal import recalibrate
+from rigtwin.gap.search.pairs import each_alone, exchanged, most_left, pairs, straightened
+from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_all
+from rigtwin.gap.verdict.adequacy import judge, not_shared
+from rigtwin.gap.verdict.standing import adequate, excess_of, gains_differ, scale_of
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
+from rigtwin.sim.campaign import Run
+
+# Pairs whose effects are tried alone.
+_TAKEN_APART = 3
+
+
+@dataclass(frozen=True)
+class Library:
+    """Candidates."""
+
+    linear: Sequence[Hypothesis]
+    laws: Sequence[Hypothesis]  # nonlinear ones
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be explained, and with what."""
+
+    problem: Problem
+    nominal: Fit
+    library: Library
+    levels_differ: bool  # whether the runs themselves show that force levels differ
+    progress: Progress | None
+    clock: Clock
+
+    def on(self, problem: Problem) -> Task:
+        """The same task on another problem."""
+        return replace(self, problem=problem, nominal=recalibrate(problem))
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Fits, best first, with the problem that they belong to and its nominal model."""
+
+    problem: Problem
+    nominal: Fit
+    fits: Sequence[Fit]
+
+
+def library_of(problem: Problem, exclude: Sequence[str]) -> Library:
+    """All effects are equally probable before the data; laws are candidates where a support has several levels."""
+    linear = candidates(problem.runs, problem.forward.structure, exclude)
+    laws = candidates(problem.runs, problem.forward.structure, exclude, nonlinear=True)
+    laws = laws if _at_several_levels(problem.runs) else ()
+    share = len({h.ids for h in linear}) / max(len({h.ids for h in (*linear, *laws)}), 1)
+    return Library(
+        [replace(h, prior=share * h.prior) for h in linear], [replace(h, prior=(1 - share) * h.prior) for h in laws]
+    )
+
+
+def explain(task: Task) -> Explained:
+    """Fit what may explain the runs, beginning anew where the problem turns out to be badly posed."""
+    outcome: Task | Explained = task
+    while isinstance(outcome, Task):
+        outcome = _attempt(outcome)
+    return outcome
+
+
+def _attempt(task: Task) -> Task | Explained:
+    """The explanation, or the same task on a better posed problem."""
+    laws = _laws_not_ruled_out(task.problem, task.library.laws)
+    found = None if task.levels_differ and laws else _search_singles(task)
+    if found:
+        if better := _better_posed(task.problem, found.best):
+            return task.on(better)
+        if not (laws and _levels_differ_beside(task.problem, found.best, laws)):
+            problem, fits = _finish(task, found)
+            return Explained(problem, task.nominal, fits)
+    coarser, linear, bent = search_nonlinear(task.problem, laws, THRESHOLDS.adequate_nonlinear, task.progress)
+    task.clock.lap("nonlinear effects")
+    if gains_differ(coarser, bent.best):
+        return task.on(task.problem.remounted())
+    return _rival(task, found, Explained(coarser, linear, bent.fits), bent)
+
+
+def _search_singles(task: Task) -> Search:
+    found = search(task.problem, task.library.linear, task.nominal, task.progress)
+    task.clock.lap("single effects")
+    return found
+
+
+def _better_posed(problem: Problem, best: Fit) -> Problem | None:
+    """Without errors that channels share, where these do not share what the best fit leaves; with gains of each sensor
+    in each run, where these differ."""
+    if not adequate(problem, best) and (apart := not_shared(problem, best)):
+        return apart
+    return problem.remounted() if gains_differ(problem, best) else None
+
+
+def _rival(task: Task, found: Search | None, by_law: Explained, bent: Search) -> Explained:
+    """Laws and linear effects on the same lines, unless laws alone suffice where the nominal model is far off."""
+    problem = task.problem
+    suffices = bool(bent.fits) and adequate(by_law.problem, bent.best)
+    rivalled = found is not None and bool(found.fits) and adequate(problem, found.best)
+    if suffices and not rivalled and bent.nominal.chi2 > THRESHOLDS.plainly_nonlinear * bent.nominal.n_data:
+        return by_law
+    with_pairs = not (task.levels_differ or suffices)
+    problem, straight = _finish(task, found or _search_singles(task), with_pairs=with_pairs)
+    rivals = [fit for fit in (_on_lines_of(by_law.problem, fit) for fit in straight[: RACE.polished]) if fit]
+    best = max((fit.log_weight for fit in rivals), default=-np.inf)
+    task.clock.lap("linear rivals")
+    if not bent.fits or best > bent.fits[0].log_weight:
+        return Explained(problem, task.nominal, straight)
+    return replace(by_law, fits=best_first([*bent.fits, *rivals]))
+
+
+def _on_lines_of(problem: Problem, fit: Fit) -> Fit | None:
+    """A linear fit, on the lines and with the loss of the nonlinear ones."""
+    problem.bend(fit)
+    return robust_fit(problem, fit.hypothesis, fit.u, fit.nu)
+
+
+# -- do force levels differ? -------------------------------------------------------------------------------
+
+
+def _at_several_levels(runs: Sequence[Run]) -> list[int]:
+    """Runs on supports that were measured at more than one level."""
+    levels: dict[str, set[float]] = {}
+    for run in runs:
+        if run.force_amplitude_N is not None:
+            levels.setdefault(run.support, set()).add(run.force_amplitude_N)
+    return [r for r, run in enumerate(runs) if len(levels.get(run.support, ())) > 1]
+
+
+def _laws_not_ruled_out(problem: Problem, laws: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
+    """Without the laws of the bearings where runs on rigid supports, in which they do not act, show a plain gap."""
+    rigid = problem.only("rigid")
+    if not laws or rigid is None or judge(rigid, recalibrate(rigid)).misfit < THRESHOLDS.plain_gap:
+        return laws
+    return [law for law in laws if law.terms[0].effect.location != "bearings"]
+
+
+def _levels_differ_beside(problem: Problem, fit: Fit, laws: Sequence[Hypothesis]) -> bool:
+    """Whether levels differ in what a linear fit leaves.
+
+    Misfit goes where each level may have resonances of its own, or, in a smaller gap, where a law moves them.
+    """
+    quality = judge(problem, fit)
+    gain, numbers = Score(problem, fit, settled=True).apart(_at_several_levels(problem.runs))
+    gain /= scale_of(quality) ** 2
+    if gain > numbers + THRESHOLDS.level_sigmas * np.sqrt(2 * numbers) or excess_of(problem, fit, quality) >= 1:
+        return True
+    return most_promised(problem, fit, laws) > 2 * PRIORS.pair_log_odds * scale_of(quality) ** 2
+
+
+# -- the linear answer -------------------------------------------------------------------------------------
+
+
+def _finish(task: Task, found: Search, *, with_pairs: bool = True) -> tuple[Problem, list[Fit]]:
+    """The problem on the finer mesh; linear effects, best first, and pairs where no single one is adequate."""
+    problem = task.problem
+    found, alone = _bend_where_it_helps(task, found)
+    fits = list(found.fits) or [found.nominal]
+    if with_pairs and not alone:
+        fits = _add_pairs(task, found)
+        task.clock.lap("pairs")
+    finer = problem.made(refined=True)
+    return finer, best_first([*polish_all(finer, fits[: RACE.polished]), *fits[RACE.polished :]])
+
+
+def _bend_where_it_helps(task: Task, found: Search) -> tuple[Search, bool]:
+    """The search, with its best effect bent where it does not suffice; whether nothing is left for a second one."""
+    problem, hypotheses = task.problem, task.library.linear
+    if not found.fits:
+        return found, True
+    if not adequate(problem, found.best):
+        found = bend_laws(problem, search_from_afar(problem, found, hypotheses, task.progress), hypotheses)
+    elif _suffices(problem, found.best, hypotheses):
+        return found, True
+    else:  # what a second effect would take away may be its own law's
+        found = bend_best(problem, found)
+    return found, _suffices(problem, found.best, hypotheses)
+
+
+def _suffices(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> bool:
+    """Whether a single effect leaves noise, of which no second one takes away much."""
+    quality = judge(problem, fit)
+    if excess_of(problem, fit, quality) >= 1:
+        return False
+    return most_left(problem, fit, hypotheses) < 2 * PRIORS.pair_log_odds * scale_of(quality) ** 2
+
+
+def _add_pairs(task: Task, found: Search) -> list[Fit]:
+    """Singles and pairs, best first; a pair counts only where it earns its evidence."""
+    problem, hypotheses = task.problem, task.library.linear
+    twos = pairs(problem, found, hypotheses, task.progress)
+    if twos and not any(adequate(problem, fit) for fit in (found.best, twos[0])):
+        twos = best_first([*twos, *exchanged(problem, twos[0], hypotheses, not found.rough, task.progress)])
+    twos = best_first([*twos, *(fit for pair in twos[:_TAKEN_APART] for fit in straightened(problem, pair))])
+    alone = [fit for pair in twos[:_TAKEN_APART] for fit in each_alone(problem, pair, hypotheses)]
+    singles = {fit.hypothesis: fit for fit in sorted((*found.fits, *alone), key=lambda fit: fit.log_weight)}
+    scale = scale_of(judge(problem, max([*singles.values(), *twos], key=lambda fit: fit.log_weight)))
+    best = max(singles.values(), key=lambda fit: fit.log_evidence(scale))
+    needed = best.log_evidence(scale) + PRIORS.pair_log_odds
+    bend = _gain_of_another_form(problem, found.nominal, best, scale)
+    earned = (pair for pair in twos if pair.log_evidence(scale) > needed + (bend if _at_one_joint(pair) else 0.0))
+    return best_first([*singles.values(), *earned])
+
+
+def _gain_of_another_form(problem: Problem, nominal: Fit, best: Fit, scale: float) -> float:
+    """Evidence that another form of the best effect's law could take away besides."""
+    return THRESHOLDS.bent_share * (nominal.chi2 - best.chi2) / (2 * scale**2) if adequate(problem, best) else 0.0
+
+
+def _at_one_joint(fit: Fit) -> bool:
+    """Whether all its effects act at the bearings: a second one bends the law of the first."""
+    return all(effect.location == "bearings" for effect in fit.effects)

@@ -1,0 +1,86 @@
+"""The nominal model: recalibrated, as near to all lines alike as it gets, or strained towards a cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from operator import itemgetter
+
+import numpy as np
+
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.hypotheses import K_B_RANGE, NOMINAL
+from rigtwin.gap.inference.problem import Problem
+
+
+@dataclass(frozen=True)
+class Recalibration:
+    """Where the bearing stiffness is looked for first."""
+
+    starts: int = 15  # values along its range
+    steps: int = 8  # of a rough descent from each
+    every: int = 3  # lines: every third tells enough to start from
+
+
+@dataclass(frozen=True)
+class Alike:
+    """How lines are made to count alike."""
+
+    added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors, one after the other
+    within: float = 1.1  # mean square misfit that is within them
+
+
+RECALIBRATION, ALIKE = Recalibration(), Alike()
+
+# Factors of the nuisances' priors, one after the other.
+STRAIN = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)
+
+
+def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
+    """The nominal model with the bearing stiffness that suits the runs best."""
+    if start is not None:
+        return problem.fit(NOMINAL, start.u, start.nu, anneal=(0.0,))
+    if not problem.with_k_b:
+        return problem.fit(NOMINAL, np.array([np.log(1e7)]))
+    starts = np.geomspace(*K_B_RANGE, RECALIBRATION.starts)
+    few = problem.thinned(RECALIBRATION.every)
+    rough = [few.rough(NOMINAL, np.array([np.log(start)]), RECALIBRATION.steps) for start in starts]
+    best = min(rough, key=itemgetter(1))[0]
+    return problem.fit(NOMINAL, best)
+
+
+def fit_lines_alike(problem: Problem, nominal: Fit, scale: float = 1.0) -> Fit:
+    """The nominal model that is as near to all lines alike as a relative error of the data lets it be.
+
+    Where a gap is many times the noise, its drifts and tolerances would go any way to follow the few lines with the
+    smallest errors, and k_b with them. The least error is added that what is left is within: none without a gap.
+
+    Parameters
+    ----------
+    nominal : its fit by the data's own errors
+    scale : true over believed standard error
+    """
+    if nominal.chi2 <= ALIKE.within * nominal.n_data * scale**2:
+        return nominal
+    best = problem.fit(NOMINAL, nominal.u, anneal=ALIKE.added[:1])
+    for added in ALIKE.added[1:]:
+        fit = problem.fit(NOMINAL, best.u, best.nu, anneal=(added,))
+        if fit.chi2 > ALIKE.within * fit.n_data:
+            break
+        best = fit
+    return best
+
+
+def strain_towards(problem: Problem, cause: Fit) -> Fit:
+    """The nominal model with its nuisances bent as far as they go towards what a cause explains.
+
+    It starts with the cause's resonances, taken for drifts under priors far too wide, which are narrowed step by step.
+    """
+    nu, u = cause.nu.copy(), cause.u[:1]
+    there, here = (problem.modals(cause.k_b, effects) for effects in (cause.effects, ()))
+    for modal, plain, drift in zip(there, here, problem.nuisances.drift, strict=True):
+        n = min(len(modal.frequencies_hz), len(plain.frequencies_hz))
+        nu[drift][:n] += modal.frequencies_hz[:n] / plain.frequencies_hz[:n] - 1
+    made = problem.loosened(STRAIN[0]).fit(NOMINAL, u, nu, anneal=(0.1, 0.02, 0.0))
+    for factor in STRAIN[1:]:
+        made = problem.loosened(factor).fit(NOMINAL, made.u, made.nu, anneal=(0.0,))
+    return made

@@ -1,0 +1,132 @@
+"""Candidates against each other: with relative errors added that shrink from stage to stage, those behind drop out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
+
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.search.starts import Start
+from rigtwin.gap.search.workers import each
+
+T = TypeVar("T")
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One round of a race."""
+
+    added: float  # relative error that is added to the data's own
+    steps: int  # at most
+    keep: int  # candidates' starts that go on, at most
+    behind: float = 2.0  # misfit over the best one's beyond which a start drops out, but for ``RaceRules.hopeless``
+
+
+FAR = (Stage(0.1, 1, 60, behind=5.0), Stage(0.1, 4, 30), Stage(0.02, 6, 16), Stage(0.0, 20, 12))
+CLOSE = (Stage(0.0, 20, 100),)
+BENT = (Stage(0.1, 60, 12), Stage(0.02, 60, 8), Stage(0.0, 60, 4))
+
+
+@dataclass(frozen=True)
+class RaceRules:
+    """What all races share."""
+
+    rivals: int = 2  # starts of one candidate that run on
+    polished: int = 4  # leading candidates that are fitted to the end,
+    patience: int = 60  # in so many steps: valleys of several numbers are long
+    hopeless: float = 400.0  # more misfit than the best one's than this cannot be made good anywhere,
+    from_the_start: float = 20.0  # nor so many times as much, where a race of many begins
+
+
+RACE = RaceRules()
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search led to."""
+
+    nominal: Fit
+    fits: tuple[Fit, ...]  # best first by evidence, the nominal model not among them
+    rough: tuple[Start, ...] = ()  # best first by logarithms, one of every effect; none close to the nominal model
+
+    @property
+    def best(self) -> Fit:
+        """The best candidate, or the nominal model where there is none."""
+        return self.fits[0] if self.fits else self.nominal
+
+
+def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], progress: Progress | None) -> list[Fit]:
+    """The candidates that do not fall behind, each from its best start, best first by evidence and prior."""
+    fits: list[Fit] = []
+    if len(stages) > 1:
+        starts = _not_hopeless(problem, starts, stages[0].added)
+    for stage in stages:
+        fits = []
+        for number, fit in enumerate(each(partial(fitted, problem, stage), starts)):
+            if progress:
+                progress(number, len(starts), str(starts[number].hypothesis))
+            if fit is not None:
+                fits.append(fit)
+        fits.sort(key=lambda fit: fit.cost)
+        fits = [fit for fit in fits if fit.cost <= stage.behind * fits[0].cost + RACE.hopeless]
+        fits = _of_each(fits, RACE.rivals)[: stage.keep]
+        starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
+    fits = _of_each(fits, 1)
+    return best_first([*polish_all(problem, fits[: RACE.polished]), *fits[RACE.polished :]])
+
+
+def fitted(problem: Problem, stage: Stage, start: Start) -> Fit | None:
+    """A stage of the race from one start; None where there is no model."""
+    return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(stage.added,), steps=stage.steps)
+
+
+def _not_hopeless(problem: Problem, starts: Sequence[Start], added: float) -> list[Start]:
+    """The starts that are not far behind the best one, with such a relative error added."""
+    costs = [problem.cost(start.hypothesis, start.u, start.nu, added) for start in starts]
+    limit = RACE.from_the_start * min(costs, default=0.0) + RACE.hopeless
+    return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit]
+
+
+def best_first(fits: Iterable[Fit]) -> list[Fit]:
+    """By evidence and prior."""
+    return sorted(fits, key=lambda fit: fit.log_weight, reverse=True)
+
+
+def polish(problem: Problem, fit: Fit) -> Fit:
+    """The same candidate, fitted on from where it is, with the tolerances as they act there."""
+    problem.bend(fit)
+    return problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=RACE.patience)
+
+
+def polish_all(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """Several candidates, each fitted on.
+
+    On a support where the same of their effects act, candidates share how tolerances bend the modes: at the end it is
+    as the best of them had it.
+    """
+    made = list(each(partial(polish, problem), fits))
+    for _, begun in sorted(zip(made, fits, strict=True), key=lambda both: both[0].log_weight):
+        problem.bend(begun)
+    return made
+
+
+def first_of_each(items: Iterable[T], key: Callable[[T], Hashable], count: int = 1) -> list[T]:
+    """The first so many items of every key, in their order."""
+    seen: Counter[Hashable] = Counter()
+    kept = []
+    for item in items:
+        seen[key(item)] += 1
+        if seen[key(item)] <= count:
+            kept.append(item)
+    return kept
+
+
+def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
+    """The first so many of every candidate."""
+    return first_of_each(fits, lambda fit: fit.hypothesis.rotor, count)

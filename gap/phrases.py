@@ -9,7 +9,7 @@ from rigtwin.gap.document import Location
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign import SupportKind
 
-_PLACES = {
+PLACES = {
     "bearings": "at the bearings",
     "disks": "at the disks",
     "shaft": "along the shaft",
@@ -26,7 +26,7 @@ def place(location: Location) -> str:
         return f"at {'the sensor of ' if location.kind == 'sensor' else ''}node {location.node}"
     if location.x_m is not None:
         return f"at x = {1e3 * location.x_m:.0f} mm"
-    return _PLACES.get(location.kind, "")
+    return PLACES.get(location.kind, "")
 
 
 def effects_at(effects: Iterable[str], locations: Iterable[Location]) -> str:
@@ -65,7 +65,4 @@ def listed(names: Iterable[object]) -> str:
 
 def ten_to(power: int) -> str:
     """'×10⁶', as it follows a number's digits."""
-    return f"×10{str(power).translate(_RAISED)}"
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return f"×10{str(power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"

@@ -1,4 +1,4 @@
-"""What a diagnosis predicts for runs that it never saw."""
+"""What a diagnosis predicts for runs that took no part in it."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def predict(diagnosis: Diagnosis, campaign: Campaign) -> tuple[Predicted, ...]:
     """
     damaged = "the file is damaged or of another rig, diagnose again"
     try:
-        told = _told(diagnosis)
-        return tuple(_predict(told, campaign))
+        models = _models(diagnosis)
+        return tuple(_predict(models, campaign))
     except MeasurementError:  # of the campaign
         raise
     except (KeyError, TypeError, ValueError) as error:
@@ -53,8 +53,8 @@ def predict(diagnosis: Diagnosis, campaign: Campaign) -> tuple[Predicted, ...]:
 
 
 @dataclass(frozen=True)
-class _Told:
-    """What a diagnosis says of the rig."""
+class _Models:
+    """The nominal and the corrected model, as a diagnosis gives them."""
 
     nominal_k_b: float  # [N/m]
     k_b: float  # of the corrected model [N/m]
@@ -64,10 +64,10 @@ class _Told:
     sensor_gain: Mapping[str, float]  # by channel
 
 
-def _told(diagnosis: Diagnosis) -> _Told:
+def _models(diagnosis: Diagnosis) -> _Models:
     effects, k_b = corrected_rotor(diagnosis)
     calibration = diagnosis.calibration if diagnosis.names_a_cause else {}
-    return _Told(
+    return _Models(
         nominal_k_b=Condition(k_b=_nominal_k_b(diagnosis)).k_b,  # which refuses what is no stiffness
         k_b=Condition(k_b=k_b).k_b,
         effects=effects,
@@ -77,18 +77,18 @@ def _told(diagnosis: Diagnosis) -> _Told:
     )
 
 
-def _predict(told: _Told, campaign: Campaign) -> Iterator[Predicted]:
-    forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **told.damping)))
+def _predict(models: _Models, campaign: Campaign) -> Iterator[Predicted]:
+    forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **models.damping)))
     forward = forward.made(refined=True, resolution=FINAL, with_data=False)
-    forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, told.k_b)
+    forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, models.k_b)
     for run in campaign.runs:
-        before = forward.modal(run, told.nominal_k_b).response()
-        there = acting(told.effects, run.support)
+        before = forward.modal(run, models.nominal_k_b).response()
+        there = acting(models.effects, run.support)
         if not nonlinear(there):
-            forward.bend(run, told.k_b, there)
-        after = forward.modal(run, told.k_b, there)
-        gains = np.array([told.sensor_gain.get(str(channel), 1.0) for channel in run.channels])
-        yield Predicted(run, _with(run, before), _with(run, after.response(None, told.tolerance) * gains))
+            forward.bend(run, models.k_b, there)
+        after = forward.modal(run, models.k_b, there)
+        gains = np.array([models.sensor_gain.get(str(channel), 1.0) for channel in run.channels])
+        yield Predicted(run, _with(run, before), _with(run, after.response(None, models.tolerance) * gains))
 
 
 def _nominal_k_b(diagnosis: Diagnosis) -> float:
@@ -118,7 +118,7 @@ def _effect(name: str, values: Mapping[str, float]) -> Effect:
 
 
 def _by_location(cause: Cause) -> dict[str, float]:
-    """Places of the effects where only locations are told."""
+    """Places of the effects of a cause that gives only locations."""
     located = zip(cause.effects, cause.locations or (cause.location,), strict=False)
     spots = [(name, {"node": spot.node, "position": spot.x_m}) for name, spot in located]
     return {
@@ -130,7 +130,7 @@ def _by_location(cause: Cause) -> dict[str, float]:
 
 
 def _of(effect: str, table: Mapping[str, float], *, alone: bool) -> dict[str, float]:
-    """Entries of one effect, by plain name; of a single effect the names are plain already."""
+    """Entries of one effect by the parameter's own name, which is all that a single effect needs."""
     prefix = f"{effect}."
     return {
         key.removeprefix(prefix): v for key, v in table.items() if key.startswith(prefix) or (alone and "." not in key)

@@ -18,6 +18,15 @@ def locations(hypothesis: Hypothesis, u: FloatArray) -> tuple[Location, ...]:
     return tuple(found)
 
 
+def _places(hypothesis: Hypothesis, u: FloatArray) -> dict[str, float]:
+    """Nodes and positions of all effects, by the effect's id and their own name."""
+    found: dict[str, float] = {}
+    for term, own in zip(hypothesis.terms, hypothesis.split(u[1:]), strict=True):
+        free = {free.name: free.value(x) for free, x in zip(term.free, own, strict=True) if free.name == "position"}
+        found |= {f"{term.effect.id}.{name}": value for name, value in [*term.fixed, *free.items()]}
+    return found
+
+
 def cause_of(
     hypothesis: Hypothesis,
     u: FloatArray,
@@ -34,22 +43,16 @@ def cause_of(
     probability, k_b, log_evidence : as in ``Cause``
     """
     parameters: dict[str, Estimate] = {}
-    places: dict[str, float] = {}
     edge: list[str] = []
     parts = (hypothesis.split(values[1:]) for values in (u, std, hypothesis.at_edge(u).max(axis=1)))
     for term, *numbers in zip(hypothesis.terms, *parts, strict=True):
         prefix = "" if len(hypothesis.terms) == 1 else f"{term.effect.id}."
-        places |= {f"{term.effect.id}.{name}": value for name, value in term.fixed}
         for free, x, error, at_end in zip(term.free, *numbers, strict=True):
-            value = free.value(x)
-            spread = float(error * value if free.log else error)
-            if free.name == "position":
-                places[f"{term.effect.id}.position"] = value
-                parameters[f"{prefix}position"] = Estimate(value, spread, "m")
-                continue
-            parameters[f"{prefix}{free.name}"] = Estimate(value, spread, term.effect.parameters()[free.name].unit)
-            if at_end:
-                edge.append(f"{prefix}{free.name}")
+            name, value, is_place = f"{prefix}{free.name}", free.value(x), free.name == "position"
+            unit = "m" if is_place else term.effect.parameters()[free.name].unit
+            parameters[name] = Estimate(value, float(error * value if free.log else error), unit)
+            if at_end and not is_place:
+                edge.append(name)
     where = locations(hypothesis, u)
     return Cause(
         effects=hypothesis.ids,
@@ -59,6 +62,6 @@ def cause_of(
         k_b=k_b,
         log_evidence=log_evidence,
         locations=where,
-        places=places,
+        places=_places(hypothesis, u),
         at_prior_edge=tuple(edge),
     )

@@ -24,10 +24,8 @@ from rigtwin.sim.setup import SetupError
 # Measures a run with effects and k_b on the virtual rig: (runs, effects, k_b) -> responses, and what measured.
 Confirm = Callable[[Sequence[Run], Sequence[Effect], float], tuple[Sequence[ComplexArray], str]]
 
-_BLOCKS = 10  # stretches of lines of every run; every second one is held out
-
 # Held-out lines of a nonlinear run that the virtual rig reads: settling takes four times as long as passing a line.
-_INTEGRATED = 8
+INTEGRATED = 8
 
 
 def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:
@@ -41,19 +39,15 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     confirm : measures on the virtual rig
     """
     masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
-    training = problem.on(
-        [
-            replace(o, std=np.where(mask[:, None], np.inf, o.std))
-            for o, mask in zip(problem.observed, masks, strict=True)
-        ]
-    )
+    pairs = zip(problem.observed, masks, strict=True)
+    training = problem.on([replace(o, std=np.where(mask[:, None], np.inf, o.std)) for o, mask in pairs])
     without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
-    with_it = _refitted(training, best)
-    before = problem.bare(without)  # strained drifts would follow any gap between the lines that they were fitted to
+    with_it = _refit(training, best)
+    before = problem.bare(without)  # drifts would follow any gap between the lines that they were fitted to
     after = problem.predict(with_it)
     model_after, verified = after, "model"
     if confirm is not None:
-        after, masks, verified = _measured(problem, with_it, after, masks, confirm)
+        after, masks, verified = _measure_corrected(problem, with_it, after, masks, confirm)
     numbers = _figures(problem, masks, before, after, scale)
     stretches = max(_stretches(len(run.frequency_hz)) for run in problem.runs)
     return Shrink(
@@ -70,49 +64,47 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     )
 
 
-def _refitted(training: Problem, best: Fit) -> Fit:
-    """The corrected model's numbers by the lines that were not held out; of a nonlinear one as robustly as before."""
+def _refit(training: Problem, best: Fit) -> Fit:
+    """Fit the corrected model to the lines that were not held out, a nonlinear one as robustly as before."""
     if nonlinear(best.effects):
         return robust_fit(training, best.hypothesis, best.u, best.nu) or best
     return training.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
 
 
 def _held_out(n: int) -> BoolArray:
+    """(n,) which of a run's lines take no part in the fit."""
     return (np.arange(n) * _stretches(n) // n) % 2 == 1
 
 
 def _stretches(n: int) -> int:
-    """Into how many n lines are parted."""
-    return min(_BLOCKS, n)
+    """How many stretches n lines are divided into, of which every second one is held out."""
+    return min(10, n)
 
 
-def _measured(
+def _measure_corrected(
     problem: Problem, fit: Fit, after: Sequence[ComplexArray], masks: Sequence[BoolArray], confirm: Confirm
 ) -> tuple[Sequence[ComplexArray], Sequence[BoolArray], str]:
-    """The corrected runs as the virtual rig measures them, held-out lines that it measured, and what measured."""
+    """The corrected runs as the virtual rig measures them, the held-out lines that it measured, and what measured."""
     held_out = zip(problem.runs, masks, strict=True)
     lines = [lines_to_measure(mask, acting(fit.effects, run.support)) for run, mask in held_out]
     levels = np.exp(fit.nu[problem.nuisances.level])
-    some = [
-        _driven(run.on_lines(chosen), float(level))
-        for run, chosen, level in zip(problem.runs, lines, levels, strict=True)
-    ]
+    asked = zip(problem.runs, lines, levels, strict=True)
+    some = [_with_force(run.on_lines(chosen), float(level)) for run, chosen, level in asked]
     try:
         measured, verified = confirm(some, fit.effects, fit.k_b)
     except (NotSettledError, SetupError):  # the virtual rig has no figure
         return after, masks, "model"
     if not len(measured):
         return after, masks, verified
-    whole = [_in_place(H, chosen) for H, chosen in zip(measured, lines, strict=True)]
-    whole = [
-        H / level if run.quantity == "acceleration" else H
-        for run, H, level in zip(problem.runs, whole, levels, strict=True)
-    ]
-    corrected = [H * _nuisance_ratio(problem, fit, r) for r, H in enumerate(whole)]
+    corrected = []
+    for r, (run, H, chosen, level) in enumerate(zip(problem.runs, measured, lines, levels, strict=True)):
+        whole = _on_all_lines(H, chosen)
+        whole = whole / level if run.quantity == "acceleration" else whole
+        corrected.append(whole * _nuisance_ratio(problem, fit, r))
     return corrected, [mask & chosen for mask, chosen in zip(masks, lines, strict=True)], verified
 
 
-def _driven(run: Run, factor: float) -> Run:
+def _with_force(run: Run, factor: float) -> Run:
     """A run under a force so many times as large."""
     return run if factor == 1 else replace(run, force_amplitude_N=(run.force_amplitude_N or 1.0) * factor)
 
@@ -123,11 +115,11 @@ def lines_to_measure(held_out: BoolArray, effects: Sequence[Effect]) -> BoolArra
         return np.ones(len(held_out), dtype=bool)
     places = np.flatnonzero(held_out) if held_out.any() else np.arange(1)  # of one line none was held out
     chosen = np.zeros(len(held_out), dtype=bool)
-    chosen[places[:: max(len(places) // _INTEGRATED, 1)]] = True
+    chosen[places[:: max(len(places) // INTEGRATED, 1)]] = True
     return chosen
 
 
-def _in_place(H: ComplexArray, lines: BoolArray) -> ComplexArray:
+def _on_all_lines(H: ComplexArray, lines: BoolArray) -> ComplexArray:
     """(n_freq, n_channels) of all lines, zero where nothing was measured."""
     every = np.zeros((len(lines), H.shape[1]), dtype=complex)
     every[lines] = H
@@ -138,9 +130,9 @@ def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
     """What gains, drift and tolerances of a run do to its response: they are the run's, not the effect's."""
     modal = problem.modals(fit.k_b, fit.effects)[r]
     nuisances = problem.nuisances
-    drift, tolerance, *level = nuisances.of_run(fit.nu, r, modal)
-    with_them = modal.response(drift, tolerance, *level) * nuisances.gains(fit.nu, r, modal)
-    without = modal.response(None, None, *level)
+    own = nuisances.of_run(fit.nu, r, modal)
+    with_them = modal.response(*own) * nuisances.gains(fit.nu, r, modal)
+    without = modal.response(None, None, *own[2:])
     return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
 
 

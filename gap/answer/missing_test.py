@@ -1,6 +1,6 @@
 """What to measure next, by what the campaign lacks.
 
-Where several causes remain, ``gap.next_test`` computes which run separates them.
+Where several causes remain, ``next_run`` computes which run separates them.
 """
 
 from __future__ import annotations
@@ -8,22 +8,15 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from rigtwin.gap.answer.sentence import named
+from rigtwin.gap.answer.sentence import name_cause
 from rigtwin.gap.document import Cause, NextTest, Verdict
 from rigtwin.gap.phrases import supports
+from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.sim.campaign import SUPPORTS, Campaign, Run
 
 # Accelerometers that tell most places apart.
-_SENSORS = 3
-
-# What to do again where the way of measuring is the cause.
-_AGAIN: dict[tuple[str, ...], str] = {
-    ("coarse_grid",): "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks "
-    "show.",
-    ("fast_sweep",): "Repeat the runs and stay longer at each line near the resonances, until the response has "
-    "settled: then peaks are as high as they are, and where they are.",
-}
+SENSORS = 3
 
 Step = tuple[str, dict[str, Any]]  # words, and the settings of a run that change
 
@@ -34,14 +27,19 @@ def missing_test(
     """The measurement that would tell more; None where there is no gap."""
     if verdict == "no_gap":
         return None
-    if verdict == "cause" and causes and (words := _AGAIN.get(causes[0].effects)):
-        return NextTest(words)
-    run = max(_of_interest(campaign), key=lambda r: r.force_amplitude_N or 0.0)
+    if verdict == "cause" and causes and (remedy := _remedy(causes[0])):
+        return NextTest(remedy)
+    run = max(_runs_to_repeat(campaign), key=lambda r: r.force_amplitude_N or 0.0)
     words, changed = next(_steps(verdict, campaign, run, _expected(verdict, causes, equivalent)))
     return NextTest(words, _settings(run) | changed)
 
 
-def _of_interest(campaign: Campaign) -> Sequence[Run]:
+def _remedy(cause: Cause) -> str:
+    """How to measure again where a single effect of the way of measuring is the cause; else empty."""
+    return EFFECTS[cause.effects[0]].remedy if len(cause.effects) == 1 else ""
+
+
+def _runs_to_repeat(campaign: Campaign) -> Sequence[Run]:
     """Runs on bearings, or all where there are none."""
     return [run for run in campaign.runs if run.support == "bearing"] or campaign.runs
 
@@ -56,14 +54,14 @@ def _settings(run: Run) -> dict[str, Any]:
 def _expected(verdict: Verdict, causes: Sequence[Cause], equivalent: Sequence[Cause]) -> str:
     """What a run with another exciter should show."""
     if verdict == "cause" and causes:
-        return f"a model with {named(causes[0])} should predict that run"
+        return f"a model with {name_cause(causes[0])} should predict that run"
     if equivalent:
-        return f"{', '.join(map(named, equivalent))} may part there"
+        return f"{', '.join(map(name_cause, equivalent))} may part there"
     return "what lies elsewhere shows there in another way"
 
 
 def _steps(verdict: Verdict, campaign: Campaign, run: Run, expected: str) -> Iterator[Step]:
-    """What the campaign lacks, what tells most first; at least one."""
+    """What the campaign lacks, the most useful first; at least one."""
     there = f"the run on {supports(run.support)}"
     if verdict == "not_enough_data":
         words = f"Measure the rotor on {supports(run.support)} again, at fifty lines or more from below its first "
@@ -89,13 +87,13 @@ def _on_other_supports(campaign: Campaign) -> Iterator[Step]:
 
 def _at_more_nodes(campaign: Campaign) -> Iterator[Step]:
     sensors = {channel.node for run in campaign.runs for channel in run.channels}
-    if more := _spread(load_rig(campaign.rig), sensors, max(_SENSORS - len(sensors), 0)):
+    if more := _far_nodes(load_rig(campaign.rig), sensors, max(SENSORS - len(sensors), 0)):
         words = f"Measure at {'nodes' if len(more) > 1 else 'node'} {' and '.join(map(str, sorted(more)))} too"
         yield f"{words}: with few accelerometers several places explain the same gap.", {}
 
 
 def _at_other_levels(campaign: Campaign, there: str) -> Iterator[Step]:
-    levels = {run.force_amplitude_N for run in _of_interest(campaign)}
+    levels = {run.force_amplitude_N for run in _runs_to_repeat(campaign)}
     if len(levels) < 2:
         words = f"Repeat {there} at a third and at three times the force, once from the highest line down: a nonlinear "
         words += "cause changes with level, a drift of rig or sensors with time."
@@ -103,18 +101,18 @@ def _at_other_levels(campaign: Campaign, there: str) -> Iterator[Step]:
 
 
 def _downwards(campaign: Campaign, run: Run, there: str) -> Iterator[Step]:
-    if not any(each.sweep == "down" for each in _of_interest(campaign)):
+    if not any(each.sweep == "down" for each in _runs_to_repeat(campaign)):
         words = f"Repeat {there} at {run.force_amplitude_N or 1.0:.3g} N from the highest line down: where a law has "
         yield f"{words}several motions, or the rig drifts, it comes out otherwise.", {"sweep": "down"}
 
 
 def _with_another_exciter(campaign: Campaign, run: Run, expected: str) -> Iterator[Step]:
-    for node in _spread(load_rig(campaign.rig), {each.excitation_node for each in _of_interest(campaign)}, 1):
+    for node in _far_nodes(load_rig(campaign.rig), {each.excitation_node for each in _runs_to_repeat(campaign)}, 1):
         words = f"Drive the rotor on {supports(run.support)} at node {node} instead of {run.excitation_node}"
         yield f"{words}, accelerometers as they are: {expected}.", {"excitation_node": node}
 
 
-def _spread(rig: Rig, taken: Collection[int], count: int) -> list[int]:
+def _far_nodes(rig: Rig, taken: Collection[int], count: int) -> list[int]:
     """Nodes far from those that are taken and from the supports, one after the other."""
     held = {support.node for support in rig.support}
     chosen: list[int] = []

@@ -1,4 +1,4 @@
-"""Which measurement would tell the remaining causes apart.
+"""Which measurement separates the causes that remain.
 
 Each proposed run is computed for every member of the answered set, at its fitted numbers, with the noise that the
 campaign has. Two members differ by
@@ -22,30 +22,30 @@ from rigtwin.gap.answer.causes import locations
 from rigtwin.gap.document import NextTest
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B
+from rigtwin.gap.inference.nuisances import PRIOR
 from rigtwin.gap.inference.observed import as_real
-from rigtwin.gap.inference.problem import ANY_SCALE, Problem
+from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward, acting, nonlinear
 from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.phrases import effects_at, supports
-from rigtwin.rotor.effects import AttachedMass, Effect
+from rigtwin.rotor.effects import Effect, known_mass
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, Structure
 from rigtwin.sim.campaign import Channel, Run, SupportKind
 
-# Chi-squared from which two members count as told apart.
-TOLD_APART = 25.0
 
-# A known mass to clamp on, as a share of the rotor's.
-_ADDED = 0.03
+@dataclass(frozen=True)
+class ProposedRuns:
+    """What proposed runs look like, and when they separate two members."""
 
-# Lines of a proposed run: so many over the range, and round every resonance at these relative distances.
-_LINES = 60
-_ROUND = np.array([-20, -10, -5, -2.5, -1, 0, 1, 2.5, 5, 10, 20]) * 1e-3
+    told_apart: float = 25.0  # chi-squared from which two members count as told apart
+    added_mass: float = 0.03  # of a known mass to clamp on, over the rotor's
+    lines: int = 60  # of a proposed run, evenly over the range; more round every resonance
+    round_resonance: tuple[float, ...] = (-20, -10, -5, -2.5, -1, 0, 1, 2.5, 5, 10, 20)  # relative distances * 1e3
+    levels: tuple[float, ...] = (1 / 3, 3.0)  # factors on a force that is measured already
+    least_error: float = 1e-3  # of a value, over the run's median response
 
-# Factors on the force of a test at three levels; the middle one is measured already.
-_LEVELS = (1 / 3, 3.0)
 
-# Error of a value, relative to the run's median response, at least.
-_FLOOR = 1e-3
+PROPOSED = ProposedRuns()
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Proposal:
 
     words: str
     runs: tuple[Run, ...]  # their settings and lines; no response
-    gain_std: float  # prior of the force gain
+    gain_std: float = 0.0  # prior of the force gain
     added: tuple[Effect, ...] = ()  # what is clamped to the rotor on purpose
 
     @property
@@ -81,7 +81,7 @@ class Separation:
 
 
 def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest | None:
-    """The run that separates the members of an answered set best; None where no run has a model of all of them.
+    """The run that separates the members of an answered set best; None where no run can be computed for all of them.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def best_next_test(problem: Problem, fits: Sequence[Fit]) -> NextTest | None:
     least = "" if len(fits) == 2 else "least of all pairs, "
     apart = f"{least}{a} and {b} then differ by chi-squared {_round(best.chi2)}"
     words = f"{best.proposal.words}: of {len(ranked)} possible runs it separates the candidates best; {apart}"
-    words += "." if best.chi2 > TOLD_APART else ", which is not enough to tell them apart."
+    words += "." if best.chi2 > PROPOSED.told_apart else ", which is not enough to tell them apart."
     return NextTest(words, best.proposal.settings)
 
 
@@ -150,16 +150,16 @@ def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
     here = f"on {supports(run.support)} at node {run.excitation_node}"
     if any(nonlinear(fit.effects) for fit in fits):
         force = run.force_amplitude_N or 1.0
-        levels = tuple(replace(run, force_amplitude_N=factor * force) for factor in _LEVELS)
-        made.append(Proposal(f"Drive the rotor {here} at a third and at three times the force", levels, 0.0))
+        levels = tuple(replace(run, force_amplitude_N=factor * force) for factor in PROPOSED.levels)
+        made.append(Proposal(f"Drive the rotor {here} at a third and at three times the force", levels))
     else:
-        made += _weighted_down(run, structure, here)
+        made += _with_known_mass(run, structure, here)
     everywhere = tuple(Channel(node, run.excitation_plane) for node in range(1, structure.n_nodes + 1))
     if not set(everywhere) <= set(run.channels):
         everywhere = (*everywhere, *(c for c in run.channels if c not in everywhere))
         words = f"Repeat the run {here} with an accelerometer at every node"
-        made.append(Proposal(words, (replace(run, channels=everywhere, H=_no_response(lines, everywhere)),), 0.0))
-    gain_std = ANY_SCALE if run.quantity == "acceleration" else problem.nuisances.gain_std
+        made.append(Proposal(words, (replace(run, channels=everywhere, H=_no_response(lines, everywhere)),)))
+    gain_std = PRIOR.any_scale if run.quantity == "acceleration" else problem.nuisances.gain_std
     return [replace(each, gain_std=gain_std) for each in made]
 
 
@@ -169,14 +169,14 @@ def _driven(runs: Sequence[Run], run: Run, structure: Structure, measured: bool)
     nodes = [node for node in structure.free_nodes if node not in used] if measured else [run.excitation_node]
     for node in nodes:
         words = f"Drive the rotor on {supports(run.support)} at node {node}, accelerometers as they are"
-        yield Proposal(words, (replace(run, excitation_node=node),), 0.0)
+        yield Proposal(words, (replace(run, excitation_node=node),))
 
 
-def _weighted_down(run: Run, structure: Structure, here: str) -> Iterator[Proposal]:
-    mass = float(f"{_ADDED * _total_mass(structure):.1g}")
+def _with_known_mass(run: Run, structure: Structure, here: str) -> Iterator[Proposal]:
+    mass = float(f"{PROPOSED.added_mass * _total_mass(structure):.1g}")
     for node in structure.free_nodes:
         words = f"Clamp a known mass of {mass:g} kg to node {node}, add it to the rig file, and repeat the run {here}"
-        yield Proposal(words, (run,), 0.0, (AttachedMass(mass=mass, node=node),))
+        yield Proposal(words, (run,), added=(known_mass(mass, node),))
 
 
 def _total_mass(structure: Structure) -> float:
@@ -203,10 +203,10 @@ def _lines(problem: Problem, fits: Sequence[Fit]) -> FloatArray:
     """The range that was measured, denser round every member's resonances."""
     low = min(run.frequency_hz[0] for run in problem.runs)
     high = max(run.frequency_hz[-1] for run in problem.runs)
-    parts = [np.linspace(low, high, _LINES)]
+    parts = [np.linspace(low, high, PROPOSED.lines)]
     for fit in fits:
         for modal in problem.modals(fit.k_b, fit.effects):
-            parts += [f * (1 + _ROUND) for f in modal.frequencies_hz]
+            parts += [f * (1 + 1e-3 * np.array(PROPOSED.round_resonance)) for f in modal.frequencies_hz]
     every = np.unique(np.round(np.concatenate(parts), 4))
     return every[(every >= low) & (every <= high)]
 
@@ -230,7 +230,8 @@ class _View:
         for r, run in enumerate(self.proposal.runs):
             size = np.abs(truth.H[r])
             relative = np.hypot(self.noise, self.problem.model_error)
-            std = np.hypot(relative * size, _FLOOR * np.median(size[size > 0]) if (size > 0).any() else 1.0)
+            least = PROPOSED.least_error * np.median(size[size > 0]) if (size > 0).any() else 1.0
+            std = np.hypot(relative * size, least)
             moving = size > 1e-9 * max(size.max(initial=0.0), 1e-300)
             weight = np.where(moving, np.sqrt(2) / std, 0.0)
             off = (run.as_recorded(truth.H[r]) - run.as_recorded(self.H[r])) * weight
@@ -291,12 +292,12 @@ class _View:
         """Inverse covariance of what may change, in the order of ``_derivatives``."""
         n_u, nuisances = len(self.fit.u), self.problem.nuisances
         kept = np.r_[np.arange(n_u), n_u + np.r_[nuisances.sensor], n_u + np.r_[nuisances.tolerance]]
-        told = np.linalg.inv(self.fit.covariance()[np.ix_(kept, kept)])
+        known = np.linalg.inv(self.fit.covariance()[np.ix_(kept, kept)])
         own = [self.proposal.gain_std**-2, *[nuisances.drift_std**-2] * MODES, nuisances.level_std**-2]
         fresh = own * len(self.proposal.runs)
         fresh += [nuisances.sensor_std**-2] * len(self._new_sensors())
         prior = np.zeros((len(kept) + len(fresh),) * 2)
-        prior[: len(kept), : len(kept)] = told
+        prior[: len(kept), : len(kept)] = known
         prior[range(len(kept), len(prior)), range(len(kept), len(prior))] = fresh
         return prior
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,8 @@ from rigtwin.gap.document import (
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.linear import TOLERANCES
-from rigtwin.gap.search.strategies.bearing_stiffness import beside_models
-from rigtwin.gap.verdict.adequacy import Adequacy, judge
+from rigtwin.gap.search.strategies.bearing_stiffness import compare_with_models
+from rigtwin.gap.verdict.adequacy import judge
 from rigtwin.gap.verdict.ranking import Ranked, best_of, by_name, likely, name_of, together
 from rigtwin.gap.verdict.standing import Standing, scale_of
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
@@ -54,15 +55,20 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Answer:
-    """What was found of a campaign, before it is put into words."""
+    """What was found about a campaign, before it is put into words."""
 
     whole: Problem  # of all lines
     problem: Problem  # that the fits belong to
     fitted: Fit  # the recalibrated nominal model by the data's own errors
-    nominal: Fit  # the same, as it is said; see ``matched``
+    nominal: Fit  # the same, as it is reported; see ``matched``
     ranked: Ranked
     standing: Standing
     verdict: Verdict
+
+    @cached_property
+    def all_lines(self) -> Problem:
+        """The problem of the fits on all lines."""
+        return self.problem.on(self.whole.observed)
 
     @property
     def scale(self) -> float:
@@ -78,7 +84,7 @@ def report(
     confirm: Confirm | None,
     clock: Clock,
 ) -> Outcome:
-    """The diagnosis, and how far the gap shrinks.
+    """The diagnosis with its curves, and how far the gap shrinks.
 
     Parameters
     ----------
@@ -86,69 +92,98 @@ def report(
     exclude : ids of effects that were withheld
     confirm : measures the corrected rotor on the virtual rig; None: the model's figure stands
     """
-    problem, nominal = answer.problem, answer.nominal
     findings = (*findings, *_form_finding(answer))
-    verdict, causes, best = _named(campaign, answer, findings, exclude)
-    drawn = problem.on(answer.whole.observed)
-    believed = drawn.bare(nominal)
-    corrected = drawn.predict(best) if best is not nominal or verdict == "no_gap" else [None] * len(believed)
-    curves = tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, believed, corrected, strict=True))
-    equivalent = _equivalent(causes) if verdict == "ambiguous" else ()
-    regime = _regime(causes[:1] if verdict == "cause" else equivalent, findings)
-    told = verdict != "not_enough_data"
-    where = locate(drawn, nominal, believed, regime) if told else Where()
-    if told and _may_be_the_bearings(verdict, causes[:1], equivalent):
-        where = replace(where, bearings=beside_models(drawn, nominal, best if best is not nominal else None))
+    named = _name_causes(campaign, answer, findings, exclude)
+    curves = _curves(answer, named)
+    where = _where(answer, named, curves, findings)
     clock.lap("where")
-    shrink: Shrink | None = None
-    if best is not nominal:
-        shrink = measure_shrink(problem, nominal, best, answer.scale, confirm)
-        clock.lap("held out")
+    shrink = _shrink(answer, named.best, confirm, clock)
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
-        verdict=verdict,
+        verdict=named.verdict,
         sentence="",
         nominal=_nominal_figures(campaign, answer, curves),
         where=where,
-        causes=causes,
-        equivalent=equivalent,
-        next_test=_next_test(campaign, answer, findings, verdict, causes, equivalent),
+        causes=named.causes,
+        equivalent=named.equivalent,
+        next_test=_next_test(campaign, answer, findings, named),
         shrink=shrink,
-        audit=(
-            *findings,
-            *_mounting_finding(campaign, problem, best),
-            *_noise_finding(problem, answer.standing.quality),
-        ),
+        audit=(*findings, *_mounting_finding(campaign, answer.problem, named.best), *_noise_finding(answer)),
         excluded=tuple(exclude),
         unknown_score=_doubt(answer.standing),
-        calibration=calibration(problem, best),
+        calibration=calibration(answer.problem, named.best),
         timing_s=clock.laps,
     )
     return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
 
 
-def _named(
-    campaign: Campaign, answer: Answer, findings: Sequence[Finding], exclude: Sequence[str]
-) -> tuple[Verdict, tuple[Cause, ...], Fit]:
-    """The verdict, causes by probability, and the fit that corrects the model: the nominal one where no effect does."""
-    problem, ranked, verdict = answer.problem, answer.ranked, answer.verdict
-    causes = _causes(problem, ranked, answer.scale, _known(answer))
+@dataclass(frozen=True)
+class _Named:
+    """What is answered."""
+
+    verdict: Verdict
+    causes: tuple[Cause, ...]  # by probability
+    best: Fit  # that corrects the model: the nominal one where no effect does
+
+    @property
+    def equivalent(self) -> tuple[Cause, ...]:
+        """Causes that the data cannot tell apart."""
+        return _equivalent(self.causes) if self.verdict == "ambiguous" else ()
+
+    @property
+    def answered(self) -> tuple[Cause, ...]:
+        """Causes that the verdict names."""
+        return self.causes[:1] if self.verdict == "cause" else self.equivalent
+
+
+def _name_causes(campaign: Campaign, answer: Answer, findings: Sequence[Finding], exclude: Sequence[str]) -> _Named:
+    """The answer; where the model is right on every line, the raster is the cause if it is too coarse."""
+    ranked, verdict, raster = answer.ranked, answer.verdict, _raster_effect()
+    causes = _causes(answer.problem, ranked, answer.scale, _known(answer))
     if verdict in ("cause", "ambiguous"):
-        return verdict, causes, best_of(ranked)
-    if verdict == "no_gap" and "coarse_grid" not in exclude and _is_coarse(campaign, findings):
-        return "cause", (_raster(answer), *causes), answer.nominal
-    return verdict, causes, answer.nominal
+        return _Named(verdict, causes, best_of(ranked))
+    if verdict == "no_gap" and raster not in exclude and _is_coarse(campaign, findings):
+        return _Named("cause", (_raster_cause(answer, raster), *causes), answer.nominal)
+    return _Named(verdict, causes, answer.nominal)
 
 
-def _may_be_the_bearings(verdict: Verdict, first: Sequence[Cause], equivalent: Sequence[Cause]) -> bool:
-    """Whether what is answered leaves it open that the bearings carry the shaft in another way."""
-    answered = first if verdict == "cause" else equivalent
+def _curves(answer: Answer, named: _Named) -> tuple[Curve, ...]:
+    """All lines of the runs, with the nominal model and, where there is one, the corrected model."""
+    drawn = answer.all_lines
+    before = drawn.bare(answer.nominal)
+    corrects = named.best is not answer.nominal or named.verdict == "no_gap"
+    after = drawn.predict(named.best) if corrects else [None] * len(before)
+    return tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, before, after, strict=True))
+
+
+def _where(answer: Answer, named: _Named, curves: Sequence[Curve], findings: Sequence[Finding]) -> Where:
+    """Where the gap lies, with the bearings' stiffness where that may be the cause; nothing of too few data."""
+    if named.verdict == "not_enough_data":
+        return Where()
+    where = locate(answer.all_lines, answer.nominal, [c.nominal for c in curves], _regime(named.answered, findings))
+    if not _may_be_the_bearings(named.answered):
+        return where
+    best = named.best if named.best is not answer.nominal else None
+    return replace(where, bearings=compare_with_models(answer.all_lines, answer.nominal, best))
+
+
+def _shrink(answer: Answer, best: Fit, confirm: Confirm | None, clock: Clock) -> Shrink | None:
+    """How far the gap shrinks; None where no effect corrects the model."""
+    if best is answer.nominal:
+        return None
+    shrink = measure_shrink(answer.problem, answer.nominal, best, answer.scale, confirm)
+    clock.lap("held out")
+    return shrink
+
+
+def _may_be_the_bearings(answered: Sequence[Cause]) -> bool:
+    """Whether the answered causes leave it open that the bearings carry the shaft in another way."""
     return not answered or any(place.kind == "bearings" for cause in answered for place in cause.locations)
 
 
 def _known(answer: Answer) -> float:
-    """Probability that it is a known effect, or none, at all."""
+    """Probability that a known effect, or none at all, is the answer."""
     return 1 - _doubt(answer.standing) if answer.verdict == "unknown" else 1.0
 
 
@@ -158,7 +193,7 @@ def _doubt(standing: Standing) -> float:
 
 
 def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]) -> dict[str, Any]:
-    """What is said of the recalibrated nominal model."""
+    """What the diagnosis says about the recalibrated nominal model."""
     problem, nominal = answer.problem, answer.nominal
     return {
         "k_b": _k_b(problem, nominal, answer.scale) if nominal.n_data else None,
@@ -175,28 +210,21 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.nanmean(values)) if np.isfinite(values).any() else math.nan
 
 
-def _next_test(
-    campaign: Campaign,
-    answer: Answer,
-    findings: Sequence[Finding],
-    verdict: Verdict,
-    causes: Sequence[Cause],
-    equivalent: Sequence[Cause],
-) -> NextTest | None:
+def _next_test(campaign: Campaign, answer: Answer, findings: Sequence[Finding], named: _Named) -> NextTest | None:
     """What would tell the causes, or the places, that remain apart; else what the campaign lacks."""
     if wrong := sorted({f.check for f in findings if wording.must_be_corrected(f)}):
         return NextTest(f"None before what the audit finds wrong under {' and '.join(wrong)} is corrected.")
-    rivals = _rivals(answer.ranked, causes, verdict, equivalent)
-    told = best_next_test(answer.problem, rivals) if len(rivals) > 1 else None
-    return told or missing_test(verdict, campaign, causes, equivalent)
+    rivals = _rivals(answer.ranked, named)
+    separating = best_next_test(answer.problem, rivals) if len(rivals) > 1 else None
+    return separating or missing_test(named.verdict, campaign, named.causes, named.equivalent)
 
 
-def _rivals(ranked: Ranked, causes: Sequence[Cause], verdict: Verdict, equivalent: Sequence[Cause]) -> list[Fit]:
+def _rivals(ranked: Ranked, named: _Named) -> list[Fit]:
     """What the next test should tell apart: causes, or else the places of the one that is named."""
-    groups = by_name(ranked)
-    if equivalent:
-        return [groups[name_of(cause.effects)][0][0] for cause in equivalent]
-    if verdict == "cause" and causes[0].place_probability < THRESHOLDS.sure:
+    groups, causes = by_name(ranked), named.causes
+    if named.equivalent:
+        return [groups[name_of(cause.effects)][0][0] for cause in named.equivalent]
+    if named.verdict == "cause" and causes[0].place_probability < THRESHOLDS.sure:
         return [fit for fit, _ in likely(groups[name_of(causes[0].effects)])]
     return []
 
@@ -212,7 +240,7 @@ def _causes(problem: Problem, ranked: Ranked, scale: float, known: float) -> tup
 
     Parameters
     ----------
-    known : probability that it is a known effect, or none, at all
+    known : probability that a known effect, or none at all, is the answer
     """
     causes = []
     for places in by_name(ranked).values():
@@ -268,10 +296,15 @@ def _is_coarse(campaign: Campaign, findings: Sequence[Finding]) -> bool:
     return bool(coarse) and 2 * len(coarse) >= len(campaign.runs)
 
 
-def _raster(answer: Answer) -> Cause:
+def _raster_effect() -> str:
+    """The effect that widens the distance of the lines."""
+    return next(name for name, effect in EFFECTS.items() if "step_hz" in effect().sweep_changes())
+
+
+def _raster_cause(answer: Answer, effect: str) -> Cause:
     """The raster as the cause, as surely as the model is right."""
     k_b, place = _k_b(answer.problem, answer.nominal, answer.scale), Location("raster")
-    return Cause(("coarse_grid",), place, answer.ranked.no_gap, {}, k_b, math.nan, locations=(place,))
+    return Cause((effect,), place, answer.ranked.no_gap, {}, k_b, math.nan, locations=(place,))
 
 
 def _form_finding(answer: Answer) -> tuple[Finding, ...]:
@@ -300,9 +333,11 @@ def _mounting_finding(campaign: Campaign, problem: Problem, fit: Fit) -> tuple[F
     return (Finding("repeatability", "warning", f"{words}.", "", size, problem.nuisances.sensor_std),)
 
 
-def _noise_finding(problem: Problem, quality: Adequacy) -> tuple[Finding, ...]:
+def _noise_finding(answer: Answer) -> tuple[Finding, ...]:
+    """That the values scatter otherwise than their standard errors say."""
     low, high = THRESHOLDS.believed_scale_low, THRESHOLDS.believed_scale_high
-    if all(run.std is None for run in problem.runs) or low <= quality.scale <= high:
+    quality = answer.standing.quality
+    if all(run.std is None for run in answer.problem.runs) or low <= quality.scale <= high:
         return ()
     words = (
         f"the values scatter {quality.scale:.2g} times as much as their standard errors say; "

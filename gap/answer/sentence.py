@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from rigtwin.gap.document import Cause, Diagnosis, Finding, Shrink, explainable
 from rigtwin.gap.phrases import effects_at, listed, lowered, part, place
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 
 
-def named(cause: Cause) -> str:
+@dataclass(frozen=True)
+class Mention:
+    """From where on something is mentioned in the sentence."""
+
+    gap_over_floor: float = 1.1  # the gap over its noise, for what the cause takes away: below, next to nothing can go
+    without_cause: float = 0.5  # share of the gap that gains and tolerances take away alone
+    one_joint: float = 0.9  # share of the gap that one joint stiffness explains
+
+
+MENTION = Mention()
+
+
+def name_cause(cause: Cause) -> str:
     """Effects of a cause, each with its place, and where else they may be if that is not sure."""
     words = effects_at(cause.effects, cause.locations or (cause.location,))
     if cause.place_probability >= THRESHOLDS.sure or not cause.other_places:
@@ -35,7 +48,9 @@ def must_be_corrected(finding: Finding) -> bool:
 def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "no_gap":
         words = "Model and measurement agree within the noise and the drifts of the test: there is nothing to explain"
-        return f"{words}{_IN_WHAT_IS_THERE if _lines_lack(diagnosis) else ''}."
+        if _lines_are_missing(diagnosis):  # a cause may show on one line alone, as where a sweep jumps
+            words += " in the lines that were used; which ones are missing or left out, the audit says"
+        return f"{words}."
     if diagnosis.verdict == "not_enough_data":
         return "The data are too few to tell one cause from another."
     if diagnosis.verdict == "unknown":
@@ -46,22 +61,18 @@ def _verdict(diagnosis: Diagnosis) -> str:
             f"Model and measurement agree line by line, but the lines are too far apart to show the peaks ({surely})."
         )
     tail = _takes_away(diagnosis.shrink)
-    first = named(diagnosis.causes[0])
+    first = name_cause(diagnosis.causes[0])
     if diagnosis.verdict == "cause":
         return f"The gap comes from {first} (probability {part(diagnosis.causes[0].probability)}){tail}"
     if len(diagnosis.equivalent) < 2:
         surely = part(diagnosis.causes[0].probability)
         return f"The gap may come from {first} (probability {surely}), or be none{tail}"
-    choices = [*map(named, diagnosis.equivalent), *(["no gap at all"] if _may_be_none(diagnosis) else [])]
+    choices = [*map(name_cause, diagnosis.equivalent), *(["no gap at all"] if _may_be_none(diagnosis) else [])]
     words = f"These data cannot tell apart {', or '.join(choices)}"
     return f"{words}." if tail == "." else f"{words}; the first{tail}"
 
 
-# A cause may show on one line alone, as where a sweep jumps.
-_IN_WHAT_IS_THERE = " in the lines that were used; which ones are missing or left out, the audit says"
-
-
-def _lines_lack(diagnosis: Diagnosis) -> bool:
+def _lines_are_missing(diagnosis: Diagnosis) -> bool:
     return any(f.check == "missing_lines" and f.severity == "warning" for f in diagnosis.audit)
 
 
@@ -70,33 +81,22 @@ def _may_be_none(diagnosis: Diagnosis) -> bool:
 
 
 def _takes_away(shrink: Shrink | None) -> str:
-    """What the cause explains, and what gains and tolerances would without it, where that is much."""
-    if shrink is None or not math.isfinite(shrink.explainable) or shrink.before < _PLAINLY * shrink.floor:
+    """How much of the gap the cause takes away, and how much gains and tolerances would alone, where that is much."""
+    if shrink is None or not math.isfinite(shrink.explainable) or shrink.before < MENTION.gap_over_floor * shrink.floor:
         return "."
     words = f": it takes away {part(shrink.explainable)} of the gap that can be explained"
     if shrink.without_effect is not None:
         alone = explainable(shrink.before, shrink.without_effect, shrink.floor)
-        words += f"; gains and tolerances without it, {part(alone)}" if alone > _MUCH else ""
+        words += f"; gains and tolerances without it, {part(alone)}" if alone > MENTION.without_cause else ""
     return f"{words}."
 
 
-# A gap over its floor that leaves something to take away on single lines.
-_PLAINLY = 1.1
-
-# Share of the gap from which it is said what goes without the cause.
-_MUCH = 0.5
-
-
 def _acts_like(diagnosis: Diagnosis) -> str:
-    """What one joint stiffness would have to be, where one at a single node explains nearly all of what is right."""
+    """What a single joint stiffness would have to be, where one at one node explains nearly the whole gap."""
     joint = diagnosis.where.joint
     if joint is None or any(map(must_be_corrected, diagnosis.audit)):
         return "."
-    if diagnosis.where.remark or joint.explained < _NEARLY or joint.order.startswith(("none", "too")):
+    if diagnosis.where.remark or joint.explained < MENTION.one_joint or joint.order.startswith(("none", "too")):
         return "."
     law = joint.order.partition(" (")[0]
     return f"; at node {joint.node} something acts like {law} ({100 * joint.explained:.0f} % of the gap there)."
-
-
-# Share of the gap from which one joint stiffness is worth a word.
-_NEARLY = 0.9

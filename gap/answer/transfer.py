@@ -1,13 +1,13 @@
-"""How far the gap will shrink under another excitation, as far as the fit's own uncertainty lets one say.
+"""How far the gap will shrink under another excitation, with an interval from the fit's own uncertainty.
 
-Numbers are drawn from the posterior; each draw is a rig that the data allow. Driven at a node that was not driven,
-free of noise, gains and drift, it is compared with the nominal and with the corrected model. The interval of what
-the correction explains is thus one for transfer data, not for the lines next to those that were fitted. It holds the
-90 % interval of every such node, as one does not know which will be driven. What is left of the gap is stretched a
-little both ways: the posterior knows of no other elements or solver than those of the model.
+Numbers are drawn from the posterior; each draw is a rig that the data allow. It is driven at a node that was not driven
+in the campaign, without noise, gains and drift, and compared with the nominal and with the corrected model. So the
+interval is one for transfer data, not for the lines next to those that were fitted. It contains the 90 % interval of
+every such node, as nobody knows which one will be driven. What is left of the gap is stretched a little both ways,
+because the posterior knows of no other elements or solver than those of the model.
 
-A nonlinear cause is tried at the middle of the levels. Its corrected model is followed as a sweep; a drawn rig's
-motions are those nearest to it.
+A nonlinear cause is tried at the middle of the levels. Its corrected model is followed as a sweep, and the motions of
+a drawn rig are those nearest to that.
 """
 
 from __future__ import annotations
@@ -26,15 +26,22 @@ from rigtwin.gap.model.run_model import RunModel
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
-_DRAWS = 60
 
-# The same of a nonlinear cause, and every so many lines: each is solved anew.
-_DRAWS_NONLINEAR, _LINES_NONLINEAR = 40, 2
+@dataclass(frozen=True)
+class TransferTest:
+    """How many rigs are drawn, and by how much their interval is widened.
 
-# What is left of the gap may be so many times more, or less, of a linear and of a nonlinear cause. Without, the
-# interval covered 72 of 80 linear and 22 of 34 nonlinear causes of tuning campaigns, whose rigs are another
-# implementation's; with it 75 and 31.
-_STRETCH, _STRETCH_NONLINEAR = 1.05, 1.75
+    Without the stretch the interval covered 72 of 80 linear and 22 of 34 nonlinear causes of tuning campaigns, whose
+    rigs are another implementation's; with it 75 and 31.
+    """
+
+    draws: int
+    every: int  # of how many lines one is solved
+    stretch: float  # factor by which more, or less, may be left of the gap
+
+
+LINEAR = TransferTest(draws=60, every=1, stretch=1.05)
+NONLINEAR = TransferTest(draws=40, every=2, stretch=1.75)  # as each is solved anew
 
 
 def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -> tuple[float, float]:
@@ -47,23 +54,23 @@ def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -
     scale : true over believed standard error
     """
     rng = np.random.default_rng(0)
-    nodes, count, stretch = _other_nodes(problem), _DRAWS, _STRETCH
+    nodes, settings = _other_nodes(problem), LINEAR
     if not nodes:
         return (np.nan, np.nan)
     if nonlinear(best.effects):
-        nodes, count, stretch = nodes[len(nodes) // 2 :][:1], _DRAWS_NONLINEAR, _STRETCH_NONLINEAR
+        nodes, settings = nodes[len(nodes) // 2 :][:1], NONLINEAR
     try:
         tests = [_Test(problem, nominal, best, node) for node in nodes]
     except (ValueError, np.linalg.LinAlgError):  # of a nonlinear cause no line of the sweep may have a motion
         return (np.nan, np.nan)
-    draws = _draws(best, scale, rng, count)
+    draws = _draws(best, scale, rng, settings.draws)
     shrinks = [[test.shrink(u, nu) for u, nu in draws] for test in tests]
     known = [np.array(each)[np.isfinite(each)] for each in shrinks if np.isfinite(each).any()]
     if not known:
         return (np.nan, np.nan)
     low = min(float(np.quantile(each, 0.05)) for each in known)
     high = max(float(np.quantile(each, 0.95)) for each in known)
-    return 1 - (1 - low) * stretch, 1 - (1 - high) / stretch
+    return 1 - (1 - low) * settings.stretch, 1 - (1 - high) / settings.stretch
 
 
 def _other_nodes(problem: Problem) -> list[int]:
@@ -103,7 +110,7 @@ class _Test:
             there = replace(problem.runs[r], excitation_node=node, harmonics={}, std=None)
             effects = acting(best.effects, there.support)
             if nonlinear(effects):
-                there = self._swept(there, best)
+                there = self._follow(there, best)
                 corrected = there.H
             else:
                 self._forward.bend(there, best.k_b, effects)
@@ -112,10 +119,10 @@ class _Test:
             plain = self._forward.modal(there, nominal.k_b).response()
             self._parts.append(_Part(there, plain, corrected))
 
-    def _swept(self, run: Run, best: Fit) -> Run:
-        """Some lines of a run with what the corrected model says of them: the branch that its motions are on."""
-        hz = run.frequency_hz[::_LINES_NONLINEAR]
-        run = replace(run, frequency_hz=hz, H=run.H[::_LINES_NONLINEAR], magnitude_only=False)
+    def _follow(self, run: Run, best: Fit) -> Run:
+        """Some lines of a run with the corrected model's response, which says on which branch its motions are."""
+        hz = run.frequency_hz[:: NONLINEAR.every]
+        run = replace(run, frequency_hz=hz, H=run.H[:: NONLINEAR.every], magnitude_only=False)
         there = acting(best.effects, run.support)
         modal = self._forward.made(with_data=False).modal(run, best.k_b, there).as_nonlinear
         assert modal is not None

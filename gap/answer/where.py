@@ -27,15 +27,12 @@ from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 # Laws a joint stiffness is compared with: name, unit of its size, what it looks like, and shape over omega.
-_LAWS = (
+LAWS = (
     ("a stiffness", "N/m", "constant and real", lambda w: np.ones(len(w), dtype=complex)),
     ("a mass", "kg", "real, falling with the square of the frequency", lambda w: -(w**2) + 0j),
     ("a viscous damper", "N s/m", "imaginary, rising with frequency", lambda w: 1j * w),
     ("a hysteretic damper", "N/m", "imaginary and constant", lambda w: 1j * np.ones(len(w))),
 )
-
-# No law is named that leaves more than this share of the stiffness, in the median.
-_UNLIKE = 0.5
 
 
 def locate(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], regime: Regime) -> Where:
@@ -183,17 +180,17 @@ def _joint(problem: Problem, nominal: Fit, best) -> JointStiffness:
 
 
 def _order(Z: ComplexArray, omega: FloatArray) -> str:
-    """The simple law that is nearest in the median, with its size, in words."""
+    """The simple law that is nearest in the median, with its size, in words; none where all leave more than half."""
     if len(Z) < 3:
         return "too few lines to say"
     found = []
-    for name, unit, looks, law in _LAWS:
+    for name, unit, looks, law in LAWS:
         shape = law(omega)
         size = float(np.median((Z * shape.conj()).real / np.abs(shape) ** 2))
         left = float(np.median(np.abs(Z - size * shape)) / max(np.median(np.abs(Z)), 1e-300))
         found.append((left, f"{name} of {_plain(size)} {unit} ({looks})"))
     left, words = min(found)
-    return words if left < _UNLIKE else "none of stiffness, mass, viscous or hysteretic damper alone"
+    return words if left < 0.5 else "none of stiffness, mass, viscous or hysteretic damper alone"
 
 
 def _plain(size: float) -> str:

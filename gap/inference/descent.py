@@ -9,20 +9,18 @@ import numpy as np
 from rigtwin.gap.model.nonlinear import BoolArray
 from rigtwin.rotor.model.structure import FloatArray
 
+Residual = Callable[[FloatArray], FloatArray | None]  # of a point; None where it has no model
 
-def softened(residual: FloatArray) -> FloatArray:
-    """Residuals that grow like the root of large errors: what is far off does not decide a descent."""
+
+def soften(residual: FloatArray) -> FloatArray:
+    """Let large residuals grow like their root only: what is far off should not decide a descent."""
     return residual / np.sqrt(1 + np.abs(residual))
 
 
 def minimise(
-    residual: Callable[[FloatArray], FloatArray | None],
-    u: FloatArray,
-    ends: FloatArray,
-    with_k_b: bool,
-    steps: int,
+    residual: Residual, u: FloatArray, ends: FloatArray, with_k_b: bool, steps: int
 ) -> tuple[FloatArray, float]:
-    """A few damped Gauss-Newton steps with forward differences; points without a model are walked round."""
+    """A few damped Gauss-Newton steps with forward differences, which avoid points without a model."""
     x, scales = np.clip(u, ends[:, 0], ends[:, 1]), np.ptp(ends, axis=1)
     r = residual(x)
     if r is None:
@@ -38,7 +36,7 @@ def minimise(
             moved = residual(y)
             if moved is not None:
                 J[:, j] = (moved - r) / step
-        found = _shorter(residual, x, r, J, ends, mu)
+        found = _reduce(residual, x, r, J, ends, mu)
         if found is None:
             break
         before = float(r @ r)
@@ -48,13 +46,8 @@ def minimise(
     return x, float(r @ r) / len(r)
 
 
-def _shorter(
-    residual: Callable[[FloatArray], FloatArray | None],
-    x: FloatArray,
-    r: FloatArray,
-    J: FloatArray,
-    ends: FloatArray,
-    mu: float,
+def _reduce(
+    residual: Residual, x: FloatArray, r: FloatArray, J: FloatArray, ends: FloatArray, mu: float
 ) -> tuple[FloatArray, FloatArray, float] | None:
     """A point with a smaller residual, the residual, and the next damping; None where none is found."""
     A, g = J.T @ J, -J.T @ r
@@ -80,6 +73,6 @@ def damped_step(A: FloatArray, g: FloatArray, mu: float, active: BoolArray) -> F
     return step
 
 
-def tamed(step: FloatArray) -> FloatArray:
-    """Steps of logarithms: upwards by as many times the number itself, downwards likewise of its reciprocal."""
+def shorten_logarithms(step: FloatArray) -> FloatArray:
+    """Shorten steps s of logarithms to ln(1 + s): the number, or downwards its reciprocal, grows by s times itself."""
     return np.sign(step) * np.log1p(np.abs(step))

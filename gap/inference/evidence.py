@@ -1,8 +1,8 @@
-"""Evidence by importance sampling: how far Laplace's approximation is to be believed, and what it should have been.
+"""Evidence by importance sampling, which corrects Laplace's approximation and says how far it can be believed.
 
 Numbers and nuisances are drawn from the normal distribution that Laplace's approximation stands for; each draw counts
-by what the data and the nuisances' priors say of it over what that distribution does [mackay2003]. Draws outside a
-number's range count for nothing. The mean weight is the evidence over Laplace's.
+by its posterior density over that of this distribution [mackay2003]. Draws outside a number's range count for
+nothing. The mean weight is the evidence over Laplace's.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import nonlinear
 from rigtwin.rotor.model.structure import FloatArray
 
-# Draws, and more of them as long as too few count: most then lie outside the ranges, and cost nothing.
+# Numbers of draws, tried in turn as long as too few count: most then lie outside the ranges, and cost nothing.
 DRAWS = (64, 256, 1024)
 
 
@@ -54,13 +54,13 @@ def sample(problem: Problem, fit: Fit, scale: float = 1.0, draws: Sequence[int] 
     for before, count in itertools.pairwise((0, *draws)):
         for k in before + np.flatnonzero(inside[before:count]):
             log_weight[k] = log_likelihood(drawn[k]) - at_best + np.sum(z[k] ** 2) / 2
-        found = _summed_up(log_weight[:count])
+        found = _summarise(log_weight[:count])
         if found and found.trusted:
             break
     return found
 
 
-def _summed_up(log_weight: FloatArray) -> Sampled | None:
+def _summarise(log_weight: FloatArray) -> Sampled | None:
     """The mean weight of all draws, its error, and how many of them count; None where none does."""
     if not np.isfinite(log_weight).any():
         return None

@@ -1,8 +1,9 @@
-"""A candidate at its best: its numbers, what it leaves, and its evidence."""
+"""A candidate at its best: its numbers, its misfit, and its evidence."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,9 +11,6 @@ from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
 from rigtwin.gap.model.nonlinear import BoolArray
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.model.structure import FloatArray
-
-# Effective draws from which a sampled evidence is believed.
-_TRUSTED = 8.0
 
 
 @dataclass(frozen=True)
@@ -22,11 +20,12 @@ class Sampled:
     correction: float  # logarithm of it over Laplace's
     error: float  # standard error of that
     ess: float  # effective number of draws
+    least_ess: ClassVar[float] = 8.0  # from which the evidence is believed
 
     @property
     def trusted(self) -> bool:
         """Whether enough draws count."""
-        return self.ess >= _TRUSTED
+        return self.ess >= self.least_ess
 
 
 @dataclass(frozen=True)
@@ -97,12 +96,12 @@ class Fit:
         scale : true over believed standard error of the data
         held : (1 + n_free,) coordinates that stay where they are
         """
-        told = self.precision / scale**2 + np.diag(self._prior_precision)
+        precision = self.precision / scale**2 + np.diag(self._prior_precision)
         if held is None or not held.any():
-            return np.linalg.inv(told)
+            return np.linalg.inv(precision)
         free = np.flatnonzero(np.concatenate([~held, np.ones(len(self.nu), bool)]))
-        covariance = np.zeros_like(told)
-        covariance[np.ix_(free, free)] = np.linalg.inv(told[np.ix_(free, free)])
+        covariance = np.zeros_like(precision)
+        covariance[np.ix_(free, free)] = np.linalg.inv(precision[np.ix_(free, free)])
         return covariance
 
     @property

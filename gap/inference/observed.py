@@ -1,4 +1,4 @@
-"""Measured runs with their errors, and what a model leaves of them.
+"""Measured runs with their errors, and the residuals that a model leaves of them.
 
 A residual is (data - model) over the standard error of a real component; magnitudes, where only these were measured,
 are compared with the mean magnitude of a noisy response.
@@ -17,11 +17,16 @@ from rigtwin.sim.campaign import Run
 
 Values = ComplexArray | FloatArray  # responses, or magnitudes alone
 
-# A channel's own variance is at least this share of all, what the channels share apart.
-_LEAST_OWN = 0.05
 
-# Errors below this share of a run's median response are not believed.
-_LEAST_STD = 1e-4
+@dataclass(frozen=True)
+class LeastErrors:
+    """Errors that are believed at least."""
+
+    own_variance: float = 0.05  # a channel's own, over that with what all channels share
+    std: float = 1e-4  # over a run's median response
+
+
+LEAST = LeastErrors()
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,7 @@ class Observed:
         """(n_freq, n_channels) whether a value is there."""
         return np.isfinite(self.run.H) & np.isfinite(self.std)
 
-    def less(self, H: ComplexArray) -> ComplexArray | FloatArray:
+    def difference(self, H: ComplexArray) -> ComplexArray | FloatArray:
         """(n_freq, n_channels) data less a model; magnitudes less their mean where only these were measured."""
         y = self.run.H
         return np.abs(y) - expected_magnitude(self, H)[0] if self.run.magnitude_only else y - H
@@ -48,14 +53,14 @@ class Observed:
         """(n_freq, n_channels) sqrt(E|data - truth|^2): a magnitude sees half of the noise's power."""
         return self.std / np.sqrt(2) if self.run.magnitude_only else self.std
 
-    def divided(self, factor: float) -> Observed:
-        """The same in another unit."""
+    def divide_by(self, factor: float) -> Observed:
+        """The same in another unit, which is so many times as large."""
         std = None if self.run.std is None else self.run.std / factor
         return replace(self, run=replace(self.run, H=self.run.H / factor, std=std, harmonics={}), std=self.std / factor)
 
     @property
     def n_values(self) -> int:
-        """Real numbers that were measured; a node that is held still tells none."""
+        """Real numbers that were measured; a node that is held still has none."""
         moving = np.abs(np.nan_to_num(self.run.H)) > 0
         return int((self.valid & moving).sum()) * (1 if self.run.magnitude_only else 2)
 
@@ -63,7 +68,7 @@ class Observed:
 def observe(run: Run, std: FloatArray, common: float = 0.0, scatter: float = np.nan) -> Observed:
     """A run whose errors are at least what can be believed."""
     size = np.abs(run.H[np.isfinite(run.H)])
-    least = _LEAST_STD * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
+    least = LEAST.std * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
     return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least), common, scatter)
 
 
@@ -76,7 +81,7 @@ def residual(observed: Observed, H: ComplexArray, added: float) -> Values:
 
 
 def _left(observed: Observed, H: ComplexArray, weight: FloatArray) -> Values:
-    return _independent(observed, np.where(observed.valid, observed.less(H) * weight, 0.0), weight)
+    return _independent(observed, np.where(observed.valid, observed.difference(H) * weight, 0.0), weight)
 
 
 def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
@@ -87,7 +92,7 @@ def misfit(observed: Observed, H: ComplexArray, added: float) -> FloatArray:
 def _weight(observed: Observed, added: float) -> FloatArray:
     """(n_freq, n_channels) 1 / standard error of a real component of a channel's own; 0 where nothing is there."""
     squared = np.abs(np.nan_to_num(observed.run.H)) ** 2
-    own = np.maximum(observed.std**2 - observed.common**2 * squared, _LEAST_OWN * observed.std**2)
+    own = np.maximum(observed.std**2 - observed.common**2 * squared, LEAST.own_variance * observed.std**2)
     return np.where(observed.valid, 1 / np.sqrt((own + added**2 * squared) / 2), 0.0)
 
 
@@ -106,8 +111,8 @@ def _independent(observed: Observed, z: Values, weight: FloatArray) -> Values:
     return z - part * w * np.sum(w.conj() * z, axis=-1, keepdims=True)
 
 
-def weighted(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
-    """Weights (n_freq, n_channels) and real residuals."""
+def weights_and_residuals(observed: Observed, H: ComplexArray, added: float) -> tuple[FloatArray, FloatArray]:
+    """(n_freq, n_channels) weights and (n_residuals,) real residuals."""
     weight = _weight(observed, added)
     left = _left(observed, H, weight)
     return weight, _flat(left.real if observed.run.magnitude_only else left)

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.observed import derivatives, weighted
+from rigtwin.gap.inference.observed import derivatives, weights_and_residuals
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
-# Share of an effect's change that nuisances must leave, for the change to tell anything.
-_UNTOLD = 1e-9
+# Share of an effect's change below which it counts as one that the nuisances make, too.
+INDISTINCT = 1e-9
 
 
 class Score:
@@ -23,10 +23,10 @@ class Score:
 
     Of a rough fit it is the misfit with the relative error that it was fitted with.
 
-    A fit stops short of its minimum, and along a direction that an effect shares with the nuisances what is left there
-    passes for the effect's. Settled, slopes are those at the minimum, to first order (the efficient score): right where
-    the fit is good, and misleading where it is so bad that its minimum lies elsewhere. A number that stands at an end
-    of its range, and would leave it, stays there.
+    A fit stops short of its minimum. What is left to gain there would pass for the effect's, along a direction that the
+    effect shares with the nuisances. With ``settled``, slopes are those at the minimum, to first order (the efficient
+    score): right where the fit is good, misleading where it is so bad that its minimum lies elsewhere. A number that
+    stands at an end of its range, and would leave it, stays there.
 
     Parameters
     ----------
@@ -35,10 +35,13 @@ class Score:
     """
 
     def __init__(self, problem: Problem, fit: Fit, *, settled: bool = False):
-        self._problem, self.fit, self._parts = problem, fit, problem.linear_parts(fit)
+        parts = problem.linear_parts(fit.hypothesis, fit.u, fit.nu, fit.added)
+        if parts is None:
+            raise ValueError(f"{fit.hypothesis}: the fit has no model")
+        self._problem, self.fit, self._parts = problem, fit, parts
         self._model = problem.predict(fit)
         self._weights = [
-            weighted(observed, H, problem.total_error(fit.added))[0]
+            weights_and_residuals(observed, H, problem.total_error(fit.added))[0]
             for observed, H in zip(problem.observed, self._model, strict=True)
         ]
         gradient = self._gradient()
@@ -82,14 +85,14 @@ class Score:
             size += np.sum(columns**2, axis=1)
             shared[:, where] += columns @ J.T
         answer = shared @ self._covariance
-        told = size - np.sum(shared * answer, axis=1)
-        told[told <= _UNTOLD * size] = np.inf
+        own = size - np.sum(shared * answer, axis=1)
+        own[own <= INDISTINCT * size] = np.inf
         slope -= answer @ self._unsettled
-        scale = slope / told
+        scale = slope / own
         return scale * np.abs(slope), scale, -scale[:, None] * answer
 
     def _gradient(self) -> FloatArray:
-        """-gradient/2 of misfit and penalty by (u, nu): what a fit leaves that stopped short of its minimum."""
+        """-gradient/2 of misfit and penalty by (u, nu): not zero where the fit stopped short of its minimum."""
         fit = self.fit
         left = np.zeros(len(fit.u) + len(fit.nu))
         for residual, J, where in self._parts:
@@ -156,7 +159,7 @@ def _gain(slope: FloatArray, told: FloatArray, size: FloatArray) -> tuple[float,
     """The misfit that goes along all directions that tell something, and how many these are."""
     unit = 1 / np.sqrt(np.maximum(size.diagonal(), 1e-30))
     values, axes = np.linalg.eigh(told * unit * unit[:, None])
-    free = values > _UNTOLD * values.max(initial=0.0)
+    free = values > INDISTINCT * values.max(initial=0.0)
     along = (axes.T @ (slope * unit))[free]
     return float(np.sum(along**2 / values[free])), int(free.sum())
 

@@ -20,7 +20,7 @@ from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.race import BENT, CLOSE, FAR, RACE, Progress, Search, best_first, first_of_each, race
 from rigtwin.gap.search.starts import Promise, Start, begin, several
-from rigtwin.gap.search.strategies.bearing_stiffness import Carried, carried, law_starts
+from rigtwin.gap.search.strategies.bearing_stiffness import MeasuredStiffness, law_starts, measured_stiffness
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.workers import each
 from rigtwin.rotor.model.structure import FloatArray
@@ -107,7 +107,7 @@ def bend_laws(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis])
     if found.rough:
         few, base = problem.thinned(FAR_SEARCH.every), found.nominal.u[:1]
         laws = [hypothesis.bent for hypothesis in hypotheses if hypothesis.bent != hypothesis]
-        seat = carried(few, found.nominal)
+        seat = measured_stiffness(few, found.nominal)
         ends = each(partial(_all_the_way_down, few, base, seat), laws)
         rough = [(law, u) for law, us in zip(laws, ends, strict=True) for u in us]
         starts += [Start(law, u, problem.unit(law, u)) for law, u in rough]
@@ -131,7 +131,9 @@ def _along_with(fits: Sequence[Fit], found: Search) -> Search:
     return replace(found, fits=tuple(best_first([*found.fits, *fits[:1]])))
 
 
-def _all_the_way_down(few: Problem, base: FloatArray, seat: Carried | None, hypothesis: Hypothesis) -> list[FloatArray]:
+def _all_the_way_down(
+    few: Problem, base: FloatArray, seat: MeasuredStiffness | None, hypothesis: Hypothesis
+) -> list[FloatArray]:
     """Where a candidate's best rough descents end; of a law of the bearings, those to what a run says of it."""
     if seat and hypothesis.terms[0].effect.location == "bearings":
         return law_starts(few, seat, hypothesis, K_B.value(base[0]))

@@ -123,7 +123,7 @@ def _shared(observed: Observed, model: ComplexArray) -> float:
     """At most so large an error channels share of what a model leaves, relative and as of the complex response."""
     size, live = np.abs(observed.run.H), live_channels(observed.run)
     with np.errstate(all="ignore"):
-        left = np.where(observed.valid, observed.less(model) / size, np.nan)
+        left = np.where(observed.valid, observed.difference(model) / size, np.nan)
         square, error = shared_variance(left[:, live], (observed.error / size)[:, live])
     return float(of_complex(np.sqrt(np.maximum(square + SCATTER.surely * error, 0.0)), observed.run))
 

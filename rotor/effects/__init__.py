@@ -47,6 +47,7 @@ from rigtwin.rotor.effects.structure import (
     OpenCrack,
     ShaftDamping,
     ShaftModulus,
+    known_mass,
 )
 from rigtwin.rotor.effects.supports import (
     BearingAsymmetry,
@@ -96,4 +97,5 @@ __all__ = [
     "ShaftModulus",
     "UnbalanceForce",
     "ViscoelasticSupport",
+    "known_mass",
 ]

@@ -198,6 +198,7 @@ class CoarseGrid(Effect):
     family = "chain"
     in_fmu = False
     moves_response = False
+    remedy = "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks show."
 
     step: float = parameter(1.0, "Hz", "Distance between the lines", 0.2, 10.0, minimum=1e-4, maximum=1e3, log=True)
 

@@ -102,6 +102,7 @@ class Effect(ABC):
     rides_on_sensor: ClassVar[bool] = False  # whether it is at a node only while that node's sensor is read
     reads_beside_node: ClassVar[bool] = False  # whether a sensor reads another place than its node
     turns_with_shaft: ClassVar[bool] = False  # whether it is a force at the spin frequency
+    remedy: ClassVar[str] = ""  # how to measure again without it, where it is the way of measuring that is wrong
     moves_response: ClassVar[bool] = True  # whether it changes the response at the lines that are measured
     needs_exciter_current: ClassVar[bool] = False  # whether only tests at constant exciter current show it
     needs_phase: ClassVar[bool] = False  # whether magnitudes alone do not show it

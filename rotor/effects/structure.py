@@ -37,6 +37,11 @@ class AttachedMass(Effect):
         design.masses.append((self.node, self.mass, self.half_width))
 
 
+def known_mass(mass: float, node: int) -> Effect:
+    """What a mass [kg] does that a test clamps to a node on purpose."""
+    return AttachedMass(mass=mass, node=node)
+
+
 @dataclass(frozen=True)
 class ExciterSuspension(Effect):
     """The exciter's drive rod ties the shaft to the ground."""

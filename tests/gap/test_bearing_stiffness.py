@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from rigtwin.gap.inference.hypotheses import candidates
 from rigtwin.gap.search.nominal import recalibrate
-from rigtwin.gap.search.strategies.bearing_stiffness import beside_models, carried, law_starts
+from rigtwin.gap.search.strategies.bearing_stiffness import compare_with_models, law_starts, measured_stiffness
 from rigtwin.rotor.effects import AttachedMass, BearingDamping, PedestalFlexibility, ViscoelasticSupport
 from rigtwin.rotor.model.rotor_model import bearing_stiffness
 from rigtwin.sim.campaign import Channel
@@ -22,7 +22,7 @@ RUBBER = ViscoelasticSupport(strength=0.8, relaxation_time=8e-4, spread=0.5)
 
 def read(*effects, **settings):
     problem = problem_of(*both_supports(*effects, **settings))
-    return problem, carried(problem, recalibrate(problem))
+    return problem, measured_stiffness(problem, recalibrate(problem))
 
 
 def true_stiffness(seat, *effects):
@@ -62,7 +62,7 @@ def test_a_law_begins_where_it_resembles_the_stiffness():
 def test_the_law_that_fits_runs_through_what_the_run_tells():
     problem, seat = read(BLOCK)
     nominal, law = recalibrate(problem), of(problem.runs, "pedestal_flexibility")[0].bent
-    found = beside_models(problem, nominal, problem.fit(law, law_starts(problem, seat, law, K_B)[0]))
+    found = compare_with_models(problem, nominal, problem.fit(law, law_starts(problem, seat, law, K_B)[0]))
     told, law_, level = (
         np.array(real) + 1j * np.array(imag)
         for real, imag in (
@@ -81,7 +81,7 @@ def test_the_law_that_fits_runs_through_what_the_run_tells():
 
 def test_lines_that_hardly_tell_the_stiffness_are_left_out():
     problem, seat = read(noise=1.0)
-    found = beside_models(problem, recalibrate(problem), None)
+    found = compare_with_models(problem, recalibrate(problem), None)
     assert (seat.error < 0.3).any()
     assert_allclose(found.frequency_hz, seat.run.frequency_hz[seat.error < 0.3])
     assert len(found.frequency_hz) < len(seat.omega)
@@ -94,7 +94,7 @@ def test_no_law_is_drawn_where_there_is_none_that_is_linear():
     cubic = replace(nominal, hypothesis=laws[0])
     cubic = replace(cubic, u=np.concatenate([nominal.u[:1], cubic.hypothesis.ends[1:].mean(axis=1)]))
     for best in (None, cubic):
-        found = beside_models(problem, nominal, best)
+        found = compare_with_models(problem, nominal, best)
         assert found.nominal_real
         assert found.corrected_real == found.corrected_imag == ()
 
@@ -109,4 +109,4 @@ def test_what_does_not_tell_it_is_left_out():
     magnitudes = replace(bearing, H=np.abs(bearing.H).astype(complex), magnitude_only=True)
     for run in (alone, magnitudes, rigid):
         problem = problem_of(run)
-        assert carried(problem, recalibrate(problem)) is None
+        assert measured_stiffness(problem, recalibrate(problem)) is None

@@ -161,7 +161,8 @@ def test_the_bearings_stiffness_stands_there_unless_the_gap_is_named_elsewhere(w
 )
 def test_an_answer_elsewhere_hides_the_bearings_stiffness(verdict, kinds, shown):
     causes = [Cause(("a",), Location(kind), 0.5, {}, None, 0.0, locations=(Location(kind),)) for kind in kinds]
-    assert _may_be_the_bearings(verdict, causes[:1], causes if verdict == "ambiguous" else []) == shown
+    answered = {"cause": causes[:1], "ambiguous": causes}.get(verdict, [])
+    assert _may_be_the_bearings(answered) == shown
 
 
 def test_where_names_the_node(weighed):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rigtwin.gap.inference.hypotheses import candidates
-from rigtwin.gap.search.laws.robust import anew
+from rigtwin.gap.search.laws.robust import each_from_scratch
 from rigtwin.gap.search.laws.search import search_nonlinear
 from rigtwin.gap.search.linear import search, weak_starts
 from rigtwin.gap.search.nominal import recalibrate
@@ -121,5 +121,5 @@ def left_behind(problem, item):
 
 def test_nothing_is_known_from_the_item_before():
     problem = problem_of(*both_supports())
-    assert list(anew(problem, left_behind, [1, 2, 3])) == [(1, 1), (2, 1), (3, 1)]
+    assert list(each_from_scratch(problem, left_behind, [1, 2, 3])) == [(1, 1), (2, 1), (3, 1)]
     assert not problem.forward._known

@@ -11,7 +11,7 @@ from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
 from rigtwin.gap.model.nonlinear import ROUGH
 from rigtwin.gap.search.laws.grid import by_distance, seen_motion
 from rigtwin.gap.search.laws.reading import read
-from rigtwin.gap.search.laws.robust import robust_misfit, thinned, unfitted
+from rigtwin.gap.search.laws.robust import fit_at_start, robust_misfit, thin_out
 from rigtwin.gap.search.strategies.law import Rest
 from rigtwin.rotor.effects import Rub
 from tests.gap.conftest import K_B, STRUCTURE, all_but
@@ -26,7 +26,7 @@ def run():
 
 
 def rest_of(problem) -> Rest:
-    calm = unfitted(problem, NOMINAL, np.log([K_B]), np.zeros(problem.nuisances.n))
+    calm = fit_at_start(problem, NOMINAL, np.log([K_B]), np.zeros(problem.nuisances.n))
     return Rest(calm, K_B, seen_motion(problem, K_B), (1, 7))
 
 
@@ -42,9 +42,9 @@ def test_a_soft_contact_is_read_where_a_grid_of_responses_passes_it(run):
     start = read(problem, rest, nu, places(run)[3])
     assert start
     assert np.exp(start.u[1:]) == pytest.approx([SOFT.stiffness, SOFT.gap], rel=0.1)
-    few = thinned(problem, 2, K_B, 0.05)
+    few = thin_out(problem, 2, K_B, 0.05)
     grid = min(point.cost for point in by_distance(few, places(run)[3], rest, nu))
-    assert robust_misfit(few, unfitted(few, start.hypothesis, start.u, nu))[0] < 0.5 * grid
+    assert robust_misfit(few, fit_at_start(few, start.hypothesis, start.u, nu))[0] < 0.5 * grid
 
 
 def test_the_place_whose_forces_a_law_has_leaves_least(run):

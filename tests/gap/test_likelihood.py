@@ -9,7 +9,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis
-from rigtwin.gap.inference.observed import Observed, derivatives, expected_magnitude, observe, residual, weighted
+from rigtwin.gap.inference.observed import (
+    Observed,
+    derivatives,
+    expected_magnitude,
+    observe,
+    residual,
+    weights_and_residuals,
+)
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.search.nominal import recalibrate
@@ -307,6 +314,6 @@ def test_residuals_are_independent_where_channels_share_an_error(magnitude_only)
     z = residual(observed, H, 0.0)
     for part in (z.real,) if magnitude_only else (z.real, z.imag):
         assert_allclose(np.cov(part.T), np.eye(H.shape[1]), atol=0.05)
-    weight, left = weighted(observed, H, 0.0)
-    _, moved = weighted(observed, H * (1 + 1e-6), 0.0)
+    weight, left = weights_and_residuals(observed, H, 0.0)
+    _, moved = weights_and_residuals(observed, H * (1 + 1e-6), 0.0)
     assert_allclose(derivatives(observed, H, H[None], weight)[0], (left - moved) / 1e-6, rtol=1e-2, atol=0.3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.gap.answer.next_run import TOLD_APART, best_next_test, proposals, relative_noise, separations
+from rigtwin.gap.answer.next_run import PROPOSED, best_next_test, proposals, relative_noise, separations
 from rigtwin.gap.inference.hypotheses import candidates
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import Problem
@@ -65,9 +65,9 @@ def test_two_members_are_as_far_apart_as_a_fit_of_both_runs_says(rivals):
     driven = {s.proposal.runs[0].excitation_node: s for s in ranked if s.proposal.words.startswith("Drive")
               and s.proposal.runs[0].support == "rigid"}  # fmt: skip
     assert_allclose(driven[3].chi2, refitted(problem, driven[3], fits), rtol=0.2)
-    assert driven[3].chi2 > TOLD_APART
+    assert driven[3].chi2 > PROPOSED.told_apart
     # Far from the fit the estimate is on the safe side: a mass cannot become negative.
-    assert TOLD_APART < driven[4].chi2 < refitted(problem, driven[4], fits)
+    assert PROPOSED.told_apart < driven[4].chi2 < refitted(problem, driven[4], fits)
     assert driven[6].chi2 < 10
 
 
@@ -120,7 +120,7 @@ def test_nonlinear_members_are_told_apart():
     fits = [problem.fit(law, np.array([np.log(K_B), *starts[law.ids[0]]]), steps=0) for law in laws]
     levels = [p for p in proposals(problem, fits) if "three times the force" in p.words]
     (one,) = separations(problem, fits, levels)
-    assert one.chi2 > TOLD_APART
+    assert one.chi2 > PROPOSED.told_apart
     (none,) = separations(problem, [fits[0], fits[0]], levels)
     assert none.chi2 == pytest.approx(0.0, abs=1e-6)
 
@@ -159,7 +159,7 @@ def test_runs_of_other_kinds_have_a_next_test(kind):
     problem = problem_of(*runs)
     fits = [fitted(problem, candidate(runs, "attached_mass", node), np.log(0.1)) for node in (3, 5)]
     ranked = separations(problem, fits, proposals(problem, fits))
-    assert ranked[0].chi2 > TOLD_APART
+    assert ranked[0].chi2 > PROPOSED.told_apart
     assert best_next_test(problem, fits).run
 
 

@@ -20,7 +20,7 @@ from rigtwin.gap.model.linear import MODES, TOLERANCES
 from rigtwin.gap.model.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
 from rigtwin.gap.predict import predict
 from rigtwin.gap.search.laws.grid import by_distance, seen_motion
-from rigtwin.gap.search.laws.robust import descend, robust_fit, robust_misfit, settle, thinned, unfitted
+from rigtwin.gap.search.laws.robust import descend, fit_at_start, robust_fit, robust_misfit, settle, thin_out
 from rigtwin.gap.search.laws.search import (
     EVERY,
     SEVERAL,
@@ -192,7 +192,7 @@ def test_lines_that_a_law_is_far_from_do_not_tell_of_sensors_that_were_mounted_a
     runs = runs_of(cause)
     mounted = replace(runs[2], H=runs[2].H * np.where(np.arange(len(CHANNELS)) == 3, gain, 1.0))
     runs = [*runs[:2], mounted, *runs[3:]]
-    problem = thinned(problem_of(runs).made(resolution=FINE), 3, K_B, MODEL_ERROR)
+    problem = thin_out(problem_of(runs).made(resolution=FINE), 3, K_B, MODEL_ERROR)
     (law,) = candidates(runs, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
     fit = robust_fit(problem, law, np.log([K_B, CUBIC.stiffness]))
     assert gains_differ(problem, fit) is differ
@@ -219,14 +219,14 @@ def test_a_hard_rub_shows_where_the_motion_of_its_node_ends():
     rub = Rub(stiffness=2e7, gap=2e-5, node=5)
     runs = (swept(rub, 1.0),)
     problem = problem_of(runs).made(resolution=ROUGH)
-    few, nu = thinned(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
+    few, nu = thin_out(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
     motion = seen_motion(problem, K_B)
     assert rub.gap < motion[4] < 1.5 * rub.gap
     rest = Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion, (1, 7))
     places = candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True)
     points = sorted((p for place in places for p in by_distance(few, place, rest, nu)), key=lambda p: p.cost)
     assert str(points[0].hypothesis) == "rub node 5"
-    assert points[0].cost < 0.6 * robust_misfit(few, unfitted(few, NOMINAL, np.log([rest.calm.k_b]), nu))[0]
+    assert points[0].cost < 0.6 * robust_misfit(few, fit_at_start(few, NOMINAL, np.log([rest.calm.k_b]), nu))[0]
 
 
 def test_a_node_without_a_sensor_moves_as_the_rotor_is_bent(hardening):
@@ -298,7 +298,7 @@ def test_a_bearing_that_lifts_off_on_few_lines_is_told_by_their_misfit():
     (law,) = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
     calm, nu = _calm(problem)
     rest = Rest(calm, calm.k_b, seen_motion(problem, calm.k_b), (1, 7))
-    few = thinned(problem.made(resolution=ROUGH), EVERY.grid, calm.k_b, LAW_SEARCH.rough_error)
+    few = thin_out(problem.made(resolution=ROUGH), EVERY.grid, calm.k_b, LAW_SEARCH.rough_error)
     (best,) = descend(few, _promising(by_distance(few, law, rest, nu)), LAW_SEARCH.first_added)
     assert law.effects(best.u[1:])[0].gap == pytest.approx(opening.gap, rel=0.1)
     assert law.effects(best.u[1:])[0].preload == pytest.approx(opening.preload, rel=0.1)
@@ -334,9 +334,9 @@ def test_where_newtons_method_was_left_nothing_is_told(hardening):
     """By no column: neither numbers nor gains, drifts, tolerances, level."""
     problem = problem_of(hardening[3:]).made(resolution=replace(FINE, iterations=2))
     (law,) = candidates(hardening, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
-    fit = unfitted(problem, law, np.log([K_B, 3e15]), np.zeros(problem.nuisances.n))
+    fit = fit_at_start(problem, law, np.log([K_B, 3e15]), np.zeros(problem.nuisances.n))
     (modal,) = problem.modals(fit.k_b, fit.effects)
-    ((residual, J, _),) = problem.linear_parts(fit)
+    ((residual, J, _),) = problem.linear_parts(law, fit.u, fit.nu, fit.added)
     by_line = np.abs(J).reshape(len(J), 2, *modal.run.H.shape).sum(axis=(1, 3))  # (n_columns, n_freq)
     told = modal.tells()
     assert 3 < np.count_nonzero(~told) < len(told) - 3
@@ -366,7 +366,7 @@ def test_a_contact_is_carried_over_to_other_places():
 def test_thinned_runs_bend_with_the_tolerances(hardening):
     problem = problem_of(hardening[:1])
     problem.allow_for_tolerances(load_rig(RIG), K_B)
-    (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, thinned(problem, 2, K_B, 0.0)))
+    (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, thin_out(problem, 2, K_B, 0.0)))
     tolerance = np.full(len(TOLERANCES), 1e-3)
     assert np.allclose(whole.response(None, tolerance)[::2], few.response(None, tolerance))
 
@@ -383,7 +383,7 @@ def test_first_fits_follow_the_tolerances():
     problem = problem_of(runs)
     problem.allow_for_tolerances(load_rig(RIG), K_B)
     place = next(h for h in candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True) if str(h) == "rub node 3")
-    several = thinned(problem.made(resolution=SEVERAL), 1, K_B, MODEL_ERROR)
+    several = thin_out(problem.made(resolution=SEVERAL), 1, K_B, MODEL_ERROR)
     fit = robust_fit(several, place, np.log([K_B, rub.stiffness, rub.gap]), rounds=1, steps=3)
     assert fit
     assert fit.chi2 < 1.1 * fit.n_data
@@ -536,7 +536,7 @@ def test_friction_whose_limits_differ_is_told_from_friction_that_slips_at_once()
     seat = BearingFriction(force=0.5, stiffness=1e6, spread=0.85)
     runs = [swept(seat, level, seed, resolution=MIDDLE) for seed, level in enumerate((0.1, 0.5))]
     problem = problem_of(runs)
-    every = thinned(problem.made(resolution=MIDDLE), 4, K_B, MODEL_ERROR)
+    every = thin_out(problem.made(resolution=MIDDLE), 4, K_B, MODEL_ERROR)
     (friction,) = candidates(runs, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
     assert [free.name for free in friction.free] == ["force", "stiffness"]
     plain = robust_fit(every, friction, np.log([K_B, 0.5, 1e6]))

@@ -16,7 +16,7 @@ from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.linear import over_receptance
-from rigtwin.gap.search.laws.robust import robust_misfit, unfitted
+from rigtwin.gap.search.laws.robust import fit_at_start, robust_misfit
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest
 from rigtwin.gap.search.strategies.registry import law_strategy_of
@@ -59,7 +59,7 @@ def by_distance(problem: Problem, hypothesis: Hypothesis, rest: Rest, nu: FloatA
     ):
         u = hypothesis.clipped(point + np.log(factor) * (np.arange(len(point)) == 0))
         try:
-            cost = far(unfitted(problem, hypothesis, u, nu))
+            cost = far(fit_at_start(problem, hypothesis, u, nu))
         except (ValueError, np.linalg.LinAlgError):
             cost = np.inf
         found.append(Start(hypothesis, u, nu, cost))

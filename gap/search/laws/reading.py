@@ -1,8 +1,8 @@
 """A law's numbers, read from the runs without solving for a motion.
 
-With the linear rotor known, what the sensors read at a line tells how a joint moves there and what force it takes (see
-``gap.nonlinear``). A law is compared with that, line by line. No resonance has to be met: a grid may be coarse, where
-one over responses would have to be as fine as the resonances are sharp.
+With the linear rotor known, the sensors at a line show how a joint moves there and what force acts in it (see
+``gap.model.nonlinear``). A law is compared with that force line by line. As no resonance has to be met, the grid may
+be coarse; a grid over responses would have to be as fine as the resonances are sharp.
 """
 
 from __future__ import annotations
@@ -15,30 +15,32 @@ from operator import itemgetter
 
 import numpy as np
 
-from rigtwin.gap.inference.descent import minimise, softened
-from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
+from rigtwin.gap.inference.descent import minimise, soften
+from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest, contact_axes
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
-# Laws that are read. Of them points along the stiffness, and gaps as shares of the node's largest motion: a soft
-# contact is gone far beyond.
-READ = ("rub",)
-_STIFFNESSES, _SHARES = 10, (0.95, 0.8, 0.6, 0.4, 0.2, 0.1)
 
-# Best points that are carried on, and steps of each.
-_CARRIED, _STEPS = 2, 6
+@dataclass(frozen=True)
+class Reading:
+    """The grid over a law's numbers, and how its best points are refined."""
 
-# What else than noise a line misses, relative to the response with and without the law: drifts and gains.
-_ASIDE = 0.05
+    stiffnesses: int = 10  # points along the stiffness
+    gaps: tuple[float, ...] = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1)  # over the node's largest motion: what it can still reach
+    kept: int = 2  # best points of the grid that descend
+    steps: int = 6  # of each descent
+    error: float = 0.05  # of drifts and gains, beside the noise, relative to the response with and without the law
+
+
+READING = Reading()
 
 
 @dataclass(frozen=True)
-class _Told:
-    """What a run tells of a law's joints."""
+class _Joints:
+    """What a run shows of a law's joints."""
 
     joints: ComplexArray  # (n_freq, K, n_joints) displacements [m]
     toward: ComplexArray  # (n_freq, n_channels, n_joints) what a newton of a joint's force takes from the response
@@ -47,57 +49,51 @@ class _Told:
 
 
 def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -> Start | None:
-    """Numbers of a rub that suit the forces best that the runs tell of; None where no run tells any.
+    """Numbers of a rub that suit the forces in the runs best; None where no run shows a force.
 
     Parameters
     ----------
     nu : (n_nuisances,) the linear rotor's
     """
-    grid = itertools.product(*contact_axes(hypothesis, rest, _STIFFNESSES, _SHARES))
+    grid = itertools.product(*contact_axes(hypothesis, rest, READING.stiffnesses, READING.gaps))
     points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in grid]
-    told = {}
-    for r, modal in enumerate(_modals(problem, hypothesis, points[0])):
+    joints = {}
+    for r, modal in enumerate(problem.try_modals(hypothesis, points[0]) or ()):
         law = modal.as_nonlinear
         if law is not None and not law.run.magnitude_only:
             drift, tolerance, _ = problem.nuisances.of_run(nu, r, modal)
-            told[r] = _tell(problem.observed[r], *law.told(drift, tolerance))
-    if not told:
+            joints[r] = _joints(problem.observed[r], *law.told(drift, tolerance))
+    if not joints:
         return None
-    residual = partial(_residual, problem, hypothesis, told)
-    best = sorted(points, key=lambda u: _loss(residual(u)))[:_CARRIED]
-    ended = [minimise(residual, u, hypothesis.ends, False, _STEPS) for u in best]
+    residual = partial(_residual, problem, hypothesis, joints)
+    best = sorted(points, key=lambda u: _loss(residual(u)))[: READING.kept]
+    ended = [minimise(residual, u, hypothesis.ends, False, READING.steps) for u in best]
     u, cost = min(ended, key=itemgetter(1))
     return Start(hypothesis, u, nu, cost)
 
 
-def _tell(observed: Observed, joints: ComplexArray, toward: ComplexArray, without: ComplexArray) -> _Told:
+def _joints(observed: Observed, joints: ComplexArray, toward: ComplexArray, without: ComplexArray) -> _Joints:
     H = np.where(observed.valid, observed.run.H, without)
     size = np.maximum(np.linalg.norm(H, axis=1), np.linalg.norm(without, axis=1))[:, None]
-    weight = np.where(observed.valid, 1 / np.hypot(observed.std, _ASIDE * size), 0.0)
-    return _Told(joints, toward, without - H, weight)
+    weight = np.where(observed.valid, 1 / np.hypot(observed.std, READING.error * size), 0.0)
+    return _Joints(joints, toward, without - H, weight)
 
 
-def _residual(problem: Problem, hypothesis: Hypothesis, told: Mapping[int, _Told], u: FloatArray) -> FloatArray | None:
-    """What a law leaves of the lines, large errors softened; None without a model."""
-    modals, left = _modals(problem, hypothesis, u), []
-    if not modals:
+def _residual(
+    problem: Problem, hypothesis: Hypothesis, joints: Mapping[int, _Joints], u: FloatArray
+) -> FloatArray | None:
+    """(n_residuals,) what a law leaves of the lines, large errors softened; None without a model."""
+    modals, left = problem.try_modals(hypothesis, u), []
+    if modals is None:
         return None
-    for r, run in told.items():
+    for r, run in joints.items():
         law = modals[r].as_nonlinear
         assert law is not None
         force = law.balance.forces.harmonics(run.joints)[:, 1]
         z = (run.weight * (run.missed - (run.toward @ force[..., None])[..., 0])).ravel()
         left += [z.real, z.imag]
-    return softened(np.concatenate(left))
+    return soften(np.concatenate(left))
 
 
 def _loss(residual: FloatArray | None) -> float:
     return np.inf if residual is None else float(residual @ residual)
-
-
-def _modals(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> list[RunModel]:
-    """Models of the runs; none where one of them has none."""
-    try:
-        return problem.modals(K_B.value(u[0]), hypothesis.effects(u[1:]))
-    except (ValueError, np.linalg.LinAlgError):
-        return []

@@ -1,4 +1,4 @@
-"""Fits of nonlinear candidates, in which a line on another branch than the data cannot decide.
+"""Fits of nonlinear candidates, in which a line cannot decide where the model is on another branch than the rig.
 
 Such a line counts by a loss that grows like a logarithm.
 """
@@ -6,7 +6,7 @@ Such a line counts by a loss that grows like a logarithm.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -20,14 +20,19 @@ from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.workers import Item, Result, each
 from rigtwin.rotor.model.structure import FloatArray
 
-# Misfit of a line, in standard errors, beyond which it counts as an outlier.
-OUTLIER = 3.0
 
-# Rounds of weighting, and steps in each.
-_ROUNDS, _STEPS = 3, 5
+@dataclass(frozen=True)
+class RobustFit:
+    """Fits with weighted lines, each round of weighting followed by steps."""
 
-# The same where few lines only have to tell candidates apart.
-_ROUNDS_THEN, _STEPS_THEN = 1, 4
+    outlier: float = 3.0  # misfit of a line, in standard errors, beyond which its weight falls
+    rounds: int = 3
+    steps: int = 5  # in each round
+    quick_rounds: int = 1  # where few lines only have to tell candidates apart
+    quick_steps: int = 4
+
+
+ROBUST = RobustFit()
 
 
 def cost_of(start: Start) -> float:
@@ -45,14 +50,14 @@ def robust_fit(
     hypothesis: Hypothesis,
     u: FloatArray,
     nu: FloatArray | None = None,
-    rounds: int = _ROUNDS,
-    steps: int = _STEPS,
+    rounds: int = ROBUST.rounds,
+    steps: int = ROBUST.steps,
 ) -> Fit | None:
     """A fit in which a line far from the data counts by the logarithm of its misfit.
 
     Its ``chi2`` is that loss; ``precision`` is that of the weighted lines. None where the start has no model.
     """
-    fit = unfitted(problem, hypothesis, u, np.zeros(problem.nuisances.n) if nu is None else nu)
+    fit = fit_at_start(problem, hypothesis, u, np.zeros(problem.nuisances.n) if nu is None else nu)
     for _ in range(rounds):
         try:
             weighted = without_outliers(problem, fit)
@@ -73,7 +78,7 @@ def without_outliers(problem: Problem, fit: Fit) -> Problem:
 
 
 def _outliers(squares: Sequence[FloatArray]) -> bool:
-    return any(float(each.max(initial=0.0)) > OUTLIER**2 for each in squares)
+    return any(float(each.max(initial=0.0)) > ROBUST.outlier**2 for each in squares)
 
 
 def robust_misfit(problem: Problem, fit: Fit) -> tuple[float, list[FloatArray]]:
@@ -86,7 +91,7 @@ def robust_misfit(problem: Problem, fit: Fit) -> tuple[float, list[FloatArray]]:
         n = used.sum(axis=1) * (1 if real else 2)
         mean = z2.sum(axis=1) / np.maximum(n, 1)
         squares.append(mean)
-        total += float(np.sum(n * OUTLIER**2 * np.log1p(mean / OUTLIER**2)))
+        total += float(np.sum(n * ROBUST.outlier**2 * np.log1p(mean / ROBUST.outlier**2)))
     return total, squares
 
 
@@ -95,33 +100,34 @@ def _weighted(problem: Problem, squares: Sequence[FloatArray]) -> Problem:
     observed = []
     for o, mean in zip(problem.observed, squares, strict=True):
         model2 = (problem.model_error * np.abs(np.nan_to_num(o.run.H))) ** 2
-        growth = mean[:, None] / OUTLIER**2
+        growth = mean[:, None] / ROBUST.outlier**2
         observed.append(replace(o, std=np.sqrt(o.std**2 * (1 + growth) + model2 * growth)))
     return problem.on(observed)
 
 
-def unfitted(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> Fit:
-    """A candidate as it stands, with neither misfit nor precision."""
+def fit_at_start(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray) -> Fit:
+    """A candidate at its start, with neither misfit nor precision."""
     n = len(u) + len(nu)
     return Fit(hypothesis, u, nu, 0.0, 0.0, np.zeros((n, n)), 0, problem.nuisances.std, problem.with_k_b)
 
 
-def fitted(problem: Problem, starts: Sequence[Start | Fit], **settings: int) -> list[Fit]:
+def robust_fits(problem: Problem, starts: Sequence[Start | Fit], **settings: int) -> list[Fit]:
     """Robust fits from every start that has a model."""
-    return [fit for _, fit in anew(problem, partial(_robustly, **settings), starts) if fit is not None]
+    fits = each_from_scratch(problem, partial(_robust_fit_of, **settings), starts)
+    return [fit for _, fit in fits if fit is not None]
 
 
-def _robustly(problem: Problem, start: Start | Fit, **settings: int) -> Fit | None:
+def _robust_fit_of(problem: Problem, start: Start | Fit, **settings: int) -> Fit | None:
     return robust_fit(problem, start.hypothesis, start.u, start.nu, **settings)
 
 
 def descend(problem: Problem, starts: Sequence[Start], anneal: Sequence[float]) -> list[Start]:
     """Down from every start with ever smaller errors added; the best of every candidate, best first."""
-    found = (down for _, down in anew(problem, partial(descended, anneal=anneal), starts))
+    found = (down for _, down in each_from_scratch(problem, partial(_descend_from, anneal=anneal), starts))
     return best_of_each([down for down in found if down is not None])
 
 
-def descended(problem: Problem, start: Start, anneal: Sequence[float]) -> Start | None:
+def _descend_from(problem: Problem, start: Start, anneal: Sequence[float]) -> Start | None:
     """Where a start ends; None where it has no model."""
     fit = problem.try_fit(start.hypothesis, start.u, start.nu, anneal=anneal, steps=4)
     if fit is None:
@@ -132,11 +138,11 @@ def descended(problem: Problem, start: Start, anneal: Sequence[float]) -> Start 
 
 def settle(problem: Problem, starts: Sequence[Start]) -> list[Start]:
     """Robust fits from every start, which lines on another branch of the response pull nowhere; as in ``descend``."""
-    fits = fitted(problem, starts, rounds=_ROUNDS_THEN, steps=_STEPS_THEN)
+    fits = robust_fits(problem, starts, rounds=ROBUST.quick_rounds, steps=ROBUST.quick_steps)
     return best_of_each([Start(fit.hypothesis, fit.u, fit.nu, fit.cost) for fit in fits])
 
 
-def thinned(problem: Problem, every: int, k_b: float, error: float) -> Problem:
+def thin_out(problem: Problem, every: int, k_b: float, error: float) -> Problem:
     """Every n-th line of every run; the tolerances bend the modes of the runs that no law acts in."""
     few = problem.thinned(every, error)
     for run in few.runs:
@@ -144,14 +150,14 @@ def thinned(problem: Problem, every: int, k_b: float, error: float) -> Problem:
     return few
 
 
-def anew(
+def each_from_scratch(
     problem: Problem, function: Callable[[Problem, Item], Result], items: Sequence[Item]
 ) -> Iterator[tuple[Item, Result]]:
-    """Every item with what the function makes of it, each from nothing: no answer depends on who made the others."""
-    yield from zip(items, each(partial(_alone, problem, function), items), strict=True)
+    """Every item with its result, each solved from scratch: no answer depends on who solved the others."""
+    yield from zip(items, each(partial(_from_scratch, problem, function), items), strict=True)
     problem.forget()
 
 
-def _alone(problem: Problem, function: Callable[[Problem, Item], Result], item: Item) -> Result:
+def _from_scratch(problem: Problem, function: Callable[[Problem, Item], Result], item: Item) -> Result:
     problem.forget()
     return function(problem, item)

@@ -17,16 +17,16 @@ from rigtwin.gap.model.nonlinear import FINAL, MIDDLE, ROUGH, Resolution
 from rigtwin.gap.search.laws.grid import by_distance, by_score, distance, seen_motion
 from rigtwin.gap.search.laws.reading import read
 from rigtwin.gap.search.laws.robust import (
-    anew,
     best_of_each,
     cost_of,
     descend,
-    fitted,
+    each_from_scratch,
+    fit_at_start,
     robust_fit,
+    robust_fits,
     robust_misfit,
     settle,
-    thinned,
-    unfitted,
+    thin_out,
 )
 from rigtwin.gap.search.linear import NEAR_SEARCH
 from rigtwin.gap.search.nominal import recalibrate
@@ -103,11 +103,11 @@ def search_nonlinear(
     rest, nu = _rest(problem)
     calm = rest.calm
     final = problem.made(resolution=FINAL, refined=True)
-    every, lines = thinned(final, EVERY.fits, calm.k_b, MODEL_ERROR), EVERY.fits
+    every, lines = thin_out(final, EVERY.fits, calm.k_b, MODEL_ERROR), EVERY.fits
     nominal = every.fit(NOMINAL, calm.u, nu)
     small = nominal.chi2 < NEAR_SEARCH.near * nominal.n_data
     if small:
-        every, lines = thinned(final, EVERY.small_gap, calm.k_b, MODEL_ERROR), EVERY.small_gap
+        every, lines = thin_out(final, EVERY.small_gap, calm.k_b, MODEL_ERROR), EVERY.small_gap
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
@@ -140,12 +140,12 @@ def _fits(
     problem: Problem, every: Problem, lines: int, k_b: float, starts: Sequence[Start], adequate: float
 ) -> list[Fit]:
     """Ever finer fits of ever fewer laws, the best of them bent where that may help."""
-    several = thinned(problem.made(resolution=SEVERAL), lines, k_b, MODEL_ERROR)
-    first = fitted(several, starts, rounds=1, steps=3)
+    several = thin_out(problem.made(resolution=SEVERAL), lines, k_b, MODEL_ERROR)
+    first = robust_fits(several, starts, rounds=1, steps=3)
     fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[: LAWS.finalists]
     near, far = _parted(fits, LAWS.clear)
-    nearest, behind = _parted(_or_vaguer(several, fitted(several, near)), LAWS.clearly)
-    fits = [*fitted(every, nearest), *behind, *far]
+    nearest, behind = _parted(_or_vaguer(several, robust_fits(several, near)), LAWS.clearly)
+    fits = [*robust_fits(every, nearest), *behind, *far]
     return [*fits, *_bent(problem, every, fits, adequate)]
 
 
@@ -156,7 +156,7 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     shifts that are free of each other are not.
     """
     rest = Rest(fit, fit.k_b, seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
-    every = thinned(problem.made(resolution=ROUGH), EVERY.small_gap, fit.k_b, MODEL_ERROR)
+    every = thin_out(problem.made(resolution=ROUGH), EVERY.small_gap, fit.k_b, MODEL_ERROR)
     score = Score(every, every.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 
@@ -200,14 +200,14 @@ def _far(
     whether the gap is plain, and where the descents ended
     """
     calm = rest.calm
-    few = thinned(problem.made(resolution=ROUGH), EVERY.grid, calm.k_b, LAWS.rough_error)
+    few = thin_out(problem.made(resolution=ROUGH), EVERY.grid, calm.k_b, LAWS.rough_error)
     grid: dict[str, list[Start]] = {}
-    for hypothesis, points in anew(few, partial(by_distance, rest=rest, nu=nu), hypotheses):
+    for hypothesis, points in each_from_scratch(few, partial(by_distance, rest=rest, nu=nu), hypotheses):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
     tell("descents")
     rough = descend(few, [start for points in grid.values() for start in _promising(points)], LAWS.first_added)
-    some = thinned(problem.made(resolution=MIDDLE), EVERY.descents, calm.k_b, LAWS.middle_error)
+    some = thin_out(problem.made(resolution=MIDDLE), EVERY.descents, calm.k_b, LAWS.middle_error)
     left = settle(some, [start for start in rough[: LAWS.left] if start.cost < LAWS.roughly * rough[0].cost])
     left = best_of_each([*left, *settle(some, [*_told(some, left), *_read(problem, hypotheses, rest, nu)])])
     if not left or left[0].cost > LAWS.gained * robust_misfit(some, linear)[0]:
@@ -217,7 +217,7 @@ def _far(
 
 def _read(problem: Problem, hypotheses: Sequence[Hypothesis], rest: Rest, nu: FloatArray) -> list[Start]:
     """The places of laws that the forces in the runs tell of best; a coarse grid of responses misses soft contacts."""
-    lines = thinned(problem.made(resolution=ROUGH), EVERY.fits, rest.calm.k_b, MODEL_ERROR)
+    lines = thin_out(problem.made(resolution=ROUGH), EVERY.fits, rest.calm.k_b, MODEL_ERROR)
     found = each(partial(read, lines, rest, nu), [h for h in hypotheses if law_strategy_of(h).readable])
     return sorted((start for start in found if start), key=cost_of)[: LAWS.places]
 
@@ -248,7 +248,7 @@ def _or_vaguer(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     for fit in fits:
         start = Start(fit.hypothesis, fit.u, fit.nu, fit.cost)
         ends = [replace(start, u=points[-1]) for points in _ranges(start)]
-        others = fitted(problem, [*_told(problem, [start]), *ends])
+        others = robust_fits(problem, [*_told(problem, [start]), *ends])
         chosen.append(max([fit, *others], key=lambda each: each.log_evidence()))
     return chosen
 
@@ -267,7 +267,7 @@ def _ranges(start: Start) -> list[FloatArray]:
 def _misfit(problem: Problem, start: Start) -> float:
     """Robust misfit of a start as it stands; infinite where it has no model."""
     try:
-        return robust_misfit(problem, unfitted(problem, start.hypothesis, start.u, start.nu))[0]
+        return robust_misfit(problem, fit_at_start(problem, start.hypothesis, start.u, start.nu))[0]
     except (ValueError, np.linalg.LinAlgError):
         return np.inf
 
@@ -278,9 +278,9 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
     How stiff it is on average is another number for every resonance, and takes several harmonics. Single lines near a
     resonance are on another branch of the response at times, so the fits are robust.
     """
-    low = thinned(_at_level(problem.made(resolution=SEVERAL), min), EVERY.descents, calm.k_b, MODEL_ERROR)
+    low = thin_out(_at_level(problem.made(resolution=SEVERAL), min), EVERY.descents, calm.k_b, MODEL_ERROR)
     points = list(each(partial(_of_mean, low, hypothesis, calm), UNEVEN.log_ratios))
-    found = sorted(fitted(low, points, rounds=UNEVEN.rounds, steps=UNEVEN.steps), key=lambda fit: fit.cost)
+    found = sorted(robust_fits(low, points, rounds=UNEVEN.rounds, steps=UNEVEN.steps), key=lambda fit: fit.cost)
     near = [Start(hypothesis, fit.u, nu, fit.cost) for fit in found if fit.cost < LAWS.within * found[0].cost]
     return first_of_each(near, lambda start: tuple(np.round(start.u / UNEVEN.same)))
 
@@ -292,7 +292,7 @@ def _of_mean(low: Problem, hypothesis: Hypothesis, calm: Fit, log_ratio: float) 
     for mean in UNEVEN.means:
         low.forget()
         u = hypothesis.clipped(np.array([np.log(mean * calm.k_b) + _softer(log_ratio), ratio]))
-        starts.append(Start(hypothesis, u, calm.nu, distance(low, unfitted(low, hypothesis, u, calm.nu))))
+        starts.append(Start(hypothesis, u, calm.nu, distance(low, fit_at_start(low, hypothesis, u, calm.nu))))
     return min(starts, key=cost_of)
 
 
@@ -309,8 +309,8 @@ def _near(
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
     k_b, rough = rest.calm.k_b, problem.made(resolution=ROUGH)
-    every = thinned(rough, lines, k_b, MODEL_ERROR)
-    finer = thinned(problem.made(resolution=MIDDLE), lines, k_b, MODEL_ERROR)
+    every = thin_out(rough, lines, k_b, MODEL_ERROR)
+    finer = thin_out(problem.made(resolution=MIDDLE), lines, k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     grid: dict[str, list[Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
@@ -320,7 +320,7 @@ def _near(
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
         if hypothesis.terms[0].effect.shares_k_b:
-            few = thinned(rough, EVERY.descents, k_b, MODEL_ERROR)
+            few = thin_out(rough, EVERY.descents, k_b, MODEL_ERROR)
             beside += sorted(by_distance(few, hypothesis, rest, nu), key=cost_of)[:1]
     tell("descents")
     chosen = _few_of_each([start for points in grid.values() for start in _promising(points)])[: LAWS.near_starts]
@@ -338,8 +338,8 @@ def _bent(problem: Problem, every: Problem, fits: Sequence[Fit], adequate: float
     starts = [Start(law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
     if not starts:
         return []
-    some = thinned(problem.made(resolution=MIDDLE), EVERY.descents, plain.k_b, LAWS.middle_error)
-    return fitted(every, settle(some, descend(some, starts, LAWS.first_added))[:1])
+    some = thin_out(problem.made(resolution=MIDDLE), EVERY.descents, plain.k_b, LAWS.middle_error)
+    return robust_fits(every, settle(some, descend(some, starts, LAWS.first_added))[:1])
 
 
 def _is_adequate(fit: Fit, adequate: float) -> bool:
@@ -356,10 +356,10 @@ def _at_believed_levels(problem: Problem, fits: Sequence[Fit]) -> tuple[Problem,
         nu = fit.nu.copy()
         nu[sure.nuisances.level] = 0.0
         starts.append(Start(fit.hypothesis, fit.u, nu, fit.cost))
-    best = fitted(sure, starts[:1])
+    best = robust_fits(sure, starts[:1])
     if not best or best[0].log_evidence() < fits[0].log_evidence():
         return problem, fits
-    return sure, best_first([*best, *fitted(sure, starts[1:])])
+    return sure, best_first([*best, *robust_fits(sure, starts[1:])])
 
 
 def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequence[Start]) -> list[Start]:
@@ -379,7 +379,7 @@ def _elsewhere(problem: Problem, hypotheses: Sequence[Hypothesis], found: Sequen
 
 def _largest_motion(problem: Problem, start: Start) -> FloatArray:
     """(n_nodes,) displacements where the node of a start moves most, relative to that node's."""
-    fit = unfitted(problem, start.hypothesis, start.u, start.nu)
+    fit = fit_at_start(problem, start.hypothesis, start.u, start.nu)
     motions = []
     for modal in problem.modals(fit.k_b, fit.effects):
         law = modal.as_nonlinear

@@ -1,15 +1,15 @@
-"""The dwell of a fast sweep: its misfit has thousands of minima, a beat between two frequencies apart.
+"""The dwell of a fast sweep: its misfit has thousands of minima, one for every beat between two frequencies.
 
-Near a resonance the beats are slow, and nothing but that resonance rings: there a dwell and a shift of the resonance
-are told apart by the lines' own pattern, whatever the rest of the model says. With resonances set right, the misfit of
-all lines shows one minimum far below the others. That is seen without the transients' images, whose phase turns once
-in some microseconds of dwell; they are let in at the end.
+Near a resonance the beats are slow and only that resonance rings. There the pattern of the lines separates the dwell
+from a shift of the resonance, whatever the rest of the model says. Once the resonances are right, the misfit of all
+lines has one minimum far below the others. This works without the images of the transients, whose phase turns once
+in some microseconds of dwell; they are added at the end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -23,45 +23,83 @@ from rigtwin.gap.model.transients import as_read, transients
 from rigtwin.gap.search.workers import each
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
-# Beyond this dwell next to nothing is left of any transient [s].
-_LONGEST = 15.0
 
-# Strong transients: dwells that are tried near resonances, in even steps [s] up to a split, then in relative ones.
-_STEP, _SPLIT, _RELATIVE, _STRONG = 1.5e-3, 0.5, 3e-3, 4.0
+@dataclass(frozen=True)
+class WeakTransients:
+    """Search of a dwell whose transients leave the nominal model right but for themselves."""
 
-# Relative shifts of a resonance.
-_SHIFTS = np.linspace(-6e-3, 6e-3, 41)
+    relative_step: float = 0.01  # between dwells up to ``even_from``, where minima widen with the dwell
+    even_from: float = 1.0  # [s] from here on the steps are even
+    even_step: float = 0.012  # [s] between the longer dwells
+    longest: float = 15.0  # [s] beyond, next to nothing is left of any transient
+    kept: int = 4  # dwells that go on, with finer steps
+    fine_step: float = 1e-3  # [s]
+    to_either_side: int = 12  # fine steps
 
-# Lines that count as near, by their relative distance; how many there must be; lines before them that still ring.
-_NEAR, _FEWEST, _RINGING = 0.15, 8, 25
+    def grid(self, dwell: Free) -> FloatArray:
+        """Dwells [s], as far apart as the misfit's minima are wide."""
+        n = int(np.ceil(np.log(self.even_from / dwell.low) / self.relative_step))
+        short = np.geomspace(dwell.low, self.even_from, n, endpoint=False)
+        return np.concatenate([short, np.arange(self.even_from, min(dwell.high, self.longest), self.even_step)])
 
-# Relative error of such a local fit; transients are seen where they take away so much of the logarithm of the misfit.
-_LOCAL_ERROR, _SEEN = 0.02, 0.2
 
-# The dwell of all lines: searched within this factor of the local one, by these steps [s] and relative ones; minima
-# this far apart [s] are rivals, of which so many are fitted.
-_WITHIN, _FINE_STEP, _FINE_RELATIVE, _APART, _RIVALS = 1.25, 4e-4, 1e-3, 1.5e-3, 3
+@dataclass(frozen=True)
+class StrongTransients:
+    """Search of a dwell near single resonances, then of all lines round the dwell that was found."""
 
-# Drifts as wide as this many of their priors take the shifts up at first; steps then, and with the prior.
-_LOOSE, _STEPS = 30.0, 6
+    even_step: float = 1.5e-3  # [s] between dwells up to ``relative_from``
+    relative_from: float = 0.5  # [s]
+    relative_step: float = 3e-3  # between the longer dwells
+    longest: float = 4.0  # [s] that is tried near resonances
+    largest_shift: float = 6e-3  # of a resonance, relative
+    n_shifts: int = 41
+    near: float = 0.15  # relative distance from a resonance up to which a line counts as near
+    fewest: int = 8  # near lines that a resonance must have
+    ringing: int = 25  # lines before the near ones that still ring there
+    local_error: float = 0.02  # relative error of the model near one resonance
+    seen: float = 0.2  # of the logarithm of the misfit, what transients must take away to be plain to see
+    within: float = 1.25  # factor round the local dwell that all lines are searched in
+    fine_step: float = 4e-4  # [s] of that search
+    fine_relative_step: float = 1e-3  # the same for long dwells
+    apart: float = 1.5e-3  # [s] between minima that are rivals
+    rivals: int = 3  # minima that are fitted
+    rough_error: float = 0.3  # relative error added to all lines at first
+    loose: float = 30.0  # drifts as many times as wide as their priors take up the shifts at first
 
-# Weak transients, which leave the nominal model right but for them: steps of the dwells that are tried, relative ones
-# up to a second, then even ones [s]; so many of them go on, with finer steps [s] to either side.
-_RELATIVE_WEAK, _EVENLY, _STEP_WEAK, _KEPT = 0.01, 1.0, 0.012, 4
-_FINER, _TO_EITHER_SIDE = 1e-3, 12
+    @property
+    def shifts(self) -> FloatArray:
+        """(n_shifts,) relative shifts of a resonance."""
+        return np.linspace(-self.largest_shift, self.largest_shift, self.n_shifts)
 
-# Dwells processed at once, by one resonance and by all lines; relative errors added to all lines, roughly and finely.
-_BLOCK, _FEW, _ADDED, _FINELY = 200, 25, 0.3, 0.02
+    def grid(self, dwell: Free) -> FloatArray:
+        """Dwells [s] that are tried near a resonance."""
+        longest = min(dwell.high, self.longest)
+        n = int(np.ceil(np.log(longest / self.relative_from) / self.relative_step))
+        even = np.arange(dwell.low, self.relative_from, self.even_step)
+        return np.concatenate([even, np.geomspace(self.relative_from, longest, n)])
 
-# Images: dwells tried to either side [s], in such steps [s], both wider from a second on; minima so far apart [s], and
-# how many of them are fitted.
-_ASIDE, _IMAGE_STEP, _IMAGE_APART, _IMAGES = 4e-4, 1e-6, 4e-6, 3
 
-# Rounds of that, and by how much one must lower the misfit for another.
-_ROUNDS, _BETTER = 4, 2.0
+@dataclass(frozen=True)
+class Refinement:
+    """Fits of all lines from a dwell, and at last the images of the transients."""
 
-# What a fit must take away for images to be let in: misfit, and a share of what the nominal model leaves above noise.
-_GAIN, _SHARE = 50.0, 0.3
+    steps: int = 6
+    error: float = 0.02  # relative, added to all lines
+    dwells_at_once: int = 25  # that are processed together, by all lines
+    dwells_at_once_near: int = 200  # by one resonance
+    least_gain: float = 50.0  # misfit that a fit must have taken away for images to be added
+    least_share: float = 0.3  # the same, of what the nominal model leaves above noise
+    aside: float = 4e-4  # [s] to either side that dwells are tried with images, wider in proportion from a second on
+    step: float = 1e-6  # [s] between them, wider likewise
+    apart: float = 4e-6  # [s] between minima that are fitted
+    kept: int = 3  # minima that are fitted
+    rounds: int = 4
+    better: float = 2.0  # misfit that a round must take away for another one
+
+
+WEAK = WeakTransients()
+STRONG = StrongTransients()
+REFINED = Refinement()
 
 
 def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
@@ -74,44 +112,35 @@ def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[F
     nominal : the recalibrated nominal model
     """
     smooth = problem.made(images=False)
-    fits = [*_strong(smooth, hypothesis, nominal), *_weak(smooth, hypothesis, nominal)]
+    fits = [*_fit_strong(smooth, hypothesis, nominal), *_fit_weak(smooth, hypothesis, nominal)]
     fits.sort(key=lambda fit: fit.cost)
     if fits:
         gain = nominal.cost - problem.cost(hypothesis, fits[0].u, fits[0].nu)
-        if gain > max(_GAIN, _SHARE * (nominal.cost - nominal.n_data)):
-            return [_with_images(problem, fits[0]), *fits[1:]]
+        if gain > max(REFINED.least_gain, REFINED.least_share * (nominal.cost - nominal.n_data)):
+            return [_add_images(problem, fits[0]), *fits[1:]]
     return fits
 
 
-def _fitted(
-    problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, anneal: Sequence[float]
-) -> list[Fit]:
-    """A list of the one fit, empty where there is no model."""
-    fit = problem.try_fit(hypothesis, u, nu, anneal=anneal, steps=_STEPS)
+def _fit(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, anneal: Sequence[float]) -> list[Fit]:
+    """The fit in a list, which is empty where there is no model."""
+    fit = problem.try_fit(hypothesis, u, nu, anneal=anneal, steps=REFINED.steps)
     return [] if fit is None else [fit]
 
 
 # -- weak transients -----------------------------------------------------------------------------------
 
 
-def _weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
-    """Fits next to the nominal model, by what transients would take away to first order, nuisances refitted."""
+def _fit_weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
+    """Fits next to the nominal model, by what transients would take away to first order once nuisances are refitted."""
     few = problem.at_middle_level()
-    coarse = _promising(few, hypothesis, few.fit(NOMINAL, nominal.u), _weak_grid(hypothesis))
-    around = _FINER * np.arange(-_TO_EITHER_SIDE, _TO_EITHER_SIDE + 1)
+    coarse = _most_promising(few, hypothesis, few.fit(NOMINAL, nominal.u), WEAK.grid(hypothesis.free[0]))
+    around = WEAK.fine_step * np.arange(-WEAK.to_either_side, WEAK.to_either_side + 1)
     fits = []
     for dwell, *_ in coarse:
         near = np.maximum(dwell + around, hypothesis.free[0].low)
-        _, u, nu = _promising(problem, hypothesis, nominal, near)[0]
-        fits += _fitted(problem, hypothesis, u, nu, (_FINELY,))
+        _, u, nu = _most_promising(problem, hypothesis, nominal, near)[0]
+        fits += _fit(problem, hypothesis, u, nu, (REFINED.error,))
     return fits
-
-
-def _weak_grid(hypothesis: Hypothesis) -> FloatArray:
-    """Dwells [s], as far apart as the misfit's minima are wide."""
-    low, high = hypothesis.free[0].low, min(hypothesis.free[0].high, _LONGEST)
-    n = int(np.ceil(np.log(_EVENLY / low) / _RELATIVE_WEAK))
-    return np.concatenate([np.geomspace(low, _EVENLY, n, endpoint=False), np.arange(_EVENLY, high, _STEP_WEAK)])
 
 
 def _gains(problem: Problem, score: Score, dwells: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -124,13 +153,13 @@ def _gains(problem: Problem, score: Score, dwells: FloatArray) -> tuple[FloatArr
     return np.where(scale > 0, gain * (2 * beyond - 1) / beyond**2, 0.0), moved / beyond[:, None]
 
 
-def _promising(
+def _most_promising(
     problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray
 ) -> list[tuple[float, FloatArray, FloatArray]]:
     """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
-    found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, _FEW))
+    found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, REFINED.dwells_at_once))
     gain, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    chosen = _minima(dwells, (-gain).tolist(), 1.5 * _STEP_WEAK, _KEPT)
+    chosen = _minima(dwells, (-gain).tolist(), 1.5 * WEAK.even_step, WEAK.kept)
     places = [np.split(np.concatenate([nominal.u, nominal.nu]) + moved[k], [1]) for k in chosen]
     return [
         (float(dwells[k]), hypothesis.clipped(np.array([u[0], np.log(dwells[k])])), nu)
@@ -146,39 +175,40 @@ def _in_blocks(dwells: FloatArray, size: int) -> list[FloatArray]:
 # -- strong transients ---------------------------------------------------------------------------------
 
 
-def _strong(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
+def _fit_strong(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
     """Fits whose resonances differ from the nominal model's; none where no transients are plain to see."""
     fits = []
-    for dwell, nu in _dwells(problem, hypothesis, nominal):
+    for dwell, nu in _dwells_of_all_lines(problem, hypothesis, nominal):
         u = np.array([nominal.u[0], np.log(dwell)])
-        for loose in _fitted(problem.loosened(_LOOSE), hypothesis, u, nu, (_ADDED, 0.1)):
-            fits += _fitted(problem, hypothesis, loose.u, loose.nu, (0.1, _FINELY))
+        for loose in _fit(problem.loosened(STRONG.loose), hypothesis, u, nu, (STRONG.rough_error, 0.1)):
+            fits += _fit(problem, hypothesis, loose.u, loose.nu, (0.1, REFINED.error))
     return fits
 
 
-def _dwells(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[tuple[float, FloatArray]]:
-    """Dwells and the nuisances that go with them, by the misfit of all lines."""
-    dwells = _grid(*hypothesis.free)
+def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[tuple[float, FloatArray]]:
+    """Lowest minima of the misfit of all lines, round the dwell that resonances agree on, each with its nuisances."""
+    dwells = STRONG.grid(*hypothesis.free)
     total, shifts, near = np.zeros(len(dwells)), np.zeros((len(dwells), problem.nuisances.n)), 0
     for r, modal in enumerate(problem.modals(nominal.k_b, ())):
         if modal.as_linear is not None:
             for m, n_lines, left in _resonances(modal.as_linear, dwells):
                 near += n_lines
-                total += n_lines * np.log(left.min(axis=1) + _LOCAL_ERROR**2)
-                shifts[:, problem.nuisances.drift[r].start + m] = _SHIFTS[left.argmin(axis=1)]
-    if total[-1] - total.min() <= _SEEN * near:
+                total += n_lines * np.log(left.min(axis=1) + STRONG.local_error**2)
+                shifts[:, problem.nuisances.drift[r].start + m] = STRONG.shifts[left.argmin(axis=1)]
+    if total[-1] - total.min() <= STRONG.seen * near:
         return []
     shifts[:, problem.nuisances.gain] = nominal.nu[problem.nuisances.gain]
-    middle = dwells[np.argmin(total)]
-    step = max(_FINE_STEP, _FINE_RELATIVE * middle)
-    fine = np.arange(max(middle / _WITHIN, dwells[0]), min(middle * _WITHIN, dwells[-1]), step)
+    middle = float(dwells[np.argmin(total)])
+    step = max(STRONG.fine_step, STRONG.fine_relative_step * middle)
+    low, high = max(middle / STRONG.within, dwells[0]), min(middle * STRONG.within, dwells[-1])
+    fine = np.arange(low, high, step)
     nus = shifts[np.searchsorted(dwells, fine).clip(max=len(dwells) - 1)]
     loose = problem.loosened(1 / np.finfo(float).eps)
     costs = [
-        loose.cost(hypothesis, np.array([nominal.u[0], np.log(dwell)]), nu, _ADDED)
+        loose.cost(hypothesis, np.array([nominal.u[0], np.log(dwell)]), nu, STRONG.rough_error)
         for dwell, nu in zip(fine, nus, strict=True)
     ]
-    return [(float(fine[k]), nus[k]) for k in _minima(fine, costs, _APART, _RIVALS)]
+    return [(float(fine[k]), nus[k]) for k in _minima(fine, costs, STRONG.apart, STRONG.rivals)]
 
 
 def _minima(places: FloatArray, costs: Sequence[float], apart: float, count: int) -> list[int]:
@@ -190,14 +220,8 @@ def _minima(places: FloatArray, costs: Sequence[float], apart: float, count: int
     return chosen
 
 
-def _grid(dwell: Free) -> FloatArray:
-    longest = min(dwell.high, _STRONG)
-    n = int(np.ceil(np.log(longest / _SPLIT) / _RELATIVE))
-    return np.concatenate([np.arange(dwell.low, _SPLIT, _STEP), np.geomspace(_SPLIT, longest, n)])
-
-
 def _resonances(modal: Modal, dwells: FloatArray) -> Iterator[tuple[int, int, FloatArray]]:
-    """Of each resonance among the lines its number, how many lines are near, and their misfit for dwells and shifts.
+    """Yield for each resonance its number, how many lines are near, and their misfit for dwells and shifts.
 
     Channels are added up by the resonance's shape, to which amplitude and phase are fitted beside a straight line that
     stands for all other resonances. The misfit (n_dwells, n_shifts) is relative to the mean square.
@@ -210,16 +234,16 @@ def _resonances(modal: Modal, dwells: FloatArray) -> Iterator[tuple[int, int, Fl
         if not len(places):
             continue
         pole, shape = complex(group.poles[places[0]]), group.residues[:-1, places[0]]
-        near = np.flatnonzero(np.abs(omega / abs(pole) - 1) < _NEAR)
-        if len(near) < _FEWEST or not omega.min() < abs(pole) < omega.max():
+        near = np.flatnonzero(np.abs(omega / abs(pole) - 1) < STRONG.near)
+        if len(near) < STRONG.fewest or not omega.min() < abs(pole) < omega.max():
             continue
         trace = _trace(measured[order[near]], shape, modal.run.magnitude_only)
-        since = max(int(near[0]) - _RINGING, 0)
+        since = max(int(near[0]) - STRONG.ringing, 0)
         ringing = omega[since : near[-1] + 1]
         straight, _ = np.linalg.qr(np.vander(omega[near] - abs(pole), 2))
         misfit = [
             _misfit(trace, _near_shares(ringing, pole, some)[near - since], straight, modal.run.magnitude_only)
-            for some in _in_blocks(dwells, _BLOCK)
+            for some in _in_blocks(dwells, REFINED.dwells_at_once_near)
         ]
         yield m, len(near), np.concatenate(misfit)
 
@@ -231,7 +255,7 @@ def _trace(y: ComplexArray, shape: ComplexArray, magnitude_only: bool) -> Comple
 
 def _near_shares(omega: FloatArray, pole: complex, dwells: FloatArray) -> ComplexArray:
     """(n_lines, n_dwells, n_shifts) 1 / (i omega - lambda) with transients."""
-    w, poles = omega[:, None, None], pole * (1 + _SHIFTS)
+    w, poles = omega[:, None, None], pole * (1 + STRONG.shifts)
     return 1 / (1j * w - poles) + as_read(transients(w, poles, dwells[:, None]), w, poles)
 
 
@@ -252,23 +276,24 @@ def _misfit(
 # -- images ----------------------------------------------------------------------------------------------
 
 
-def _with_images(problem: Problem, fit: Fit) -> Fit:
-    """A fit without images carried on with them: the best of the many minima round it, as long as that gets better."""
+def _add_images(problem: Problem, fit: Fit) -> Fit:
+    """Go on from a fit with images: to the best of the many minima round it, as long as that gets better."""
     last = np.inf
-    for _ in range(_ROUNDS):
+    for _ in range(REFINED.rounds):
         dwell = float(np.exp(fit.u[1]))
-        dwells = dwell + max(dwell, 1.0) * np.arange(-_ASIDE, _ASIDE, _IMAGE_STEP)
+        dwells = dwell + max(dwell, 1.0) * np.arange(-REFINED.aside, REFINED.aside, REFINED.step)
         dwells = dwells[dwells > fit.hypothesis.free[0].low]
         settled = replace(fit, hypothesis=NOMINAL, u=fit.u[:1])
-        costs = np.concatenate(list(each(partial(_costs, problem, settled), _in_blocks(dwells, _FEW))))
+        blocks = _in_blocks(dwells, REFINED.dwells_at_once)
+        costs = np.concatenate(list(each(partial(_costs, problem, settled), blocks)))
         found = [] if last == np.inf else [fit]
-        for k in _minima(dwells, costs.tolist(), _IMAGE_APART, _IMAGES):
+        for k in _minima(dwells, costs.tolist(), REFINED.apart, REFINED.kept):
             u = np.array([fit.u[0], np.log(dwells[k])])
-            found += _fitted(problem, fit.hypothesis, u, fit.nu, (_FINELY, 0.0))
+            found += _fit(problem, fit.hypothesis, u, fit.nu, (REFINED.error, 0.0))
         if not found:
             return fit
         fit = min(found, key=lambda each: each.cost)
-        if last - fit.cost < _BETTER:
+        if last - fit.cost < REFINED.better:
             return fit
         last = fit.cost
     return fit
@@ -276,4 +301,4 @@ def _with_images(problem: Problem, fit: Fit) -> Fit:
 
 def _costs(problem: Problem, settled: Fit, dwells: FloatArray) -> FloatArray:
     """(k,) misfit and penalty with transients of k dwells."""
-    return problem.costs(settled, problem.change_by_dwells(settled, dwells), _FINELY)
+    return problem.costs(settled, problem.change_by_dwells(settled, dwells), REFINED.error)

@@ -1,0 +1,278 @@
+"""The joint fit of a candidate's numbers and the nuisances, by damped Gauss-Newton steps.
+
+These functions take the problem first; ``Problem`` has them as its methods. What a nuisance takes is judged by its
+prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rigtwin.gap.inference.descent import damped_step, minimise, shorten_logarithms, soften
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
+from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weights_and_residuals
+from rigtwin.gap.model.run_model import BoolArray, RunModel
+from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from rigtwin.gap.inference.problem import Problem
+
+Moved = tuple[float, list[RunModel]]  # a small step of one coordinate, and the models there
+Slopes = tuple[FloatArray, FloatArray, IntArray]  # residuals, (n_columns, n_residuals) derivatives, places of columns
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """How starts are brought near the data, and how far steps are damped."""
+
+    rough_error: float = 0.3  # of a rough start's logarithms, that counts as one
+    silent: float = 1e-5  # share of a run's largest value below which a logarithm says nothing
+    dampings: tuple[float, ...] = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)  # Marquardt's, tried in turn
+    enough: float = 0.02  # misfit that a step must take away for another one
+    enough_relative: float = 1e-5  # the same over the misfit and the penalty
+
+
+JOINT = JointFit()
+
+# -- rough: logarithms, without nuisances --------------------------------------------------------------
+
+
+def rough(problem: Problem, hypothesis: Hypothesis, u: FloatArray, steps: int) -> tuple[FloatArray, float]:
+    """Bring a start near the data: least squares of ln(model / data), bounded.
+
+    Returns
+    -------
+    (1 + n_free,) coordinates and the cost per value
+    """
+
+    def residual(x: FloatArray) -> FloatArray | None:
+        modals = problem.try_modals(hypothesis, x)
+        if modals is None:
+            return None
+        parts = [part for pair in zip(problem.observed, modals, strict=True) for part in _logarithms(*pair)]
+        return soften(np.concatenate(parts))
+
+    return minimise(residual, u, hypothesis.ends, problem.with_k_b, steps)
+
+
+def _logarithms(observed: Observed, modal: RunModel) -> list[FloatArray]:
+    """ln(model / data) of one run over its error: of the magnitudes, and of the phases where these were measured."""
+    y, H = observed.run.H, modal.response()
+    usable = np.isfinite(y) & (np.abs(y) > JOINT.silent * np.nanmax(np.abs(y))) & (np.abs(H) > 0)
+    usable &= observed.std < 0.5 * np.abs(y)
+    ratio = np.where(usable, H / np.where(usable, y, 1.0), 1.0)
+    log = np.log(np.abs(ratio))
+    if observed.run.quantity == "acceleration" and usable.any():
+        log = log - np.median(log[usable])
+    magnitudes = (np.where(usable, log, 0.0) / JOINT.rough_error).ravel()
+    return [magnitudes] if observed.run.magnitude_only else [magnitudes, (np.angle(ratio) / JOINT.rough_error).ravel()]
+
+
+# -- fine: the data's own errors, nuisances included ---------------------------------------------------
+
+
+def fit(
+    problem: Problem,
+    hypothesis: Hypothesis,
+    u: FloatArray,
+    nu: FloatArray | None = None,
+    *,
+    anneal: Sequence[float] = (0.1, 0.02, 0.0),
+    steps: int = 12,
+) -> Fit:
+    """Gauss-Newton steps, damped, with what is left of a rough error added to the data's own.
+
+    Parameters
+    ----------
+    u : (1 + n_free,) start
+    nu : nuisances to start from, default none but the scale of an arbitrary unit
+    anneal : relative errors that are added in turn; the last one should be zero
+    steps : at each of them, at most
+
+    Raises
+    ------
+    ValueError : the start has no model
+    """
+    u = u.copy()
+    nu = unit(problem, hypothesis, u) if nu is None else nu.copy()
+    for added in anneal:
+        u, nu, chi2, penalty, precision = _Descent(problem, hypothesis, added).run(u, nu, steps)
+    n = sum(o.n_values for o in problem.observed)
+    prior_std = problem.nuisances.std
+    return Fit(hypothesis, u, nu, chi2, penalty, precision, n, prior_std, problem.with_k_b, anneal[-1])
+
+
+def try_fit(
+    problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, *, anneal: Sequence[float], steps: int
+) -> Fit | None:
+    """``fit``, or None where a start or a step has no model."""
+    try:
+        return fit(problem, hypothesis, u, nu, anneal=anneal, steps=steps)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def unit(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> FloatArray:
+    """(n_nuisances,) nuisances at a start: none, but for the gain of a run whose unit is arbitrary."""
+    nu = np.zeros(problem.nuisances.n)
+    for r, observed in enumerate(problem.observed):
+        if observed.run.quantity == "acceleration":
+            modal = problem.modal(r, K_B.value(u[0]), hypothesis.effects(u[1:]))
+            size, model = np.abs(np.nan_to_num(observed.run.H)), np.abs(modal.response())
+            usable = observed.valid & (size > 0) & (model > 0)
+            if usable.any():
+                nu[problem.nuisances.gain][r] = np.median(np.log(size[usable] / model[usable]))
+    return nu
+
+
+class _Descent:
+    """Steps of one candidate, with one relative error added to the data's own."""
+
+    def __init__(self, problem: Problem, hypothesis: Hypothesis, added: float):
+        self.problem, self.hypothesis, self.added = problem, hypothesis, added
+        self.log = np.array([free.log for free in hypothesis.coordinates])
+        self.prior = 1 / problem.nuisances.std**2
+
+    def run(self, u: FloatArray, nu: FloatArray, steps: int) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
+        """Where the steps end: (u, nu), misfit, penalty, and Hessian/2 of the misfit."""
+        here = self._linearise(u, nu)
+        if here is None:
+            raise ValueError(f"{self.hypothesis}: no model at the start")
+        chi2, gradient, hessian = here
+        total = chi2 + float(nu**2 @ self.prior)
+        for _ in range(steps):
+            lower = self._step(u, nu, total, gradient, hessian)
+            if lower is None:
+                break
+            u, nu, value = lower
+            linear = self._linearise(u, nu)
+            assert linear is not None
+            chi2, gradient, hessian = linear
+            gained, total = total - value, chi2 + float(nu**2 @ self.prior)
+            if gained < max(JOINT.enough, JOINT.enough_relative * total):
+                break
+        return u, nu, chi2, float(nu**2 @ self.prior), hessian
+
+    def _step(
+        self, u: FloatArray, nu: FloatArray, before: float, gradient: FloatArray, hessian: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float] | None:
+        """A point of a lower cost, and its cost; None where no damping leads to one."""
+        n_u, ends = len(u), self.hypothesis.ends
+        A, g = hessian.copy(), gradient.copy()
+        A[range(n_u, len(A)), range(n_u, len(A))] += self.prior
+        g[n_u:] -= self.prior * nu
+        active = held(self.problem, u, g[:n_u], ends)
+        # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
+        for mu in JOINT.dampings:
+            step = damped_step(A, g, mu, active)
+            own = np.where(self.log, shorten_logarithms(step[:n_u]), step[:n_u])
+            trial_u = np.clip(u + own, ends[:, 0], ends[:, 1])
+            trial_nu = nu + step[n_u:]
+            value = cost(self.problem, self.hypothesis, trial_u, trial_nu, self.added)
+            if value < before:
+                return trial_u, trial_nu, value
+        return None
+
+    def _linearise(self, u: FloatArray, nu: FloatArray) -> tuple[float, FloatArray, FloatArray] | None:
+        """chi2, -gradient/2 and Hessian/2 of the data's misfit by (u, nu); None without a model."""
+        parts = linear_parts(self.problem, self.hypothesis, u, nu, self.added)
+        if parts is None:
+            return None
+        n = len(u) + self.problem.nuisances.n
+        chi2, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
+        for residual, J, where in parts:
+            chi2 += float(residual @ residual)
+            gradient[where] += J @ residual
+            hessian[np.ix_(where, where)] += J @ J.T
+        return chi2, gradient, hessian
+
+
+def held(problem: Problem, u: FloatArray, gradient: FloatArray, ends: FloatArray) -> BoolArray:
+    """(1 + n_free,) coordinates that stay: at an end of their range, or without influence."""
+    margin = 1e-9 * (ends[:, 1] - ends[:, 0])
+    stays = ((u <= ends[:, 0] + margin) & (gradient < 0)) | ((u >= ends[:, 1] - margin) & (gradient > 0))
+    if not problem.with_k_b:
+        stays[0] = True
+    return stays
+
+
+# -- misfit and its derivatives ------------------------------------------------------------------------
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a trial may lie anywhere
+def cost(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float = 0.0) -> float:
+    """Misfit and penalty at a point, with a relative error added to the data's own; inf without a model."""
+    modals, nuisances = problem.try_modals(hypothesis, u), problem.nuisances
+    if modals is None:
+        return np.inf
+    total = float(np.sum((nu / nuisances.std) ** 2))
+    for r, (observed, modal) in enumerate(zip(problem.observed, modals, strict=True)):
+        H = modal.response(*nuisances.of_run(nu, r, modal)) * nuisances.gains(nu, r, modal)
+        total += float(misfit(observed, H, problem.total_error(added)))
+    return total if np.isfinite(total) else np.inf
+
+
+def costs(problem: Problem, fit: Fit, changes: Sequence[ComplexArray], added: float) -> FloatArray:
+    """(k,) ``cost`` of a fit whose prediction changes, of every run (k, n_freq, n_channels)."""
+    total = np.full(len(changes[0]), float(np.sum((fit.nu / problem.nuisances.std) ** 2)))
+    for observed, H, change in zip(problem.observed, problem.predict(fit), changes, strict=True):
+        total += misfit(observed, H + change, problem.total_error(added))
+    return total
+
+
+def linear_parts(
+    problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float
+) -> list[Slopes] | None:
+    """Of every run: residuals, their derivatives, and which of (u, nu) each column is; None without a model."""
+    modals = problem.try_modals(hypothesis, u)
+    if modals is None:
+        return None
+    moved = [_step_aside(problem, hypothesis, u, j) for j in range(len(u))]
+    error = problem.total_error(added)
+    return [_slopes(problem, r, modal, moved, nu, error) for r, modal in enumerate(modals)]
+
+
+def _step_aside(problem: Problem, hypothesis: Hypothesis, u: FloatArray, j: int) -> Moved:
+    """A small step of one coordinate, into the range, and the models there; 0 where it has none."""
+    if j == 0 and not problem.with_k_b:
+        return 0.0, []
+    low, high = hypothesis.ends[j]
+    step = hypothesis.coordinates[j].step * (high - low)
+    if u[j] + step > high:
+        step = -step
+    v = u.copy()
+    v[j] += step
+    modals = problem.try_modals(hypothesis, v)
+    return (0.0, []) if modals is None else (step, modals)
+
+
+def _slopes(problem: Problem, r: int, modal: RunModel, moved: Sequence[Moved], nu: FloatArray, added: float) -> Slopes:
+    """``linear_parts`` of one run, with its models after a small step of each coordinate."""
+    n_u, nuisances, observed = len(moved), problem.nuisances, problem.observed[r]
+    own, gains = nuisances.of_run(nu, r, modal), nuisances.gains(nu, r, modal)
+    H0, D = modal.with_derivatives(*own)
+    H = H0 * gains
+    columns, places = [], []
+    for j, (step, others) in enumerate(moved):
+        if step == 0.0 or others[r] is modal:
+            continue
+        columns.append(modal.small_change_to(others[r], *own) * gains / step)
+        places.append(j)
+    columns.append(H)
+    places.append(n_u + nuisances.gain.start + r)
+    for c, channel in enumerate(modal.run.channels):
+        only = np.zeros_like(H)
+        only[:, c] = H[:, c]
+        for place in nuisances.places_of_sensor(r, c, channel):
+            columns.append(only)
+            places.append(n_u + place)
+    columns += [column * gains for column in D]
+    places += [n_u + place for place in nuisances.places_of_run(r, modal)]
+    weight, residual = weights_and_residuals(observed, H, added)
+    weight = np.where(modal.tells(*own)[:, None], weight, 0.0)  # a line without a motion has a misfit, and no slope
+    return residual, derivatives(observed, H, np.array(columns), weight), np.array(places)

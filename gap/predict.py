@@ -11,7 +11,7 @@ import numpy as np
 from rigtwin.gap.document import DAMPING, SCHEMA
 from rigtwin.gap.model.forward import acting, nonlinear
 from rigtwin.gap.model.linear import TOLERANCES
-from rigtwin.gap.model.nonlinear import FINAL
+from rigtwin.gap.model.motions import FINAL
 from rigtwin.gap.prepare import forward_of
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS

@@ -21,7 +21,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B
 from rigtwin.gap.inference.problem import Problem, middle_level
 from rigtwin.gap.model.forward import acting, nonlinear
-from rigtwin.gap.model.nonlinear import FINE
+from rigtwin.gap.model.motions import FINE
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run

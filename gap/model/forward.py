@@ -1,7 +1,7 @@
 """The model of the measured runs: rotors built and solved, in modal form where they are linear.
 
-A candidate is a tuple of effects. Its rotor is built and solved by ``rotor``; ``modal`` says what is kept of a linear
-one, ``nonlinear`` of the others, ``tolerances`` how a workshop's tolerances bend either.
+A candidate is a tuple of effects. Its rotor is built and solved by ``rotor``; ``linear`` says what is kept of a
+linear one, ``nonlinear`` of the others, ``tolerances`` how a workshop's tolerances bend either.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from rigtwin.gap.model.branch import Known
 from rigtwin.gap.model.linear import MODES, TOLERANCES, Group, Modal, chain_factors, over_receptance, resonance_numbers
-from rigtwin.gap.model.nonlinear import CORNER, FINE, Known, NonlinearModal, Resolution
+from rigtwin.gap.model.motions import FINE, Resolution
+from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.tolerances import STEP, Bend, bend_of, bent_for, sensitivity_of, variants_of
-from rigtwin.rotor.effects import Effect, HubStiffening, OpenCrack
+from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import channel_groups
 from rigtwin.rotor.geometry.assembly import assemble
@@ -31,19 +33,25 @@ from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 T = TypeVar("T")
 
-# Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
-_KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
 
-# What is remembered while the runs of a candidate are made; of rotors, each some 10 kB, those of many candidates.
-_REMEMBERED, _ROTORS = 8, 4096
+@dataclass(frozen=True)
+class ModelSize:
+    """How much of a rotor is kept and remembered."""
 
-# Samples of a period are taken one after the other where a law has memory; with 256 of them a motion is within 5e-5 of
-# that with 2048, its peak for 1, at levels where friction sticks, slips now and then, and slips throughout.
-_HYSTERESIS_SAMPLES = 256
+    kept_ratio: float = 50.0  # modes above so many times the highest line are taken as quasi-static, ...
+    kept_hz: float = 20e3  # ... and none below this frequency [Hz]
+    # Resonances below so many times the highest line may drift. The next one above the lines is among them: between
+    # resonances, where the response nearly vanishes, its drift is seen.
+    drifting_ratio: float = 3.0
+    remembered: int = 8  # balances, sensitivities: those of a candidate's runs
+    rotors: int = 4096  # each some 10 kB: those of many candidates
+    corner: float = 1e-4  # of laws with a gap, rounded by this share of it: more is a stiffness that is felt at rest
+    # Samples of a period are taken one after the other where a law has memory. With 256 a motion is within 5e-5 of that
+    # with 2048, relative to its peak, where friction sticks, slips now and then, and slips throughout.
+    hysteresis_samples: int = 256
 
-# Resonances of a run that may drift: those below so many times its highest line. The next one above the lines is
-# among them: between resonances, where the response nearly vanishes, its drift is seen.
-_DRIFTING = 3.0
+
+_SIZE = ModelSize()
 
 
 @dataclass(frozen=True)
@@ -154,7 +162,7 @@ class Forward:
         return self.modal(there, k_b).response() / over_receptance(there)[:, None]
 
     def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
-        local = self.manner.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
+        local = self.manner.refined and any(effect.needs_finer_mesh for effect in effects)
         bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), ())
         return self._on(self._fine if local else self.structure, run, k_b, effects, bends)
 
@@ -177,7 +185,7 @@ class Forward:
         plain = self._balance(condition, effects, np.zeros(len(TOLERANCES)))
         if plain is None:
             return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
-        top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
+        top = 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1]
 
         def balance(tolerance: FloatArray) -> tuple[Balance, IntArray]:
             made = self._balance(condition, effects, tolerance)
@@ -197,8 +205,8 @@ class Forward:
             model = build_model(self._with(tolerance), condition, effects)
             if not model.forces:
                 return None
-            samples = min(finely.samples, _HYSTERESIS_SAMPLES) if model.memory else finely.samples
-            made = Balance(model, condition, harmonics=finely.harmonics, samples=samples, corner=CORNER)
+            samples = min(finely.samples, _SIZE.hysteresis_samples) if model.memory else finely.samples
+            made = Balance(model, condition, harmonics=finely.harmonics, samples=samples, corner=_SIZE.corner)
             if made.values.ndim > 1:
                 raise ValueError("a rotor without a full set of eigenvectors has no modal form")
             return made
@@ -228,7 +236,7 @@ class Forward:
         bends: Sequence[Bend],
     ) -> tuple[Group, ComplexArray]:
         rotor = self._rotor(structure, run, condition, tuple(effects), tuple(run.channels[c] for c in columns))
-        mode = resonance_numbers(rotor.poles, 2 * np.pi * _DRIFTING * run.frequency_hz[-1])
+        mode = resonance_numbers(rotor.poles, 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1])
         rest = rotor.upper.receptance(omega)[:, :, 0]
         known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
         bent, aside = bent_for(known, omega, columns, rotor.poles, rotor.residues, mode)
@@ -252,13 +260,13 @@ class Forward:
 
         On rigid supports k_b does not, and nowhere does what changes only how the rotor is driven and read.
         """
-        limit = max(_KEPT_HZ, _KEPT_RATIO * run.frequency_hz[-1])
+        limit = max(_SIZE.kept_hz, _SIZE.kept_ratio * run.frequency_hz[-1])
         if condition.rigid_support:
             condition = replace(condition, k_b=Condition.k_b)
         effects = on_the_rotor(effects)
         key = (id(structure), condition, effects, channels, limit)
         make = partial(self._solve, structure, condition, effects, channels, limit)
-        return _remembered(self._rotors, key, make, _ROTORS)
+        return _remembered(self._rotors, key, make, _SIZE.rotors)
 
     def _solve(
         self,
@@ -288,7 +296,7 @@ class Forward:
         return _Rotor(poles, residues[:, 0], upper, sensitivity_of(system))
 
 
-def _remembered(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _REMEMBERED) -> T:
+def _remembered(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _SIZE.remembered) -> T:
     """The value of a key, made where it is new; of those kept the oldest goes."""
     if key not in store:
         if len(store) >= most:

@@ -18,7 +18,7 @@ import numpy as np
 
 from rigtwin.gap.model.run_model import BoolArray, RunModel
 from rigtwin.gap.model.transients import as_read, transients
-from rigtwin.rotor.effects import Effect, FastSweep
+from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER, channel_factor, force_factor
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Run
@@ -29,12 +29,6 @@ MODES = 8
 # What a workshop does not know: relative standard deviations of a uniform +-0.1 %.
 TOLERANCE = 0.001 / np.sqrt(3)
 TOLERANCES = ("modulus", "span", "disk_mass_1", "disk_mass_2")
-
-# Above so many times the highest line, transients do without their modes where they do without images.
-_RINGING = 1.5
-
-# Resonances whose frequencies differ by more than this share are not one and the same.
-_SAME = 0.05
 
 
 @dataclass(frozen=True)
@@ -56,6 +50,7 @@ class Modal:
     """Noise-free response of one run in modal form; see ``RunModel``."""
 
     level_is_parameter: ClassVar[bool] = False
+    ringing: ClassVar[float] = 1.5  # without images: modes above so many times the highest line have no transients
 
     run: Run
     omega: FloatArray
@@ -194,7 +189,7 @@ class Modal:
         change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)
         for group in other.groups:
             twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)
-            here = None if twin is None else _matched(group, twin)
+            here = None if twin is None else _poles_of_twin(group, twin)
             if twin is None or here is None or self.dwell_s is not None or other.dwell_s is not None:
                 return other.response(drift, tolerance) - self.response(drift, tolerance)
             change[:, group.columns] = self._change(twin, other, group, here, drift, tolerance)
@@ -226,8 +221,8 @@ class Modal:
     @property
     def dwell_s(self) -> float | None:
         """Time after which every line is read, settled or not; None: when it has settled."""
-        dwell = [effect.dwell for effect in self.effects if isinstance(effect, FastSweep)]
-        return dwell[-1] if dwell else None
+        changes = {name: value for effect in self.effects for name, value in effect.sweep_changes().items()}
+        return changes.get("dwell_s")
 
     def _unsettled(self, poles: ComplexArray, dwell: FloatArray) -> ComplexArray:
         """(n_freq, ..., n_states) what transients add to 1 / (i omega - lambda), read over a period after dwells (...).
@@ -244,7 +239,7 @@ class Modal:
             left -= left[..., twin].conj() * np.exp(-2j * dwell * np.cumsum(w, axis=0))
             read = as_read(left, w, poles)
         else:
-            near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
+            near = np.flatnonzero(np.abs(poles) < self.ringing * w.max())
             read = np.zeros((len(w), *dwell.shape[:-1], len(poles)), dtype=complex)
             read[..., near] = as_read(transients(w, poles[near], dwell), w, poles[near])
         return read[:: self._onward][np.searchsorted(all_hz, self.run.frequency_hz)]
@@ -304,12 +299,15 @@ def _driven(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: Compl
     return dY[..., :-1] * force[:, None] + Y[:, :-1] * (slope * dY[..., -1])[..., None]
 
 
-def _matched(group: Group, twin: Group) -> ComplexArray | None:
-    """The twin's pole in the place of each of the group's resonances; None where they are not one to one."""
+def _poles_of_twin(group: Group, twin: Group, tolerance: float = 0.05) -> ComplexArray | None:
+    """The twin's pole in the place of each of the group's resonances; None where they are not one to one.
+
+    tolerance : relative difference of frequencies beyond which two resonances are not one and the same
+    """
     poles = group.poles.copy()
     for k in np.flatnonzero(group.mode >= 0):
         same = np.flatnonzero((twin.mode == group.mode[k]) & (np.sign(twin.poles.imag) == np.sign(poles[k].imag)))
-        if len(same) != 1 or abs(twin.poles[same[0]] / poles[k] - 1) > _SAME:
+        if len(same) != 1 or abs(twin.poles[same[0]] / poles[k] - 1) > tolerance:
             return None
         poles[k] = twin.poles[same[0]]
     return poles if group.mode.max(initial=-1) == twin.mode.max(initial=-1) else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ class RunModel(Protocol):
     level : logarithm of the true force over the one that the run believes; a linear response per newton does not change
     """
 
+    level_is_parameter: ClassVar[bool]  # whether the response per newton changes with the force
+
     @property
     def run(self) -> Run:
         """The measured run, with its lines and channels."""
@@ -37,11 +39,6 @@ class RunModel(Protocol):
     @property
     def frequencies_hz(self) -> FloatArray:
         """Resonances that may drift, lowest first [Hz]."""
-        ...
-
-    @property
-    def level_is_parameter(self) -> bool:
-        """Whether the response per newton changes with the force, so that ``level`` has a derivative too."""
         ...
 
     @property

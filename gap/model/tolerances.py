@@ -12,10 +12,6 @@ from rigtwin.rotor.geometry.rig import Disk, Rig
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
 from rigtwin.rotor.model.system import LinearSystem
 
-# A mode whose residues are below this share of the largest is not reached by the exciter: tolerances change it in
-# proportion to that share.
-_UNREACHED = 0.05
-
 # Relative step of a tolerance.
 STEP = 1e-3
 
@@ -85,10 +81,13 @@ def bent_for(known: Bend | None, omega, columns, poles: ComplexArray, residues: 
     return bent, known.aside[:, :, rows]
 
 
-def _sizes(residues: ComplexArray, mode: IntArray) -> FloatArray:
-    """(n_states,) size of each mode's residues, at least a share of the largest that drifts."""
+def _sizes(residues: ComplexArray, mode: IntArray, unreached: float = 0.05) -> FloatArray:
+    """(n_states,) size of each mode's residues, at least a share of the largest that drifts.
+
+    unreached : that share; tolerances change a mode that the exciter hardly reaches in proportion to it
+    """
     sizes = np.linalg.norm(residues, axis=0)
-    return np.maximum(sizes, _UNREACHED * sizes[mode >= 0].max(initial=1e-300))
+    return np.maximum(sizes, unreached * sizes[mode >= 0].max(initial=1e-300))
 
 
 def _others(group: Group, omega: FloatArray) -> ComplexArray:

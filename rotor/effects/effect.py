@@ -89,6 +89,9 @@ class Effect(ABC):
     changes_size: ClassVar[bool] = False  # of the equations: not to be switched while the rotor runs
     in_fmu: ClassVar[bool] = True
     acts_at_once: ClassVar[bool] = False  # on the accelerations of a rotor at rest, when a force sets in
+    needs_finer_mesh: ClassVar[bool] = False  # it acts inside an element, so that the elements' length shows
+    moves_resonances: ClassVar[bool] = True  # and not only how high and wide they are
+    couples_planes: ClassVar[bool] = False  # the rotor moves across the force too
 
     def __post_init__(self) -> None:
         for name, role in self.roles().items():

@@ -13,7 +13,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis
 from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
 from rigtwin.gap.inference.score_test import Score
-from rigtwin.gap.model.nonlinear import FINAL, MIDDLE, ROUGH, Resolution
+from rigtwin.gap.model.motions import FINAL, MIDDLE, ROUGH, Resolution
 from rigtwin.gap.search.laws.grid import Rest, axis, by_distance, by_score, distance, node_of, points_of, seen_motion
 from rigtwin.gap.search.laws.reading import READ, read
 from rigtwin.gap.search.laws.robust import (

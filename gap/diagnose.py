@@ -20,7 +20,7 @@ from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.forward import nonlinear
-from rigtwin.gap.peaks.lists import diagnose_peaks
+from rigtwin.gap.peaks.diagnosis import diagnose_peaks
 from rigtwin.gap.prepare import prepared
 from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.gap.search.laws.search import most_promised, search_nonlinear

@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rigtwin.gap.model.run_model import BoolArray, RunModel
+from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.transients import as_read, transients
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER, channel_factor, force_factor
@@ -46,10 +46,9 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Modal:
+class Modal(RunModel):
     """Noise-free response of one run in modal form; see ``RunModel``."""
 
-    level_is_parameter: ClassVar[bool] = False
     ringing: ClassVar[float] = 1.5  # without images: modes above so many times the highest line have no transients
 
     run: Run
@@ -81,11 +80,6 @@ class Modal:
         """Itself."""
         return self
 
-    @property
-    def as_nonlinear(self) -> None:
-        """None: no force law acts."""
-        return
-
     def response(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> ComplexArray:
@@ -97,16 +91,6 @@ class Modal:
     ) -> tuple[ComplexArray, ComplexArray]:
         """``response`` and its (MODES + n_tolerances, n_freq, n_channels) derivatives."""
         return self._evaluate(drift, tolerance, derivatives=True)
-
-    def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
-        """(n_freq,) true throughout."""
-        return np.ones(len(self.omega), dtype=bool)
-
-    def tells(
-        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
-    ) -> BoolArray:
-        """(n_freq,) true throughout."""
-        return self.found()
 
     def _evaluate(
         self, drift: FloatArray | None, tolerance: FloatArray | None, *, derivatives: bool
@@ -180,10 +164,8 @@ class Modal:
         A plain difference is no derivative where a resonance shifts by more than a small part of its width.
         """
         if other.as_linear is None:
-            return other.response(drift, tolerance, level) - self.response(drift, tolerance)
+            return super().change_to(other, drift, tolerance, level)
         return self._change_to(other.as_linear, drift, tolerance)
-
-    small_change_to = change_to
 
     def _change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
         change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)

@@ -8,7 +8,7 @@ believes. Derivatives by these follow from the balance's own Jacobian.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -29,7 +29,7 @@ _TOLERANCE_STEP = 1e-7
 
 
 @dataclass(frozen=True)
-class NonlinearModal:
+class NonlinearModal(RunModel):
     """Noise-free fundamental of one run; see ``RunModel``."""
 
     level_is_parameter: ClassVar[bool] = True
@@ -47,11 +47,6 @@ class NonlinearModal:
     level: float = 0.0  # logarithm of the true force over the one that the run believes; responses are per true force
     _solved: dict[bytes, Solved] = field(default_factory=dict)
     _driven: dict[float, NonlinearModal] = field(default_factory=dict)
-
-    @property
-    def as_linear(self) -> None:
-        """None: a force law acts."""
-        return
 
     @property
     def as_nonlinear(self) -> NonlinearModal:
@@ -82,10 +77,6 @@ class NonlinearModal:
         every = np.concatenate([D, by_tolerance, slopes.by_level()])
         return solved.H, np.where(solved.tells[:, None], every, 0.0)
 
-    def change_to(self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
-        """(n_freq, n_channels) another response less this one."""
-        return other.response(drift, tolerance, level) - self.response(drift, tolerance, level)
-
     def small_change_to(
         self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
     ) -> ComplexArray:
@@ -105,10 +96,6 @@ class NonlinearModal:
             self._driven.clear()
             self._driven[level] = replace(self, level=float(level), _solved={}, _driven={})
         return self._driven[level]
-
-    def driven_and_read_by(self, effects: Sequence[Effect]) -> None:
-        """None: what drives and reads the rotor belongs to the motions, which have to be solved again."""
-        return
 
     @property
     def frequencies_hz(self) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigtwin.gap.audit.findings import believed_errors, common_error, scatter_over
+from rigtwin.gap.audit.noise import believed_errors, common_error, scatter_over
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import Observed, observe
 from rigtwin.gap.inference.problem import Problem

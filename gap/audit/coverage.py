@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rigtwin.gap.audit.checked_run import Prepared
+from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
@@ -14,11 +14,13 @@ from rigtwin.sim.campaign import Campaign
 
 # Measured over expected quasi-static response on rigid supports, where only the drawing counts. Effects
 # of a rig change it by some ten per cent; a wrong unit by ten or a thousand.
-UNIT_FACTOR = 2.5
+_UNIT_FACTOR = 2.5
+
+# What the factor says of the unit.
 _UNITS = {1 / 9.81: "g instead of m/s^2", 1e3: "mm instead of m, or kN instead of N", 1e6: "um instead of m"}
 
 
-def check_coverage(campaign: Campaign, runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Finding]:
+def check_coverage(campaign: Campaign, runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Finding]:
     """Notes on supports, levels, sensors and kinds of data."""
     if not runs:
         what = "only lists of resonances" if campaign.peaks else "neither a run nor a list of resonances"
@@ -46,7 +48,7 @@ def check_coverage(campaign: Campaign, runs: Sequence[Prepared], geometry: Geome
         yield from _run_coverage(p, geometry)
 
 
-def _run_coverage(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+def _run_coverage(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     run = p.run
     nodes = {c.node for c in p.channels}
     if len(nodes) == 1:
@@ -81,7 +83,7 @@ def _run_coverage(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
         yield p.finding("coverage", "note", f"{words}; add one there.")
 
 
-def check_units(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+def check_units(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     """Size of the response below the first resonance on rigid supports against the drawing's."""
     unscaled = p.run.quantity == "acceleration"
     if unscaled or not p.resonances or p.run.support != "rigid" or not geometry.knows(p.run):
@@ -97,13 +99,13 @@ def check_units(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
         return
     ratio = np.abs(p.receptance[low][:, places]) / np.abs(expected[low][:, columns])
     factor = float(np.median(ratio))
-    if 1 / UNIT_FACTOR < factor < UNIT_FACTOR:
+    if 1 / _UNIT_FACTOR < factor < _UNIT_FACTOR:
         yield p.finding(
             "units",
             "ok",
             f"The quasi-static response is {factor:.3g} times what the drawing gives.",
             factor,
-            UNIT_FACTOR,
+            _UNIT_FACTOR,
         )
         return
     guess = [name for unit, name in _UNITS.items() if abs(np.log(factor / unit)) < np.log(1.5)]
@@ -114,5 +116,5 @@ def check_units(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
         f"The quasi-static response on rigid supports is {factor:.3g} times what the drawing gives: a unit or a "
         f"sensitivity is wrong{hint}; check units of response and force.",
         factor,
-        UNIT_FACTOR,
+        _UNIT_FACTOR,
     )

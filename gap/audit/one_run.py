@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.gap.audit.checked_run import Prepared, Severity
+from rigtwin.gap.audit.checked_run import CheckedRun, Severity
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.audit.noise import (
-    CONTRADICTED,
-    CONTRADICTED_SHARE,
-    ROUGH_ERRORS,
+    GIVEN_ERRORS,
     NoiseEstimate,
     estimate_noise,
     mean_square,
@@ -24,43 +23,42 @@ from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, NominalBelief, Run
 
-# Lines inside a half-power band below which a peak's height and width hang on single lines: a mode has
-# three real unknowns at its peak (frequency, width, height).
-LINES_IN_BAND = 3
 
-# Lines are laid closer where so many of them next to a frequency are this much closer than all are on average.
-_NEAREST, _FINER = 9, 0.5
+@dataclass(frozen=True)
+class RunLimits:
+    """From where on something about one run is said, or is more than a note."""
 
-# A hole in the raster: so many times the spacing that covers half of the band, and both neighbours.
-GAP = 2.5
-
-# Estimated over given noise. The estimate is good to 10 % on 60 lines; a laboratory's is often wrong by two to three.
-NOISE_RATIO, NOISE_RATIO_CHANNEL = 1.5, 2.0
-
-# Given standard errors below this share of the response are mostly not noise (settling, rounding)
-# and no verdict depends on them.
-NEGLIGIBLE_NOISE = 1e-4
-
-# A channel whose lines do not follow a smooth curve to this share carries noise, not the rotor.
-ONLY_NOISE = 0.4
-
-# So many lines may have the same value in a channel that is alive.
-_SAME_VALUES = 3
-
-# A sensor at a rigid support moves by less than this share of the largest response.
-RIGID_SHARE = 1e-2
-
-# A top is flat where the lines within 2 % of the maximum span this share of the half-power band; one
-# mode's do over 0.2 of it, one clipped at half its height over 0.65. Fewer lines than this decide nothing.
-# And it does not fall to its ends, by this share of those 2 %; two close modes make a wide top, too.
-FLAT_SHARE, FLAT_DEPTH, FLAT_LINES, FLAT_DROP = 0.4, 0.02, 4, 0.5
-
-# A settled linear mode fits its lines to the noise; on healthy runs of the shipped rig the worst of 320 peaks
-# is off by 1.8 times. What is below 2 % of the response does not matter.
-PEAK_MISFIT, PEAK_MISFIT_RELATIVE = 3.0, 0.02
+    lines_in_band: int = 3  # of a half-power band: a mode has three unknowns at its peak (frequency, width, height)
+    nearest: int = 9  # lines next to a frequency, whose spacing ...
+    finer: float = 0.5  # ... is this share of the average or less, where lines are laid closer
+    hole: float = 2.5  # a hole in the raster over the spacing that covers half of the band, and over both neighbours
+    even_hole: float = 1.5  # the same in an even raster, where a single missing line shows
+    # Estimated over given noise. The estimate is good to 10 % on 60 lines; a laboratory's is often wrong by 2 to 3.
+    noise_ratio: float = 1.5
+    noise_ratio_channel: float = 2.0  # the same of one channel beside the others
+    # Given standard errors below this share of the response are mostly not noise (settling, rounding), and no verdict
+    # depends on them.
+    negligible_noise: float = 1e-4
+    only_noise: float = 0.4  # scatter about a smooth curve, relative, from which a channel does not carry the rotor
+    same_values: int = 3  # lines that may have one value in a channel that is alive
+    rigid_share: float = 1e-2  # of the largest response: a sensor at a rigid support moves less
+    weak_share: float = 1e-4  # of the largest response: below, a cable or a gain is wrong
+    # A top is flat where the lines within 2 % of the maximum span this share of the half-power band; one mode's do over
+    # 0.2 of it, one clipped at half its height over 0.65.
+    flat_share: float = 0.4
+    flat_depth: float = 0.02  # those 2 %
+    flat_lines: int = 4  # fewer decide nothing
+    flat_drop: float = 0.5  # of those 2 %: it falls less to its ends; two close modes make a wide top, too
+    # A settled linear mode fits its lines to the noise; on healthy runs of the shipped rig the worst of 320 peaks is
+    # off by 1.8 times.
+    peak_misfit: float = 3.0
+    peak_misfit_relative: float = 0.02  # of the response: what is less does not matter
 
 
-def check_raster(p: Prepared, belief: NominalBelief) -> Iterator[Finding]:
+_LIMITS = RunLimits()
+
+
+def check_raster(p: CheckedRun, belief: NominalBelief) -> Iterator[Finding]:
     """Lines inside the half-power band of each resonance."""
     if not p.resonances:
         yield p.finding(
@@ -82,29 +80,31 @@ def check_raster(p: Prepared, belief: NominalBelief) -> Iterator[Finding]:
                 f"The resonance near {r.frequency_hz:.4g} Hz is so narrow between its lines that its damping cannot be "
                 "read; lay finer lines there or state the damping.",
             )
-        elif n < LINES_IN_BAND:
+        elif n < _LIMITS.lines_in_band:
             yield p.finding(
                 "raster",
                 "note" if _refined(p.f, r.frequency_hz) else "warning",
                 f"The half-power band at {r.frequency_hz:.4g} Hz is {w:.2g} Hz wide and holds {n} lines, so the peak's "
-                f"height is erratic; lay lines at most {w / LINES_IN_BAND:.2g} Hz apart there.",
+                f"height is erratic; lay lines at most {w / _LIMITS.lines_in_band:.2g} Hz apart there.",
                 float(n),
-                float(LINES_IN_BAND),
+                float(_LIMITS.lines_in_band),
             )
     known = [n for n in inside if n is not None]
-    if len(known) == len(inside) and min(known) >= LINES_IN_BAND:
+    if len(known) == len(inside) and min(known) >= _LIMITS.lines_in_band:
         words = f"At least {min(known)} lines lie inside the half-power band of every resonance"
         kind = "even" if even else "uneven, which does no harm"
-        yield p.finding("raster", "ok", f"{words}; the raster is {kind}.", float(min(known)), float(LINES_IN_BAND))
+        yield p.finding(
+            "raster", "ok", f"{words}; the raster is {kind}.", float(min(known)), float(_LIMITS.lines_in_band)
+        )
 
 
 def _refined(f: FloatArray, at: float) -> bool:
     """Whether lines next to a frequency are laid closer than elsewhere: where few are in a band, some are missing."""
-    near = np.sort(np.abs(f - at))[:_NEAREST]
-    return bool(2 * near[-1] / len(near) < _FINER * np.ptp(f) / len(f))
+    near = np.sort(np.abs(f - at))[: _LIMITS.nearest]
+    return bool(2 * near[-1] / len(near) < _LIMITS.finer * np.ptp(f) / len(f))
 
 
-def check_missing_lines(p: Prepared) -> Iterator[Finding]:
+def check_missing_lines(p: CheckedRun) -> Iterator[Finding]:
     """Lines without a number, and holes in the raster."""
     n_bad = len(p.run.frequency_hz) - len(p.lines)
     if len(p.live) and n_bad:
@@ -130,7 +130,7 @@ def check_missing_lines(p: Prepared) -> Iterator[Finding]:
         yield p.finding("missing_lines", "ok", f"All {len(p.f)} lines are there, without a hole in the raster.", 0.0)
 
 
-def _holes(p: Prepared) -> list[tuple[float, float]]:
+def _holes(p: CheckedRun) -> list[tuple[float, float]]:
     """(from, to) [Hz] where lines seem to be missing."""
     f = p.f
     if len(f) < 6:
@@ -141,7 +141,7 @@ def _holes(p: Prepared) -> list[tuple[float, float]]:
     beside = np.maximum(np.append(step[1:], step[-2]), np.append(step[1], step[:-1]))
     # In an even raster a single missing line shows too.
     even = np.mean(np.abs(step / np.median(step) - 1) < 0.02) > 0.8
-    limit = 1.5 if even else GAP
+    limit = _LIMITS.even_hole if even else _LIMITS.hole
     return [(float(f[i]), float(f[i + 1])) for i in np.flatnonzero((step > limit * usual) & (step > limit * beside))]
 
 
@@ -150,7 +150,7 @@ def _touches(hole: tuple[float, float], r: Resonance) -> bool:
     return hole[0] - margin <= r.frequency_hz <= hole[1] + margin
 
 
-def check_noise(p: Prepared) -> Iterator[Finding]:
+def check_noise(p: CheckedRun) -> Iterator[Finding]:
     """Noise from the data, and the given standard errors beside it."""
     relative = p.noise.relative[p.live]
     if not np.isfinite(relative).any():
@@ -171,7 +171,7 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
         yield from _given_errors(p, p.run.std[np.ix_(p.lines, p.live)], level)
 
 
-def _given_errors(p: Prepared, given: np.ndarray, level: float) -> Iterator[Finding]:
+def _given_errors(p: CheckedRun, given: np.ndarray, level: float) -> Iterator[Finding]:
     """Standard errors beside the lines' own scatter.
 
     Parameters
@@ -184,9 +184,9 @@ def _given_errors(p: Prepared, given: np.ndarray, level: float) -> Iterator[Find
         yield p.finding("noise", "warning", words)
     ratio, relative = _noise_ratios(p, given), given / np.abs(p.H)
     believed = float(np.nanmedian(relative)) if np.isfinite(relative).any() else 0.0
-    if max(level, believed) < NEGLIGIBLE_NOISE:
+    if max(level, believed) < _LIMITS.negligible_noise:
         words = f"Noise is negligible: lines scatter by {100 * level:.1g} %."
-        yield p.finding("noise", "ok", words, level, NEGLIGIBLE_NOISE)
+        yield p.finding("noise", "ok", words, level, _LIMITS.negligible_noise)
     elif not np.isfinite(ratio).any():
         words = f"The given standard errors are zero but the lines scatter by {100 * level:.2g} %; use the estimate."
         yield p.finding("noise", "warning", words, level)
@@ -196,14 +196,14 @@ def _given_errors(p: Prepared, given: np.ndarray, level: float) -> Iterator[Find
         yield from _odd_channels(p, ratio)
 
 
-def _slack(p: Prepared) -> float:
+def _slack(p: CheckedRun) -> float:
     """Few lines lie far apart, and two resonances in one window are no noise."""
     return 1 + 6 * p.noise.uncertainty
 
 
-def _errors_against_scatter(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]:
+def _errors_against_scatter(p: CheckedRun, ratio: np.ndarray) -> Iterator[Finding]:
     """Whether the lines scatter as the standard errors say."""
-    overall, limit = float(np.nanmedian(ratio)), max(NOISE_RATIO, _slack(p))
+    overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio, _slack(p))
     words = f"The lines scatter {overall:.2g} times as much as the given standard errors say"
     if 1 / limit < overall < limit:
         yield p.finding("noise", "ok", f"{words}.", overall, limit)
@@ -216,9 +216,9 @@ def _errors_against_scatter(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]
     yield p.finding("noise", "warning", f"{words}: those are {wrong}; check them.", overall, limit)
 
 
-def _odd_channels(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]:
+def _odd_channels(p: CheckedRun, ratio: np.ndarray) -> Iterator[Finding]:
     """Sensors that scatter otherwise than the rest."""
-    overall, limit = float(np.nanmedian(ratio)), max(NOISE_RATIO_CHANNEL, _slack(p) ** 1.5)
+    overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio_channel, _slack(p) ** 1.5)
     for i in np.flatnonzero((ratio > limit * overall) | (ratio < overall / limit)):
         words = (
             f"Channel {p.channels[i]} scatters {ratio[i]:.2g} times as much as its standard errors say, other channels "
@@ -227,7 +227,7 @@ def _odd_channels(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]:
         yield p.finding("noise", "warning", words, float(ratio[i]), limit)
 
 
-def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:
+def _uneven_errors(p: CheckedRun, given: np.ndarray) -> Iterator[Finding]:
     """Standard errors that are right on the whole and wrong at single values."""
     weighed = weigh_errors(given, of_complex(p.noise.std[np.ix_(p.lines, p.live)], p.run), p.H)
     rough, share = weighed.roughness, weighed.share
@@ -236,17 +236,17 @@ def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:
             f"The given standard errors themselves scatter by {100 * rough:.2g} % from line to line, as those from few "
             "repeats do; the scatter of the lines is taken instead. Average the errors over neighbouring lines."
         )
-        severity = "warning" if rough > 2 * ROUGH_ERRORS else "note"  # little is lost with the scatter instead
-        yield p.finding("noise", severity, words, rough, ROUGH_ERRORS)
+        severity = "warning" if rough > 2 * GIVEN_ERRORS.rough else "note"  # little is lost with the scatter instead
+        yield p.finding("noise", severity, words, rough, GIVEN_ERRORS.rough)
     elif weighed.uneven:
         words = (
-            f"{100 * share:.2g} % of the values scatter over {CONTRADICTED:g} times as much as their errors say; "
+            f"{100 * share:.2g} % of the values scatter over {GIVEN_ERRORS.contradicted:g} times as much as their errors say; "
             "their scatter is taken instead. Give every line an error of its own."
         )
-        yield p.finding("noise", "warning", words, share, CONTRADICTED_SHARE)
+        yield p.finding("noise", "warning", words, share, GIVEN_ERRORS.contradicted_share)
 
 
-def _noise_ratios(p: Prepared, given: np.ndarray) -> np.ndarray:
+def _noise_ratios(p: CheckedRun, given: np.ndarray) -> np.ndarray:
     """(n_live,) estimated over given noise; nan where a channel's standard errors are zero or no number."""
     draws = of_complex(p.noise.draws[np.ix_(p.lines, p.live)], p.run)
     usable = np.isfinite(given) & (given > 0)
@@ -254,7 +254,7 @@ def _noise_ratios(p: Prepared, given: np.ndarray) -> np.ndarray:
     return np.sqrt([mean_square(s, magnitude=p.run.magnitude_only) for s in squares.T])
 
 
-def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+def check_channels(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     """Channels that are dead, constant, noise only, or move where they should not."""
     run, healthy = p.run, True
     size = np.abs(np.nan_to_num(responses(run)))
@@ -291,7 +291,7 @@ def telling_channels(run: Run, geometry: Geometry) -> list[int]:
 
 def is_only_noise(noise: NoiseEstimate, channel: int) -> bool:
     """Whether the lines of a channel follow no curve; lines too far apart do not say."""
-    return noise.resolved and bool(noise.relative[channel] > ONLY_NOISE)
+    return noise.resolved and bool(noise.relative[channel] > _LIMITS.only_noise)
 
 
 def _stands_still(run: Run, channel: Channel, geometry: Geometry) -> str:
@@ -305,11 +305,11 @@ def _is_alive(H: ComplexArray, may_be_zero: bool) -> bool:
     there = H[np.isfinite(H)]
     if not there.any():
         return len(there) > 0 and may_be_zero
-    return len(there) <= _SAME_VALUES or not (there == there[0]).all()
+    return len(there) <= _LIMITS.same_values or not (there == there[0]).all()
 
 
 def _channel_problem(
-    p: Prepared, i: int, still: str, usual: float
+    p: CheckedRun, i: int, still: str, usual: float
 ) -> tuple[Severity, str, float | None, float | None] | None:
     """(severity, words, value, limit) of one channel, None where nothing is to be said."""
     H, name = responses(p.run)[:, i], p.run.channels[i]
@@ -333,20 +333,30 @@ def _channel_problem(
     if name.plane != p.run.excitation_plane:
         return None
     if still:
-        if share > RIGID_SHARE and not relative > ONLY_NOISE:
+        if share > _LIMITS.rigid_share and not relative > _LIMITS.only_noise:
             words = f"Channel {name} sits at a rigid support but moves by {100 * share:.2g} % of the largest channel"
-            return "note", f"{words}: the support gives way or the sensor sees something else.", share, RIGID_SHARE
+            return (
+                "note",
+                f"{words}: the support gives way or the sensor sees something else.",
+                share,
+                _LIMITS.rigid_share,
+            )
         return None
     if is_only_noise(p.noise, i):
         words = f"Channel {name} scatters by {100 * relative:.2g} % from line to line: it carries noise, not the rotor"
-        return "warning", f"{words}, and is left out where there are others; raise the force.", relative, ONLY_NOISE
-    if share < 1e-4:
+        return (
+            "warning",
+            f"{words}, and is left out where there are others; raise the force.",
+            relative,
+            _LIMITS.only_noise,
+        )
+    if share < _LIMITS.weak_share:
         words = f"Channel {name} is {share:.1g} of the largest channel, as if its cable or gain were wrong"
-        return "warning", f"{words}; check it.", share, 1e-4
+        return "warning", f"{words}; check it.", share, _LIMITS.weak_share
     return None
 
 
-def check_saturation(p: Prepared) -> Iterator[Finding]:
+def check_saturation(p: CheckedRun) -> Iterator[Finding]:
     """Flat tops of peaks, and values that repeat exactly."""
     found = False
     for r in p.resonances:
@@ -378,18 +388,18 @@ def check_saturation(p: Prepared) -> Iterator[Finding]:
         yield p.finding("saturation", "ok", "No peak has a flat top, and no values repeat.", 0.0)
 
 
-def _is_flat(p: Prepared, r: Resonance, c: int) -> bool:
+def _is_flat(p: CheckedRun, r: Resonance, c: int) -> bool:
     """Whether the lines next to a channel's maximum lie on a plateau instead of a peak."""
     size = np.abs(p.H[:, c])
-    depth = FLAT_DEPTH + 2 * p.std[:, c] / np.maximum(size, np.finfo(float).tiny)
+    depth = _LIMITS.flat_depth + 2 * p.std[:, c] / np.maximum(size, np.finfo(float).tiny)
     width = r.half_power_hz if np.isfinite(r.damping_ratio) else 0.0
     near = np.flatnonzero(np.abs(p.f - p.f[r.line]) <= max(2 * width, _spread(p.f, r.line, 3)))
     top = near[np.argmax(size[near])]
     depth = float(np.median(np.minimum(depth[near], 0.1)))
     lines = _run_of(size >= size[top] * (1 - depth), top)
     plateau, half = (_width(p.f, size, top, float(size[top] * share)) for share in (1 - depth, np.sqrt(0.5)))
-    wide = bool(plateau / half > max(FLAT_SHARE, 1.5 * np.sqrt(2 * depth)))
-    return len(lines) >= FLAT_LINES and wide and abs(_drop(p.f[lines], size[lines])) < FLAT_DROP * depth
+    wide = bool(plateau / half > max(_LIMITS.flat_share, 1.5 * np.sqrt(2 * depth)))
+    return len(lines) >= _LIMITS.flat_lines and wide and abs(_drop(p.f[lines], size[lines])) < _LIMITS.flat_drop * depth
 
 
 def _drop(f: np.ndarray, size: np.ndarray) -> float:
@@ -421,7 +431,7 @@ def _run_of(mask: np.ndarray, place: int) -> np.ndarray:
     return np.arange(lo, hi)
 
 
-def _stuck_lines(p: Prepared) -> int:
+def _stuck_lines(p: CheckedRun) -> int:
     """Lines that equal the one before in every live channel; magnitudes only where three are alike, for few digits."""
     if len(p.f) < 4 or not len(p.live):
         return 0
@@ -431,7 +441,7 @@ def _stuck_lines(p: Prepared) -> int:
     return int(np.count_nonzero(same))
 
 
-def check_sweep_rate(p: Prepared) -> Iterator[Finding]:
+def check_sweep_rate(p: CheckedRun) -> Iterator[Finding]:
     """Peaks that no settled linear mode has: with beats behind them, or with a shape that is not one pole's."""
     beating = p.beats
     for leader, followers in beating.items():
@@ -445,16 +455,16 @@ def check_sweep_rate(p: Prepared) -> Iterator[Finding]:
             0.0,
         )
     judged = [r for r in p.resonances if np.isfinite(r.misfit) and r.line not in beating]
-    odd = [r for r in judged if r.misfit > PEAK_MISFIT and r.misfit_relative > PEAK_MISFIT_RELATIVE]
+    odd = [r for r in judged if r.misfit > _LIMITS.peak_misfit and r.misfit_relative > _LIMITS.peak_misfit_relative]
     for r in odd:
-        yield p.finding("sweep_rate", "note", _peak_shape(p, r), r.misfit, PEAK_MISFIT)
+        yield p.finding("sweep_rate", "note", _peak_shape(p, r), r.misfit, _LIMITS.peak_misfit)
     if judged and not odd and not beating:
         worst = max(r.misfit for r in judged)
         words = f"Every peak has the shape of one settled mode, to {worst:.2g} times the noise at worst"
-        yield p.finding("sweep_rate", "ok", f"{words}.", worst, PEAK_MISFIT)
+        yield p.finding("sweep_rate", "ok", f"{words}.", worst, _LIMITS.peak_misfit)
 
 
-def _peak_shape(p: Prepared, r: Resonance) -> str:
+def _peak_shape(p: CheckedRun, r: Resonance) -> str:
     """What a peak that is not one pole's may come from."""
     behind = {"up": r.misfit_above, "down": 1 - r.misfit_above}.get(p.run.sweep or "", 0.0)
     cause = "a fast sweep, a dependence on amplitude, a close pair or a roving sensor's mass"

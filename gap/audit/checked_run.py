@@ -63,9 +63,8 @@ class CheckedRun:
     def std(self) -> FloatArray:
         """(n, n_live) estimated standard errors; a usual value where too few lines tell. Never zero."""
         std, size = self.noise.std[np.ix_(self.lines, self.live)], np.abs(self.H)
-        return np.maximum(
-            np.where(np.isfinite(std), std, GIVEN_ERRORS.usual * size), 1e-6 * size + np.finfo(float).tiny
-        )
+        known = np.where(np.isfinite(std), std, GIVEN_ERRORS.usual * size)
+        return np.maximum(known, 1e-6 * size + np.finfo(float).tiny)
 
     @cached_property
     def resonances(self) -> tuple[Resonance, ...]:

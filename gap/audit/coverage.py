@@ -25,11 +25,8 @@ def check_coverage(campaign: Campaign, runs: Sequence[CheckedRun], geometry: Geo
     if not runs:
         what = "only lists of resonances" if campaign.peaks else "neither a run nor a list of resonances"
         severity = "note" if campaign.peaks else "error"
-        yield Finding(
-            "coverage",
-            severity,
-            f"The campaign holds {what}: damping, place and shape of a gap cannot be told; measure a run.",
-        )
+        words = f"The campaign holds {what}: damping, place and shape of a gap cannot be told; measure a run."
+        yield Finding("coverage", severity, words)
     if runs and campaign.peaks:
         words = "Lists of resonances beside runs are not used"
         yield Finding("coverage", "note", f"{words}: the runs hold more; leave out the runs to look at the lists.")
@@ -60,10 +57,8 @@ def _run_coverage(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
         held = geometry.held_nodes(run)
         missing = sorted(set(range(1, geometry.n_nodes + 1)) - held - {c.node for c in run.channels})
         if missing and len(nodes) > 1:
-            words = f"Node{'s' if len(missing) > 1 else ''} {listed(missing)} carried no sensor"
-            yield p.finding(
-                "coverage", "note", f"{words}; a gap that shows there only is not seen.", float(len(missing))
-            )
+            words = f"Node{'s' if len(missing) > 1 else ''} {listed(missing)} carried no sensor; a gap that shows there"
+            yield p.finding("coverage", "note", f"{words} only is not seen.", float(len(missing)))
         beyond = sorted(c.node for c in run.channels if c.node > geometry.n_nodes)
         if beyond:
             words = f"Node {listed(beyond)} does not exist: the rig has {geometry.n_nodes} nodes"
@@ -100,21 +95,11 @@ def check_units(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     ratio = np.abs(p.receptance[low][:, places]) / np.abs(expected[low][:, columns])
     factor = float(np.median(ratio))
     if 1 / _UNIT_FACTOR < factor < _UNIT_FACTOR:
-        yield p.finding(
-            "units",
-            "ok",
-            f"The quasi-static response is {factor:.3g} times what the drawing gives.",
-            factor,
-            _UNIT_FACTOR,
-        )
+        words = f"The quasi-static response is {factor:.3g} times what the drawing gives."
+        yield p.finding("units", "ok", words, factor, _UNIT_FACTOR)
         return
     guess = [name for unit, name in _UNITS.items() if abs(np.log(factor / unit)) < np.log(1.5)]
     hint = f" ({guess[0]}?)" if guess else ""
-    yield p.finding(
-        "units",
-        "error",
-        f"The quasi-static response on rigid supports is {factor:.3g} times what the drawing gives: a unit or a "
-        f"sensitivity is wrong{hint}; check units of response and force.",
-        factor,
-        _UNIT_FACTOR,
-    )
+    words = f"The quasi-static response on rigid supports is {factor:.3g} times what the drawing gives: a unit or a "
+    words += f"sensitivity is wrong{hint}; check units of response and force."
+    yield p.finding("units", "error", words, factor, _UNIT_FACTOR)

@@ -33,9 +33,7 @@ class LabelLimits:
     share: float = 0.5  # ... where others leave this share of it or less
     channels: int = 3  # fewer say nothing of their names
     lines: int = 20  # fewer say nothing at all
-    other_range: float = (
-        3.0  # factor to what the other channels say, from which a channel's range differs; gaps reach 2
-    )
+    other_range: float = 3.0  # factor to the other channels from which a channel's range differs; gaps reach 2
     range_error: float = 0.05  # of the factor's logarithm beside a known one
     spread: int = 200  # frequencies along the band at which a run's lines are looked at
     above: float = 0.02  # relative difference by which a first resonance is above another, ...

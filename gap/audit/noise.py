@@ -120,10 +120,8 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         H_live = H[np.ix_(lines, live)]
         fits = (_Windows(run.frequency_hz[lines], window, local) for window in (local.wide, local.narrow))
         wide, narrow = (_scatter(fit, H_live, run.magnitude_only) for fit in fits)
-        resolved = (
-            n >= _SCATTERING.windows * local.wide
-            and not np.median(wide.relative / narrow.relative) > _SCATTERING.unresolved
-        )
+        crowded = np.median(wide.relative / narrow.relative) > _SCATTERING.unresolved
+        resolved = n >= _SCATTERING.windows * local.wide and not crowded
         found = wide if resolved else narrow
         draws[np.ix_(lines, live)] = found.draws
         std[:, live] = np.sqrt((found.share * np.abs(H[:, live])) ** 2 + found.floor**2)
@@ -296,9 +294,8 @@ def live_channels(run: Run) -> np.ndarray:
     H = responses(run)
     there = np.count_nonzero(np.isfinite(H) & (H != 0), axis=0) * 2 >= max(len(H), 2)
     known = np.abs(np.where(np.isfinite(H), H, 0.0))
-    size = (
-        np.quantile(known, _SCATTERING.usual_size, axis=0) if len(H) else known.sum(axis=0)
-    )  # of one wild line nothing follows
+    # Of one wild line nothing follows.
+    size = np.quantile(known, _SCATTERING.usual_size, axis=0) if len(H) else known.sum(axis=0)
     return there & (size > SILENT * size.max(initial=0.0))
 
 

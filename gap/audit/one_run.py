@@ -61,10 +61,10 @@ _LIMITS = RunLimits()
 def check_raster(p: CheckedRun, belief: NominalBelief) -> Iterator[Finding]:
     """Lines inside the half-power band of each resonance."""
     if not p.resonances:
-        yield p.finding(
-            "raster", "note", "No resonance stands out in this run, so nothing can be said of modes; widen the band."
-        )
+        words = "No resonance stands out in this run, so nothing can be said of modes; widen the band."
+        yield p.finding("raster", "note", words)
         return
+    least = _LIMITS.lines_in_band
     resonances = [r for r in p.resonances if not any(r.line in beats for beats in p.beats.values())]
     widths = [p.half_power_hz(r, belief) for r in resonances]
     inside = [
@@ -74,31 +74,21 @@ def check_raster(p: CheckedRun, belief: NominalBelief) -> Iterator[Finding]:
     even = np.ptp(np.diff(p.f)) < 0.02 * np.median(np.diff(p.f))
     for r, w, n in zip(resonances, widths, inside, strict=True):
         if n is None:
-            yield p.finding(
-                "raster",
-                "warning",
-                f"The resonance near {r.frequency_hz:.4g} Hz is so narrow between its lines that its damping cannot be "
-                "read; lay finer lines there or state the damping.",
-            )
-        elif n < _LIMITS.lines_in_band:
-            yield p.finding(
-                "raster",
-                "note" if _refined(p.f, r.frequency_hz) else "warning",
-                f"The half-power band at {r.frequency_hz:.4g} Hz is {w:.2g} Hz wide and holds {n} lines, so the peak's "
-                f"height is erratic; lay lines at most {w / _LIMITS.lines_in_band:.2g} Hz apart there.",
-                float(n),
-                float(_LIMITS.lines_in_band),
-            )
+            words = f"The resonance near {r.frequency_hz:.4g} Hz is so narrow between its lines that its damping cannot"
+            yield p.finding("raster", "warning", f"{words} be read; lay finer lines there or state the damping.")
+        elif n < least:
+            words = f"The half-power band at {r.frequency_hz:.4g} Hz is {w:.2g} Hz wide and holds {n} lines, so the"
+            words += f" peak's height is erratic; lay lines at most {w / least:.2g} Hz apart there."
+            severity = "note" if _is_refined(p.f, r.frequency_hz) else "warning"
+            yield p.finding("raster", severity, words, float(n), float(least))
     known = [n for n in inside if n is not None]
-    if len(known) == len(inside) and min(known) >= _LIMITS.lines_in_band:
+    if len(known) == len(inside) and min(known) >= least:
         words = f"At least {min(known)} lines lie inside the half-power band of every resonance"
         kind = "even" if even else "uneven, which does no harm"
-        yield p.finding(
-            "raster", "ok", f"{words}; the raster is {kind}.", float(min(known)), float(_LIMITS.lines_in_band)
-        )
+        yield p.finding("raster", "ok", f"{words}; the raster is {kind}.", float(min(known)), float(least))
 
 
-def _refined(f: FloatArray, at: float) -> bool:
+def _is_refined(f: FloatArray, at: float) -> bool:
     """Whether lines next to a frequency are laid closer than elsewhere: where few are in a band, some are missing."""
     near = np.sort(np.abs(f - at))[: _LIMITS.nearest]
     return bool(2 * near[-1] / len(near) < _LIMITS.finer * np.ptp(f) / len(f))
@@ -108,24 +98,15 @@ def check_missing_lines(p: CheckedRun) -> Iterator[Finding]:
     """Lines without a number, and holes in the raster."""
     n_bad = len(p.run.frequency_hz) - len(p.lines)
     if len(p.live) and n_bad:
-        yield p.finding(
-            "missing_lines",
-            "warning",
-            f"{n_bad} of {len(p.run.frequency_hz)} lines lack a number, or are exactly zero, in a channel that moves "
-            "elsewhere; that is left out: repeat them.",
-            float(n_bad),
-            0.0,
-        )
+        words = f"{n_bad} of {len(p.run.frequency_hz)} lines lack a number, or are exactly zero, in a channel that"
+        words += " moves elsewhere; that is left out: repeat them."
+        yield p.finding("missing_lines", "warning", words, float(n_bad), 0.0)
     holes = _holes(p)
     near = [h for h in holes if any(_touches(h, r) for r in p.resonances)]
     for lo, hi in holes[:5]:
         where = "; a resonance lies there and its peak may be lost" if (lo, hi) in near else ""
-        yield p.finding(
-            "missing_lines",
-            "warning" if where else "note",
-            f"No line lies between {lo:.5g} and {hi:.5g} Hz in a raster that is finer elsewhere{where}; fill it.",
-            hi - lo,
-        )
+        words = f"No line lies between {lo:.5g} and {hi:.5g} Hz in a raster that is finer elsewhere{where}; fill it."
+        yield p.finding("missing_lines", "warning" if where else "note", words, hi - lo)
     if not n_bad and not holes:
         yield p.finding("missing_lines", "ok", f"All {len(p.f)} lines are there, without a hole in the raster.", 0.0)
 
@@ -160,10 +141,8 @@ def check_noise(p: CheckedRun) -> Iterator[Finding]:
     level = float(np.nanmedian(relative))
     if p.run.std is None:
         taken = "which is taken as the noise." if p.noise.resolved else "which is more than the noise: lay them closer."
-        words = (
-            f"No standard errors are given; the lines scatter by {100 * level:.2g} % (median over channels), {taken}"
-        )
-        yield p.finding("noise", "note", words, level)
+        words = f"No standard errors are given; the lines scatter by {100 * level:.2g} % (median over channels)"
+        yield p.finding("noise", "note", f"{words}, {taken}", level)
     elif not p.noise.resolved:
         words = "Lines lie too far apart to tell the noise; the given standard errors are believed as they are."
         yield p.finding("noise", "note", words)
@@ -220,10 +199,8 @@ def _odd_channels(p: CheckedRun, ratio: np.ndarray) -> Iterator[Finding]:
     """Sensors that scatter otherwise than the rest."""
     overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio_channel, _slack(p) ** 1.5)
     for i in np.flatnonzero((ratio > limit * overall) | (ratio < overall / limit)):
-        words = (
-            f"Channel {p.channels[i]} scatters {ratio[i]:.2g} times as much as its standard errors say, other channels "
-            f"{overall:.2g} times; check this sensor."
-        )
+        words = f"Channel {p.channels[i]} scatters {ratio[i]:.2g} times as much as its standard errors say, other"
+        words += f" channels {overall:.2g} times; check this sensor."
         yield p.finding("noise", "warning", words, float(ratio[i]), limit)
 
 
@@ -232,17 +209,15 @@ def _uneven_errors(p: CheckedRun, given: np.ndarray) -> Iterator[Finding]:
     weighed = weigh_errors(given, of_complex(p.noise.std[np.ix_(p.lines, p.live)], p.run), p.H)
     rough, share = weighed.roughness, weighed.share
     if weighed.rough:
-        words = (
-            f"The given standard errors themselves scatter by {100 * rough:.2g} % from line to line, as those from few "
-            "repeats do; the scatter of the lines is taken instead. Average the errors over neighbouring lines."
+        words = f"The given standard errors themselves scatter by {100 * rough:.2g} % from line to line, as those from"
+        words += (
+            " few repeats do; the scatter of the lines is taken instead. Average the errors over neighbouring lines."
         )
         severity = "warning" if rough > 2 * GIVEN_ERRORS.rough else "note"  # little is lost with the scatter instead
         yield p.finding("noise", severity, words, rough, GIVEN_ERRORS.rough)
     elif weighed.uneven:
-        words = (
-            f"{100 * share:.2g} % of the values scatter over {GIVEN_ERRORS.contradicted:g} times as much as their errors say; "
-            "their scatter is taken instead. Give every line an error of its own."
-        )
+        words = f"{100 * share:.2g} % of the values scatter over {GIVEN_ERRORS.contradicted:g} times as much as their"
+        words += " errors say; their scatter is taken instead. Give every line an error of its own."
         yield p.finding("noise", "warning", words, share, GIVEN_ERRORS.contradicted_share)
 
 
@@ -265,9 +240,8 @@ def check_channels(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
             healthy = healthy and problem[0] == "ok"
             yield p.finding("channels", *problem)
     if healthy:
-        yield p.finding(
-            "channels", "ok", f"Every one of the {len(run.channels)} channels carries a plausible response."
-        )
+        words = f"Every one of the {len(run.channels)} channels carries a plausible response."
+        yield p.finding("channels", "ok", words)
 
 
 def without_dead_channels(run: Run, telling: Sequence[int]) -> Run:
@@ -308,52 +282,43 @@ def _is_alive(H: ComplexArray, may_be_zero: bool) -> bool:
     return len(there) <= _LIMITS.same_values or not (there == there[0]).all()
 
 
-def _channel_problem(
-    p: CheckedRun, i: int, still: str, usual: float
-) -> tuple[Severity, str, float | None, float | None] | None:
-    """(severity, words, value, limit) of one channel, None where nothing is to be said."""
+_Problem = tuple[Severity, str, float | None, float | None]  # severity, words, value, limit
+
+
+def _channel_problem(p: CheckedRun, i: int, still: str, usual: float) -> _Problem | None:
+    """What is to be said of one channel; None where it is nothing."""
     H, name = responses(p.run)[:, i], p.run.channels[i]
-    finite = np.isfinite(H)
-    if not finite.any():
-        return "error", f"Channel {name} holds no number at all; leave it out or measure it again.", 0.0, None
-    size = np.abs(H[finite])
-    if not size.any():
-        if still:
-            return "ok", f"Channel {name} is zero, as {still}.", 0.0, None
-        return (
-            "error",
-            f"Channel {name} is zero at every line: a dead channel; leave it out or check the sensor.",
-            0.0,
-            None,
-        )
-    if not _is_alive(H, bool(still)):
-        return "error", f"Channel {name} has the same value at every line: a dead channel; check the sensor.", 0.0, None
-    share = float(np.median(size)) / usual if usual else 1.0
-    relative = float(p.noise.relative[i])
+    size = np.abs(H[np.isfinite(H)])
+    if not size.any() or not _is_alive(H, bool(still)):
+        return _dead_channel(f"Channel {name}", size, still)
     if name.plane != p.run.excitation_plane:
         return None
+    share, relative = float(np.median(size)) / usual if usual else 1.0, float(p.noise.relative[i])
     if still:
-        if share > _LIMITS.rigid_share and not relative > _LIMITS.only_noise:
-            words = f"Channel {name} sits at a rigid support but moves by {100 * share:.2g} % of the largest channel"
-            return (
-                "note",
-                f"{words}: the support gives way or the sensor sees something else.",
-                share,
-                _LIMITS.rigid_share,
-            )
-        return None
+        if not share > _LIMITS.rigid_share or relative > _LIMITS.only_noise:
+            return None
+        words = f"Channel {name} sits at a rigid support but moves by {100 * share:.2g} % of the largest channel: "
+        words += "the support gives way or the sensor sees something else."
+        return "note", words, share, _LIMITS.rigid_share
     if is_only_noise(p.noise, i):
         words = f"Channel {name} scatters by {100 * relative:.2g} % from line to line: it carries noise, not the rotor"
-        return (
-            "warning",
-            f"{words}, and is left out where there are others; raise the force.",
-            relative,
-            _LIMITS.only_noise,
-        )
+        words += ", and is left out where there are others; raise the force."
+        return "warning", words, relative, _LIMITS.only_noise
     if share < _LIMITS.weak_share:
         words = f"Channel {name} is {share:.1g} of the largest channel, as if its cable or gain were wrong"
         return "warning", f"{words}; check it.", share, _LIMITS.weak_share
     return None
+
+
+def _dead_channel(name: str, size: FloatArray, still: str) -> _Problem:
+    """What is to be said of a channel without a response; ``still`` is why it may have none."""
+    if not len(size):
+        return "error", f"{name} holds no number at all; leave it out or measure it again.", 0.0, None
+    if size.any():
+        return "error", f"{name} has the same value at every line: a dead channel; check the sensor.", 0.0, None
+    if still:
+        return "ok", f"{name} is zero, as {still}.", 0.0, None
+    return "error", f"{name} is zero at every line: a dead channel; leave it out or check the sensor.", 0.0, None
 
 
 def check_saturation(p: CheckedRun) -> Iterator[Finding]:
@@ -365,25 +330,15 @@ def check_saturation(p: CheckedRun) -> Iterator[Finding]:
             found = True
             who = "all channels" if len(flat) == len(p.live) else f"channel {listed(p.channels[c] for c in flat)}"
             cause = "a stop or a weak exciter" if len(flat) == len(p.live) else "a clipped sensor or amplifier"
-            yield p.finding(
-                "saturation",
-                "warning",
-                f"The peak at {r.frequency_hz:.4g} Hz has a flat top in {who}: {cause}; lower the force or change "
-                "the range.",
-                float(len(flat)),
-                0.0,
-            )
+            words = f"The peak at {r.frequency_hz:.4g} Hz has a flat top in {who}: {cause}; lower the force or change "
+            words += "the range."
+            yield p.finding("saturation", "warning", words, float(len(flat)), 0.0)
     stuck = _stuck_lines(p)
     if stuck:
         found = True
-        yield p.finding(
-            "saturation",
-            "warning",
-            f"{stuck} lines repeat the line before to the last digit: the acquisition was stuck or lines were "
-            "filled in; measure them again.",
-            float(stuck),
-            0.0,
-        )
+        words = f"{stuck} lines repeat the line before to the last digit: the acquisition was stuck or lines were "
+        words += "filled in; measure them again."
+        yield p.finding("saturation", "warning", words, float(stuck), 0.0)
     if not found and p.resonances:
         yield p.finding("saturation", "ok", "No peak has a flat top, and no values repeat.", 0.0)
 
@@ -446,14 +401,9 @@ def check_sweep_rate(p: CheckedRun) -> Iterator[Finding]:
     beating = p.beats
     for leader, followers in beating.items():
         side = "above" if p.f[followers[0]] > p.f[leader] else "below"
-        yield p.finding(
-            "sweep_rate",
-            "warning",
-            f"{len(followers)} lesser peaks follow {side} the one at {p.f[leader]:.4g} Hz, as when the rotor still "
-            "rings: the peak is low, late and too broad; wait longer at each line.",
-            float(len(followers)),
-            0.0,
-        )
+        words = f"{len(followers)} lesser peaks follow {side} the one at {p.f[leader]:.4g} Hz, as when the rotor still "
+        words += "rings: the peak is low, late and too broad; wait longer at each line."
+        yield p.finding("sweep_rate", "warning", words, float(len(followers)), 0.0)
     judged = [r for r in p.resonances if np.isfinite(r.misfit) and r.line not in beating]
     odd = [r for r in judged if r.misfit > _LIMITS.peak_misfit and r.misfit_relative > _LIMITS.peak_misfit_relative]
     for r in odd:
@@ -470,6 +420,5 @@ def _peak_shape(p: CheckedRun, r: Resonance) -> str:
     cause = "a fast sweep, a dependence on amplitude, a close pair or a roving sensor's mass"
     cause = "ringing of a fast sweep" if behind > 0.7 else cause
     words = f"The peak at {r.frequency_hz:.4g} Hz is {r.misfit:.2g} times the noise off the shape of one settled mode"
-    return (
-        f"{words} ({cause}), so its damping of {100 * r.damping_ratio:.2g} % is apparent; repeat it slower and weaker."
-    )
+    words += f" ({cause}), so its damping of {100 * r.damping_ratio:.2g} % is apparent"
+    return f"{words}; repeat it slower and weaker."

@@ -58,6 +58,11 @@ class Comparison:
         """Scatter over what is expected."""
         return self.scatter / self.expected
 
+    @property
+    def is_odd(self) -> bool:
+        """Whether the runs differ by more than noise and drift explain, and by enough to matter."""
+        return self.ratio > _LIMITS.scatter_ratio and self.scatter > _LIMITS.scatter_floor
+
 
 def compare(a: CheckedRun, b: CheckedRun, paired: Sequence[tuple[Channel, Channel]], drift: float) -> Comparison | None:
     """Compare channels of two runs; None where they share too few lines.
@@ -190,11 +195,8 @@ def check_pairs(runs: Sequence[CheckedRun], belief: NominalBelief) -> Iterator[F
         if len(levels) > 1:
             yield from _level_findings([levels[key][0] for key in sorted(levels)], belief)
     if runs and not repeats:
-        yield Finding(
-            "repeatability",
-            "note",
-            "No run was repeated, so drift and repeatability are not known; repeat one run after a rest.",
-        )
+        words = "No run was repeated, so drift and repeatability are not known; repeat one run after a rest."
+        yield Finding("repeatability", "note", words)
 
 
 # -- same settings -----------------------------------------------------------------------------------
@@ -224,17 +226,11 @@ def _repeatability(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Findi
     if abs(found.odd_gain) > limit / 2:  # a sensor's gain is half as uncertain as the force's
         words = f"Channel {found.odd} changed by {100 * found.odd_gain:.2g} % in gain between two runs of one test"
         return Finding(check, "warning", f"{words}; check this sensor.", both, found.odd_gain, limit / 2)
-    if found.ratio > _LIMITS.scatter_ratio and found.scatter > _LIMITS.scatter_floor:
+    if found.is_odd:
         words = f"Two runs of one test differ by {100 * found.scatter:.2g} %"
         words += f", {found.ratio:.2g} times what noise and drift explain"
-        return Finding(
-            check,
-            "warning",
-            f"{words}: {cause}; find out before trusting either.",
-            both,
-            found.ratio,
-            _LIMITS.scatter_ratio,
-        )
+        words = f"{words}: {cause}; find out before trusting either."
+        return Finding(check, "warning", words, both, found.ratio, _LIMITS.scatter_ratio)
     words = f"Two runs of one test agree to {100 * found.scatter:.2g} % and {100 * found.gain:.2g} % in gain"
     words += ", as noise explains"
     return Finding(check, "ok", f"{words}.", both, found.ratio, _LIMITS.scatter_ratio)
@@ -324,17 +320,15 @@ def _level_findings(levels: Sequence[CheckedRun], belief: NominalBelief) -> Iter
         if not amplitude_dependent:
             yield Finding("level", "note", f"Runs {span} share {_reason_not_compared(high, low)}.", both)
         return
-    if found.ratio > _LIMITS.scatter_ratio and found.scatter > _LIMITS.scatter_floor:
+    if found.is_odd:
         words = f"Away from resonances the responses {span} differ by {100 * found.scatter:.2g} %"
         words += f", {found.ratio:.2g} times what noise and drift explain"
-        yield Finding(
-            "level", "note", f"{words}: the rig depends on amplitude.", both, found.ratio, _LIMITS.scatter_ratio
-        )
+        words += ": the rig depends on amplitude."
+        yield Finding("level", "note", words, both, found.ratio, _LIMITS.scatter_ratio)
     elif not amplitude_dependent:
-        words = f"The responses {span} agree: homogeneity index {100 * index:.2g} % where noise and drift"
-        yield Finding(
-            "level", "ok", f"{words} explain {100 * found.expected:.2g} %.", both, found.ratio, _LIMITS.scatter_ratio
-        )
+        words = f"The responses {span} agree: homogeneity index {100 * index:.2g} % where noise and drift explain"
+        words += f" {100 * found.expected:.2g} %."
+        yield Finding("level", "ok", words, both, found.ratio, _LIMITS.scatter_ratio)
 
 
 def _find_lost_resonances(low: CheckedRun, high: CheckedRun) -> Iterator[tuple[float, float]]:
@@ -383,24 +377,20 @@ def _check_reciprocity(runs: Sequence[CheckedRun], belief: NominalBelief) -> Ite
             continue
         both, who = f"{a.label}, {b.label}", f"{at_a} and {at_b}"
         limit = _LIMITS.gain_stds * np.hypot(gains, found.gain_error)
+        change = f"Exchanging exciter and sensor between {who} changes the response by"
+        gain, scatter = f"{100 * found.gain:.2g} % in gain", f"{100 * found.scatter:.2g} %"
         if abs(found.phase) > np.pi / 2:
             words = f"Exchanging exciter and sensor between {who} changes the sign: one sensor is inverted"
             yield Finding("reciprocity", "error", f"{words}; check polarities.", both, found.phase, np.pi / 2)
         elif abs(found.gain) > limit:
+            words = f"{change} {gain}: a sensor's or the force's sensitivity is wrong; calibrate them."
+            yield Finding("reciprocity", "warning", words, both, found.gain, limit)
+        elif found.is_odd:
             words = (
-                f"Exchanging exciter and sensor between {who} changes the response by {100 * found.gain:.2g} % in gain"
+                f"{change} {scatter}, {found.ratio:.2g} times what noise explains: a sensor is beside its node, or the"
             )
-            words += ": a sensor's or the force's sensitivity is wrong"
-            yield Finding("reciprocity", "warning", f"{words}; calibrate them.", both, found.gain, limit)
-        elif found.ratio > _LIMITS.scatter_ratio and found.scatter > _LIMITS.scatter_floor:
-            words = f"Exchanging exciter and sensor between {who} changes the response by {100 * found.scatter:.2g} %"
-            words += (
-                f", {found.ratio:.2g} times what noise explains: a sensor is beside its node, or the rig is not linear"
-            )
-            yield Finding(
-                "reciprocity", "warning", f"{words}; check positions.", both, found.ratio, _LIMITS.scatter_ratio
-            )
+            words += " rig is not linear; check positions."
+            yield Finding("reciprocity", "warning", words, both, found.ratio, _LIMITS.scatter_ratio)
         else:
-            words = f"Exchanging exciter and sensor between {who} changes the response by {100 * found.scatter:.2g} %"
-            words += f" and {100 * found.gain:.2g} % in gain, as noise and gains explain"
-            yield Finding("reciprocity", "ok", f"{words}.", both, found.gain, limit)
+            words = f"{change} {scatter} and {gain}, as noise and gains explain."
+            yield Finding("reciprocity", "ok", words, both, found.gain, limit)

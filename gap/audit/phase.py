@@ -71,12 +71,8 @@ def find_delays(p: CheckedRun) -> Delays | None:
     use = p.away(_LIMITS.delay_widths)
     places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane]
     columns = len(resonances) + 3
-    if (
-        p.run.magnitude_only
-        or not resonances
-        or not places
-        or np.count_nonzero(use) < max(_LIMITS.delay_lines, columns + 4)
-    ):
+    enough = np.count_nonzero(use) >= max(_LIMITS.delay_lines, columns + 4)
+    if p.run.magnitude_only or not resonances or not places or not enough:
         return None
     w = 2 * np.pi * p.f[use]
     modes = [1 / (q**2 - w**2 + 2j * r.damping_ratio * q * w) for r in resonances if (q := 2 * np.pi * r.frequency_hz)]
@@ -129,35 +125,20 @@ def check_delay(p: CheckedRun, delays: Delays | None) -> Iterator[Finding]:
     limit = max(_LIMITS.delay_phase / (2 * np.pi * p.f[-1]), _LIMITS.delay_errors * error, delays.ambiguity)
     if abs(common) > limit:
         late = "late" if common > 0 else "early"
-        yield p.finding(
-            "delay",
-            "warning",
-            f"The responses are {_micro(common)} +- {_micro(error)} us {late} against the force (a phase that grows "
-            "with frequency); correct the phase or let the diagnosis fit a delay.",
-            common,
-            limit,
-        )
+        words = f"The responses are {_micro(common)} +- {_micro(error)} us {late} against the force (a phase that grows"
+        words += " with frequency); correct the phase or let the diagnosis fit a delay."
+        yield p.finding("delay", "warning", words, common, limit)
     else:
-        yield p.finding(
-            "delay",
-            "ok",
-            f"No delay against the force: {_micro(common, signed=True)} +- {_micro(error)} us.",
-            common,
-            limit,
-        )
+        words = f"No delay against the force: {_micro(common, signed=True)} +- {_micro(error)} us."
+        yield p.finding("delay", "ok", words, common, limit)
     off = np.abs(delays.delay - common) > np.maximum(2 * limit, _LIMITS.delay_errors * delays.std)
     if len(delays.delay) >= 3:
         for i in np.flatnonzero(off):
             own = float(delays.delay[i] - common)
             late = "late" if own > 0 else "early"
-            yield p.finding(
-                "delay",
-                "warning",
-                f"Channel {p.channels[delays.place[i]]} is {_micro(own)} us {late} against the "
-                "other channels; check its conditioner and filter.",
-                own,
-                2 * limit,
-            )
+            words = f"Channel {p.channels[delays.place[i]]} is {_micro(own)} us {late} against the "
+            words += "other channels; check its conditioner and filter."
+            yield p.finding("delay", "warning", words, own, 2 * limit)
 
 
 def _micro(seconds: float, *, signed: bool = False) -> str:
@@ -181,26 +162,16 @@ def check_sign(p: CheckedRun, geometry: Geometry, delays: Delays | None) -> Iter
         on_time = _signs(p, geometry, y * np.exp(1j * 2 * np.pi * p.f[:, None] * delays.common[0]))
         judged = {place: max(sign, judged.get(place, 1)) for place, sign in on_time.items()}
     if not judged:
-        yield p.finding(
-            "sign",
-            "note",
-            "Polarity cannot be judged: no lines lie below the first resonance and the drive point was not measured; "
-            "check it by hand.",
-        )
+        words = "Polarity cannot be judged: no lines lie below the first resonance and the drive point was not measured"
+        yield p.finding("sign", "note", f"{words}; check it by hand.")
         return
     inverted = [place for place, sign in judged.items() if sign < 0]
     if not inverted:
         words = f"The polarity of {len(judged)} of {len(p.live)} channels agrees with the force's"
         yield p.finding("sign", "ok", f"{words}.", 0.0, 0.0)
     elif len(inverted) == len(judged) and len(judged) > 1:
-        yield p.finding(
-            "sign",
-            "error",
-            "Every channel moves against the force below the first resonance: the force signal is inverted; change "
-            "its sign.",
-            float(len(inverted)),
-            0.0,
-        )
+        words = "Every channel moves against the force below the first resonance: the force signal is inverted"
+        yield p.finding("sign", "error", f"{words}; change its sign.", float(len(inverted)), 0.0)
     else:
         who = listed(p.channels[i] for i in inverted)
         words = f"Channel {who} has the opposite sign of what this force must do: the sensor or its cable is inverted"
@@ -211,9 +182,8 @@ def _rise(p: CheckedRun) -> float:
     """By how much the phase rises next to the resonances, in the median [rad]; nan where lines are too far apart."""
     rises = []
     for r in p.resonances:
-        reach = max(
-            _LIMITS.round_widths * np.nan_to_num(r.half_power_hz), _LIMITS.round_lines * np.gradient(p.f)[r.line]
-        )
+        width, step = np.nan_to_num(r.half_power_hz), np.gradient(p.f)[r.line]
+        reach = max(_LIMITS.round_widths * width, _LIMITS.round_lines * step)
         near = p.H[np.abs(p.f - r.frequency_hz) <= reach]
         steps = np.angle(np.sum(near[:-1].conj() * near[1:], axis=1))
         if len(steps) and np.abs(steps).max() < _LIMITS.clear_step:

@@ -97,11 +97,8 @@ def _errors(run: Run) -> FloatArray:
 
 def _beside_peaks(size: FloatArray) -> NDArray[np.bool_]:
     """(n_freq,) lines of peaks: a sharp one of magnitudes follows no smooth curve, but lifts the lines beside it."""
-    lifted = (
-        _LIMITS.lifted * size[:-1] < size[1:],
-        size[:-1] > _LIMITS.lifted * size[1:],
-    )  # (n_freq - 1,) towards a peak, and away
-    tops = 2 + np.flatnonzero(lifted[0][:-3] & lifted[0][1:-2] & lifted[1][2:-1] & lifted[1][3:])
+    rises, falls = _LIMITS.lifted * size[:-1] < size[1:], size[:-1] > _LIMITS.lifted * size[1:]  # (n_freq - 1,)
+    tops = 2 + np.flatnonzero(rises[:-3] & rises[1:-2] & falls[2:-1] & falls[3:])
     near = np.zeros(len(size), dtype=bool)
     for shift in range(-2, 3):
         near[tops + shift] = True

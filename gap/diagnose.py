@@ -13,7 +13,7 @@ from rigtwin.gap.answer.held_out import Confirm
 from rigtwin.gap.answer.report import Answer, Clock, Outcome, report
 from rigtwin.gap.audit.checked_run import checked_runs
 from rigtwin.gap.audit.findings import amplitude_dependent, audit, usable
-from rigtwin.gap.audit.wild import blank_lines, left_out
+from rigtwin.gap.audit.wild import blank_lines, left_out_finding
 from rigtwin.gap.document import Finding
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
@@ -125,7 +125,7 @@ def _without_odd_lines(
         return unchanged
     why = "Only here, far from any resonance, the nominal model misses what was measured, as where a mains hum is read"
     named = [(p, p.run.frequency_hz[lines]) for p, lines in zip(checked_runs(campaign.runs), odd, strict=True)]
-    return left, problem_left, nominal_left, tuple(left_out(p, f, why) for p, f in named if len(f))
+    return left, problem_left, nominal_left, tuple(left_out_finding(p, f, why) for p, f in named if len(f))
 
 
 @dataclass(frozen=True)

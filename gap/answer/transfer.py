@@ -119,7 +119,7 @@ class _Test:
         there = acting(best.effects, run.support)
         modal = self._forward.made(with_data=False).modal(run, best.k_b, there).as_nonlinear
         assert modal is not None
-        swept = modal.solved(None, best.nu[self._nuisances.tolerance])
+        swept = modal.motions(None, best.nu[self._nuisances.tolerance])
         found = swept.converged
         run = replace(run, frequency_hz=hz[found], H=swept.H[found])
         by_data = self._modal(run, best.u).as_nonlinear

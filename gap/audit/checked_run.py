@@ -121,10 +121,10 @@ class CheckedRun:
 
 def checked_runs(runs: tuple[Run, ...]) -> tuple[CheckedRun, ...]:
     """Every run with a label of its own, without the values that were dropped."""
-    return tuple(CheckedRun(without_dropped(run), run.name or f"run {k}") for k, run in enumerate(runs, start=1))
+    return tuple(CheckedRun(without_dropped_values(run), run.name or f"run {k}") for k, run in enumerate(runs, start=1))
 
 
-def without_dropped(run: Run) -> Run:
+def without_dropped_values(run: Run) -> Run:
     """A run with nan where a channel that moves elsewhere is exactly zero: so instruments write what they dropped."""
     zero = run.H == 0
     dropped = zero & ~zero.all(axis=0)

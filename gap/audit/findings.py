@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigtwin.gap.audit.checked_run import CheckedRun, checked_runs, without_dropped
+from rigtwin.gap.audit.checked_run import CheckedRun, checked_runs, without_dropped_values
 from rigtwin.gap.audit.coverage import check_coverage, check_units
 from rigtwin.gap.audit.geometry import Geometry, geometry_of
 from rigtwin.gap.audit.labels import check_labels
@@ -62,7 +62,7 @@ def usable(campaign: Campaign) -> Campaign:
     """The campaign as it is diagnosed: without dropped or wild lines, without dead channels or runs, each run once."""
     geometry = geometry_of(campaign.rig)
     once = [run for k, run in enumerate(campaign.runs) if not any(is_copy(run, other) for other in campaign.runs[:k])]
-    tame = without_wild_lines([without_dropped(run) for run in once])
+    tame = without_wild_lines([without_dropped_values(run) for run in once])
     runs = [(run, telling_channels(run, geometry)) for run in tame]
     alive = [(run, telling) for run, telling in runs if not is_dead(run, telling, geometry)] or runs
     return replace(campaign, runs=tuple(without_dead_channels(run, telling) for run, telling in alive))

@@ -110,8 +110,8 @@ def _other_names(
     curves: _Curves, nodes: tuple[int, ...], exciter: int, moving: frozenset[int], geometry: Geometry
 ) -> tuple[float, str, str]:
     """The exciter, or the names of the sensors, that suit best: what is left, what is said of that, and do."""
-    names = {order: curves.roughly(order, exciter) for order in _orders(nodes, geometry.nodes)}
-    drives = {node: curves.roughly(nodes, node) for node in sorted(moving - {exciter})}
+    names = {order: curves.rough_distance(order, exciter) for order in _orders(nodes, geometry.nodes)}
+    drives = {node: curves.rough_distance(nodes, node) for node in sorted(moving - {exciter})}
     order, drive = min(names, key=names.__getitem__), min(drives, key=drives.__getitem__)
     if drives[drive] <= names[order]:
         looks = f"The responses look like those to a force at node {drive}, not {exciter}"
@@ -191,7 +191,7 @@ class _Curves:
         nearest = minimize_scalar(off, bounds=ends, method="bounded", options={"xatol": 1e-3})
         return min((raster[k], float(self._k_b[k])), (float(nearest.fun), float(nearest.x)))
 
-    def roughly(self, nodes: Sequence[int], exciter: int) -> float:
+    def rough_distance(self, nodes: Sequence[int], exciter: int) -> float:
         """``distance`` at the nearest k_b of a raster."""
         return min(self._at(x, nodes, exciter) for x in self._k_b)
 

@@ -129,7 +129,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         common = 0.0
         if resolved:
             common = _shared_error(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
-            common *= _not_followed(H_live.shape[1], local)
+            common *= _shared_error_factor(H_live.shape[1], local)
     return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved, common)
 
 
@@ -162,7 +162,7 @@ def _scatter(fit: _Windows, H: np.ndarray, magnitude: bool) -> _Scatter:
     return _Scatter(residuals, share, floor, relative)
 
 
-def _not_followed(n_channels: int, local: LocalFit) -> float:
+def _shared_error_factor(n_channels: int, local: LocalFit) -> float:
     """By how much an error that all channels share is larger than it seems once draws are freed of their leverage.
 
     The denominator is common to all channels: it follows their common error as a numerator does a channel's own.

@@ -175,14 +175,14 @@ def _given_errors(p: CheckedRun, given: np.ndarray, level: float) -> Iterator[Fi
         yield from _odd_channels(p, ratio)
 
 
-def _slack(p: CheckedRun) -> float:
+def _uncertainty_factor(p: CheckedRun) -> float:
     """Few lines lie far apart, and two resonances in one window are no noise."""
     return 1 + 6 * p.noise.uncertainty
 
 
 def _errors_against_scatter(p: CheckedRun, ratio: np.ndarray) -> Iterator[Finding]:
     """Whether the lines scatter as the standard errors say."""
-    overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio, _slack(p))
+    overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio, _uncertainty_factor(p))
     words = f"The lines scatter {overall:.2g} times as much as the given standard errors say"
     if 1 / limit < overall < limit:
         yield p.finding("noise", "ok", f"{words}.", overall, limit)
@@ -197,7 +197,7 @@ def _errors_against_scatter(p: CheckedRun, ratio: np.ndarray) -> Iterator[Findin
 
 def _odd_channels(p: CheckedRun, ratio: np.ndarray) -> Iterator[Finding]:
     """Sensors that scatter otherwise than the rest."""
-    overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio_channel, _slack(p) ** 1.5)
+    overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio_channel, _uncertainty_factor(p) ** 1.5)
     for i in np.flatnonzero((ratio > limit * overall) | (ratio < overall / limit)):
         words = f"Channel {p.channels[i]} scatters {ratio[i]:.2g} times as much as its standard errors say, other"
         words += f" channels {overall:.2g} times; check this sensor."

@@ -205,7 +205,7 @@ def _low_signs(p: CheckedRun, geometry: Geometry, y: Any) -> dict[int, int]:
     first = p.resonances[0].frequency_hz
     low = np.flatnonzero(p.f < _LIMITS.low * first)
     # That this is the first mode: not above the stiffest rig's, and nothing falls off from a mode below.
-    if len(low) < _LIMITS.low_lines or first > 1.3 * first_hz.max() or _falls(np.linalg.norm(y[low], axis=1)):
+    if len(low) < _LIMITS.low_lines or first > 1.3 * first_hz.max() or _falls_off(np.linalg.norm(y[low], axis=1)):
         return {}
     cosine = np.median(y[low].real / np.abs(y[low]), axis=0)
     found = {}
@@ -216,7 +216,7 @@ def _low_signs(p: CheckedRun, geometry: Geometry, y: Any) -> dict[int, int]:
     return found
 
 
-def _falls(size: FloatArray) -> bool:
+def _falls_off(size: FloatArray) -> bool:
     """Whether a response is larger at its beginning than at its end."""
     third = max(len(size) // 3, 1)
     return bool(np.median(size[:third]) > np.median(size[-third:]))

@@ -65,10 +65,10 @@ def check_wild_lines(p: CheckedRun, left: CheckedRun) -> Iterator[Finding]:
     wild = np.setdiff1d(p.run.frequency_hz, left.run.frequency_hz)
     if len(wild):
         many = "1 line does not go with its" if len(wild) == 1 else f"{len(wild)} lines do not go with their"
-        yield left_out(p, wild, f"{many} neighbours")
+        yield left_out_finding(p, wild, f"{many} neighbours")
 
 
-def left_out(p: CheckedRun, frequency_hz: FloatArray, why: str) -> Finding:
+def left_out_finding(p: CheckedRun, frequency_hz: FloatArray, why: str) -> Finding:
     """Say which lines of a run are left out, and why."""
     named = ", ".join(f"{f:.5g}" for f in frequency_hz[:5]) + (" and others" if len(frequency_hz) > 5 else "")
     words = f"{why}; left out: {named} Hz. Repeat what was measured there."

@@ -84,7 +84,7 @@ class Branch:
         if not near:
             vain = lost >= (_SEARCH.in_vain_with_memory if balance.memory else _SEARCH.in_vain)
             best = self.start_again(balance, best, vain)
-            lost = np.where(_far(best, self.drive.miss(best)), lost + 1, 0)
+            lost = np.where(_are_far(best, self.drive.miss(best)), lost + 1, 0)
         good = np.isfinite(best.joints).all(axis=(1, 2)) & best.converged
         start = best.joints if known is None else known.joints
         self.known[kind] = Known(self.numbers, np.where(good[:, None, None], best.joints, start), lost)
@@ -98,7 +98,7 @@ class Branch:
         phases = _PHASES if self.drive.run.magnitude_only and self.resolution.turned else ()
         for start in ("data", "force", "linear", "left", "right", *phases):
             miss = self.drive.miss(best)
-            far = np.flatnonzero(_far(best, miss) & ~given_up)
+            far = np.flatnonzero(_are_far(best, miss) & ~given_up)
             if not len(far):
                 break
             other = self._solve(balance, self._start(start, balance, best, far), far)
@@ -120,14 +120,14 @@ class Branch:
 
     def measured_motion(self, balance: Balance, phase: float | None = None) -> ComplexArray:
         """(n_freq, K, n_joints) joints that the data tell of; harmonics and mean start at zero."""
-        return self.measured(balance, phase)[0]
+        return self.measured_joints(balance, phase)[0]
 
     def measured_force(self, balance: Balance, lines: IntArray) -> ComplexArray:
         """The same of some lines, made larger or smaller until the laws give the forces that the data tell of.
 
         A stiff law turns a small error of the displacement into a large one of the force.
         """
-        X, N = (each[lines] for each in self.measured(balance))
+        X, N = (each[lines] for each in self.measured_joints(balance))
         size = np.maximum(np.abs(N), 1e-300)
         best, width = np.zeros(N.shape), _SEARCH.widest
         for _ in range(_SEARCH.rounds):
@@ -138,7 +138,7 @@ class Branch:
             width /= 4
         return X * np.exp(best)[:, None]
 
-    def measured(self, balance: Balance, phase: float | None = None) -> tuple[ComplexArray, ComplexArray]:
+    def measured_joints(self, balance: Balance, phase: float | None = None) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, K, n_joints) displacements [m] and (n_freq, n_joints) fundamentals of the forces [N].
 
         Magnitudes tell nothing, unless they are given the phases of the linear rotor's response, turned by ``phase``.
@@ -160,6 +160,6 @@ class Branch:
         return start, N
 
 
-def _far(solved: Solved, miss: FloatArray) -> BoolArray:
+def _are_far(solved: Solved, miss: FloatArray) -> BoolArray:
     """(n_freq,) lines far from the data, and farther than most, by their distances; or without a motion."""
     return (miss > max(_SEARCH.far, _SEARCH.farther * float(np.median(miss)))) | ~solved.converged

@@ -19,7 +19,7 @@ from rigtwin.gap.model.linear import MODES, TOLERANCES, Group, Modal, chain_fact
 from rigtwin.gap.model.motions import FINE, Resolution
 from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.model.run_model import RunModel
-from rigtwin.gap.model.tolerances import STEP, Bend, bend_of, bent_for, sensitivity_of, variants_of
+from rigtwin.gap.model.tolerances import STEP, Bend, bend_of, bend_residues, sensitivity_of, variants_of
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import channel_groups
@@ -114,7 +114,7 @@ class Forward:
     def bend(self, run: Run, k_b: float, effects: Sequence[Effect]) -> None:
         """Find how the tolerances bend the modes of a run under these effects, near these numbers."""
         plain, *others = (
-            self._on(structure, run, k_b, effects, bends=()) for structure in (self.structure, *self._variants)
+            self._modal_on(structure, run, k_b, effects, bends=()) for structure in (self.structure, *self._variants)
         )
         self._bends[_kind(run, effects)] = [
             bend_of(plain, each, [other.groups[g] for other in others]) for g, each in enumerate(plain.groups)
@@ -164,9 +164,9 @@ class Forward:
     def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
         local = self.manner.refined and any(effect.needs_finer_mesh for effect in effects)
         bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), ())
-        return self._on(self._fine if local else self.structure, run, k_b, effects, bends)
+        return self._modal_on(self._fine if local else self.structure, run, k_b, effects, bends)
 
-    def _on(
+    def _modal_on(
         self, structure: Structure, run: Run, k_b: float, effects: Sequence[Effect], bends: Sequence[Bend]
     ) -> Modal:
         """The run's response on a structure, with these bends by the tolerances."""
@@ -194,7 +194,7 @@ class Forward:
 
         numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
         mode, key = resonance_numbers(plain.values, top), (condition, effects)
-        sensitivity = _remembered(self._sensitivities, key, lambda: sensitivity_of(plain.system))
+        sensitivity = _remember(self._sensitivities, key, lambda: sensitivity_of(plain.system))
         known, finely = self._known, manner.resolution
         return NonlinearModal(run, balance, plain, mode, sensitivity, effects, numbers, known, finely, manner.with_data)
 
@@ -202,7 +202,7 @@ class Forward:
         """A rotor under nonlinear effects, None where no law acts; runs at several levels share it."""
 
         def make() -> Balance | None:
-            model = build_model(self._with(tolerance), condition, effects)
+            model = build_model(self._structure_with(tolerance), condition, effects)
             if not model.forces:
                 return None
             samples = min(finely.samples, _SIZE.hysteresis_samples) if model.memory else finely.samples
@@ -212,9 +212,9 @@ class Forward:
             return made
 
         finely = self.manner.resolution
-        return _remembered(self._balances, (condition, effects, tolerance.tobytes(), finely), make)
+        return _remember(self._balances, (condition, effects, tolerance.tobytes(), finely), make)
 
-    def _with(self, tolerance: FloatArray) -> Structure:
+    def _structure_with(self, tolerance: FloatArray) -> Structure:
         """The structure with the workshop's tolerances, its matrices to first order."""
         if not (self._variants and tolerance.any()):
             return self.structure
@@ -239,7 +239,7 @@ class Forward:
         mode = resonance_numbers(rotor.poles, 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1])
         rest = rotor.upper.receptance(omega)[:, :, 0]
         known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
-        bent, aside = bent_for(known, omega, columns, rotor.poles, rotor.residues, mode)
+        bent, aside = bend_residues(known, omega, columns, rotor.poles, rotor.residues, mode)
         made = Group(
             columns, rotor.poles, rotor.residues, mode, rest, chain_factors(effects, run, columns), bent, aside
         )
@@ -266,7 +266,7 @@ class Forward:
         effects = on_the_rotor(effects)
         key = (id(structure), condition, effects, channels, limit)
         make = partial(self._solve, structure, condition, effects, channels, limit)
-        return _remembered(self._rotors, key, make, _SIZE.rotors)
+        return _remember(self._rotors, key, make, _SIZE.rotors)
 
     def _solve(
         self,
@@ -296,7 +296,7 @@ class Forward:
         return _Rotor(poles, residues[:, 0], upper, sensitivity_of(system))
 
 
-def _remembered(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _SIZE.remembered) -> T:
+def _remember(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _SIZE.remembered) -> T:
     """The value of a key, made where it is new; of those kept the oldest goes."""
     if key not in store:
         if len(store) >= most:

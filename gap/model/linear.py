@@ -101,9 +101,9 @@ class Modal(RunModel):
         H = np.empty((n_f, n_c), dtype=complex)
         D = np.zeros((MODES + len(TOLERANCES) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
-            poles = group.poles * (1 + _of_poles(group, shift))
+            poles = group.poles * (1 + _pole_shifts(group, shift))
             shares = self._shares(poles)
-            still = _unshifted(group, drift)
+            still = _heights(group, drift)
             Y, residues = self._motion(group, shares * still, tolerance)
             force = self._force(Y[:, -1])
             H[:, group.columns] = Y[:, :-1] * group.chain * force[:, None]
@@ -115,11 +115,11 @@ class Modal(RunModel):
                 if mine.any():
                     by_pole = (by_shift[:, mine] * still[mine]) @ residues[:, mine].T
                     by_height = -(shares[:, mine] * still[mine] ** 2) @ residues[:, mine].T
-                    D[m][:, group.columns] = _driven(Y, by_pole + by_height, force, slope) * group.chain
+                    D[m][:, group.columns] = _sensor_change(Y, by_pole + by_height, force, slope) * group.chain
             for t in range(len(TOLERANCES)):
-                moved = (by_shift * still * _of_poles(group, self.sensitivity[:, t])) @ residues.T
+                moved = (by_shift * still * _pole_shifts(group, self.sensitivity[:, t])) @ residues.T
                 dY = moved + (shares * still) @ group.bent[t].T + group.aside[t]
-                D[MODES + t][:, group.columns] = _driven(Y, dY, force, slope) * group.chain
+                D[MODES + t][:, group.columns] = _sensor_change(Y, dY, force, slope) * group.chain
         return H, D
 
     def of_resonances(self, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
@@ -127,7 +127,7 @@ class Modal(RunModel):
         parts = np.zeros((MODES, len(self.omega), len(self.run.channels)), dtype=complex)
         shift = self._shift(drift, tolerance)
         for group in self.groups:
-            shares = self._shares(group.poles * (1 + _of_poles(group, shift))) * _unshifted(group, drift)
+            shares = self._shares(group.poles * (1 + _pole_shifts(group, shift))) * _heights(group, drift)
             Y, residues = self._motion(group, shares, tolerance)
             force = self._force(Y[:, -1])
             for m in range(MODES):
@@ -138,7 +138,7 @@ class Modal(RunModel):
     def _shares(self, poles: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) 1 / (i omega - lambda), and what transients add."""
         shares = 1 / (1j * self.omega[:, None] - poles)
-        return shares if self.dwell_s is None else shares + self._unsettled(poles, np.array(self.dwell_s))
+        return shares if self.dwell_s is None else shares + self._transient_shares(poles, np.array(self.dwell_s))
 
     def _shares_slope(self, own: ComplexArray, poles: ComplexArray, shares: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) derivative of the shares by a shift of the poles relative to their own places."""
@@ -182,16 +182,16 @@ class Modal(RunModel):
     ) -> ComplexArray:
         """``change_to`` of one group, whose resonances stand at ``here`` in this model."""
         own_shift, shift = self._shift(drift, tolerance), other._shift(drift, tolerance)
-        poles = group.poles * (1 + _of_poles(group, shift))
-        there = np.where(group.mode >= 0, here * (1 + _of_poles(group, own_shift)), poles)
+        poles = group.poles * (1 + _pole_shifts(group, shift))
+        there = np.where(group.mode >= 0, here * (1 + _pole_shifts(group, own_shift)), poles)
         shares = 1 / (1j * self.omega[:, None] - there)
-        moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _unshifted(group, drift), tolerance)
-        poles = own.poles * (1 + _of_poles(own, own_shift))
-        plain, _ = self._motion(own, self._shares(poles) * _unshifted(own, drift), tolerance)
+        moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _heights(group, drift), tolerance)
+        poles = own.poles * (1 + _pole_shifts(own, own_shift))
+        plain, _ = self._motion(own, self._shares(poles) * _heights(own, drift), tolerance)
         places = np.searchsorted(own.columns, group.columns)
         Y, chain = plain[:, [*places, -1]], own.chain[:, places]
         force = self._force(Y[:, -1])
-        driven = _driven(Y, moved - Y, force, self._force_slope(Y[:, -1], force))
+        driven = _sensor_change(Y, moved - Y, force, self._force_slope(Y[:, -1], force))
         turned = (other._force(Y[:, -1]) - force)[:, None] * chain + force[:, None] * (group.chain - chain)
         return driven * chain + Y[:, :-1] * turned
 
@@ -206,7 +206,7 @@ class Modal(RunModel):
         changes = {name: value for effect in self.effects for name, value in effect.sweep_changes().items()}
         return changes.get("dwell_s")
 
-    def _unsettled(self, poles: ComplexArray, dwell: FloatArray) -> ComplexArray:
+    def _transient_shares(self, poles: ComplexArray, dwell: FloatArray) -> ComplexArray:
         """(n_freq, ..., n_states) what transients add to 1 / (i omega - lambda), read over a period after dwells (...).
 
         The real signal is the imaginary part of what a force e^{i theta} makes, so the conjugate pole's transient is
@@ -237,11 +237,11 @@ class Modal(RunModel):
         shift = self._shift(drift, tolerance)
         change = np.empty((len(dwells), len(self.omega), len(self.run.channels)), dtype=complex)
         for group in self.groups:
-            poles, still = group.poles * (1 + _of_poles(group, shift)), _unshifted(group, drift)
+            poles, still = group.poles * (1 + _pole_shifts(group, shift)), _heights(group, drift)
             Y, residues = self._motion(group, self._shares(poles) * still, tolerance)
-            dY = np.swapaxes((self._unsettled(poles, dwells) * still) @ residues.T, 0, 1)
+            dY = np.swapaxes((self._transient_shares(poles, dwells) * still) @ residues.T, 0, 1)
             force = self._force(Y[:, -1])
-            change[:, :, group.columns] = _driven(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
+            change[:, :, group.columns] = _sensor_change(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
         return change
 
     def _force_slope(self, drive: ComplexArray, force: ComplexArray) -> ComplexArray:
@@ -257,13 +257,13 @@ class Modal(RunModel):
         return self.scale * force_factor(self.effects, self.omega, drive)
 
 
-def _of_poles(group: Group, shift: ComplexArray) -> ComplexArray:
+def _pole_shifts(group: Group, shift: ComplexArray) -> ComplexArray:
     """(n_states,) relative shift of every pole, of (MODES,) the resonances'; none of the modes that do not drift."""
     own = shift[group.mode]
     return np.where(group.mode < 0, 0.0, np.where(group.poles.imag < 0, own.conj(), own))
 
 
-def _unshifted(group: Group, drift: FloatArray | None) -> FloatArray:
+def _heights(group: Group, drift: FloatArray | None) -> FloatArray:
     """(n_states,) factor of the residues: a resonance drifts at a fixed mass-normalised shape, R ~ 1 / omega."""
     if drift is None:
         return np.ones(len(group.mode))
@@ -276,7 +276,7 @@ def chain_factors(effects: Sequence[Effect], run: Run, columns: IntArray) -> Com
     return np.array([channel_factor(effects, omega, run.channels[c].node) for c in columns]).T
 
 
-def _driven(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:
+def _sensor_change(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:
     """(..., n_freq, n_channels) change of the sensors' motion where the force changes with the exciter's own motion."""
     return dY[..., :-1] * force[:, None] + Y[:, :-1] * (slope * dY[..., -1])[..., None]
 

@@ -57,20 +57,22 @@ class NonlinearModal(RunModel):
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> ComplexArray:
         """As ``Modal.response``, under a force e^level as large as the run believes."""
-        return self.driven(level).solved(drift, tolerance).H
+        return self.at_level(level).motions(drift, tolerance).H
 
     def with_derivatives(
         self, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
     ) -> tuple[ComplexArray, ComplexArray]:
         """As ``Modal.with_derivatives``, (MODES + n_tolerances + 1, n_freq, n_channels): the last one by the level."""
-        there = self.driven(level)
-        solved = there.solved(drift, tolerance)
+        there = self.at_level(level)
+        solved = there.motions(drift, tolerance)
         slopes = MotionSlopes(there.drive, solved)
         D = np.zeros((len(self.sensitivity), *solved.H.shape), dtype=complex)
         n_modes = min(len(self.frequencies_hz), len(D))
         D[:n_modes] = slopes.by_mode(n_modes) if n_modes else 0.0
         if self.resolution.bends:
-            near = [_drifted(*self.balance_of(t), drift) for t in tolerance + _TOLERANCE_STEP * np.eye(len(tolerance))]
+            near = [
+                _drift_poles(*self.balance_of(t), drift) for t in tolerance + _TOLERANCE_STEP * np.eye(len(tolerance))
+            ]
             by_tolerance = slopes.by_rotors(near, _TOLERANCE_STEP)
         else:
             by_tolerance = np.tensordot(self.sensitivity.T, D, axes=1)
@@ -83,12 +85,12 @@ class NonlinearModal(RunModel):
         """(n_freq, n_channels) the response with other numbers of the same laws less this one, to first order."""
         if other.as_nonlinear is None:
             return self.change_to(other, drift, tolerance, level)
-        there = self.driven(level)
-        solved = there.solved(drift, tolerance)
-        balance = _drifted(*other.as_nonlinear._with_tolerance(tolerance), drift)
+        there = self.at_level(level)
+        solved = there.motions(drift, tolerance)
+        balance = _drift_poles(*other.as_nonlinear._with_tolerance(tolerance), drift)
         return np.where(solved.tells[:, None], MotionSlopes(there.drive, solved).change_to(balance), 0.0)
 
-    def driven(self, level: float) -> NonlinearModal:
+    def at_level(self, level: float) -> NonlinearModal:
         """The same under a force e^level as large as the run believes, remembered."""
         if level == self.level:
             return self
@@ -106,15 +108,15 @@ class NonlinearModal(RunModel):
 
     def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
         """(n_freq,) lines with a motion."""
-        return self.solved(drift, tolerance).converged
+        return self.motions(drift, tolerance).converged
 
     def tells(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> BoolArray:
         """(n_freq,) lines of which ``response`` has a slope; elsewhere it is where Newton's method was left."""
-        return self.driven(level).solved(drift, tolerance).tells
+        return self.at_level(level).motions(drift, tolerance).tells
 
-    def solved(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> Solved:
+    def motions(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> Solved:
         """The run's motions with drifts (MODES,) and tolerances (n_tolerances,), remembered."""
         n_modes, n_tolerances = self.sensitivity.shape
         drift = np.zeros(n_modes) if drift is None else drift
@@ -124,7 +126,7 @@ class NonlinearModal(RunModel):
             if len(self._solved) > 2:
                 self._solved.pop(next(iter(self._solved)))
             plain, mode = self._with_tolerance(tolerance)
-            balance = _drifted(plain, mode, drift)
+            balance = _drift_poles(plain, mode, drift)
             if self.with_data:
                 made = self.branch.find(balance)
             else:
@@ -158,12 +160,12 @@ class NonlinearModal(RunModel):
         (n_freq, K, n_joints) displacements [m]; (n_freq, n_channels, n_joints) what a newton of a joint's force takes
         from the response; (n_freq, n_channels) the response without any
         """
-        drive, balance = self.drive, _drifted(*self._with_tolerance(tolerance), drift)
+        drive, balance = self.drive, _drift_poles(*self._with_tolerance(tolerance), drift)
         sensors = drive.unit * drive.scale[:, None, None] * drive.by_force(balance)[0]
         return self.branch.measured_motion(balance), sensors[:, :, :-1], drive.force * sensors[:, :, -1]
 
 
-def _drifted(plain: Balance, mode: IntArray, drift: FloatArray) -> Balance:
+def _drift_poles(plain: Balance, mode: IntArray, drift: FloatArray) -> Balance:
     """The balance with shifted resonances."""
     balance = copy.copy(plain)
     balance.values = plain.values * (1 + np.where(mode >= 0, drift[mode], 0.0))

@@ -56,9 +56,9 @@ def bend_of(modal: Modal, plain: Group, others: Sequence[Group]) -> Bend:
     bent = np.zeros((len(TOLERANCES), n_rows, MODES), dtype=complex)
     sizes = _sizes(plain.residues, plain.mode)
     for t, other in enumerate(others):
-        aside[t] = (_others(other, omega) - _others(plain, omega)) / STEP
+        aside[t] = (_undrifting_part(other, omega) - _undrifting_part(plain, omega)) / STEP
         for m in range(MODES):
-            a, b = _upper(plain, m), _upper(other, m)
+            a, b = _upper_pole(plain, m), _upper_pole(other, m)
             if a is not None and b is not None:
                 change = other.residues[:, b] - plain.residues[:, a]
                 bent[t, :, m] = change / (STEP * sizes[a])
@@ -67,7 +67,7 @@ def bend_of(modal: Modal, plain: Group, others: Sequence[Group]) -> Bend:
     return Bend(plain.columns, bent, missed, aside)
 
 
-def bent_for(known: Bend | None, omega, columns, poles: ComplexArray, residues: ComplexArray, mode: IntArray):
+def bend_residues(known: Bend | None, omega, columns, poles: ComplexArray, residues: ComplexArray, mode: IntArray):
     """(n_tolerances, n_channels + 1, n_states) and (n_tolerances, n_freq, n_channels + 1): a bend for these poles."""
     bent = np.zeros((len(TOLERANCES), *residues.shape), dtype=complex)
     if known is None:
@@ -90,13 +90,13 @@ def _sizes(residues: ComplexArray, mode: IntArray, unreached: float = 0.05) -> F
     return np.maximum(sizes, unreached * sizes[mode >= 0].max(initial=1e-300))
 
 
-def _others(group: Group, omega: FloatArray) -> ComplexArray:
+def _undrifting_part(group: Group, omega: FloatArray) -> ComplexArray:
     """(n_freq, n_channels + 1) what the modes that do not drift contribute."""
     mine = group.mode < 0
     return (1 / (1j * omega[:, None] - group.poles[mine])) @ group.residues[:, mine].T + group.rest
 
 
-def _upper(group: Group, m: int) -> int | None:
+def _upper_pole(group: Group, m: int) -> int | None:
     """Place of a resonance's pole with positive frequency."""
     found = np.flatnonzero((group.mode == m) & (group.poles.imag > 0))
     return int(found[0]) if len(found) else None

@@ -76,7 +76,7 @@ class Rotor:
         there = acting(effects, support)
         if support == "rigid":
             low, high = (self._system(k, True, there) for k in _K_B.built_at)
-            one = self._batch(low, high, k_b[:1])
+            one = self._solve_batch(low, high, k_b[:1])
             return Resonances(*(np.repeat(part, len(k_b), axis=0) for part in (one.f_hz, one.height)))
         if len(k_b) > _K_B.solved:
             few = np.geomspace(k_b[0], k_b[-1], _K_B.solved)
@@ -86,8 +86,8 @@ class Rotor:
             return _interpolate(self._memory[key], few, k_b)
         low, high = (self._system(k, False, there) for k in _K_B.built_at)
         if len(low.massless):
-            return _stack([self._damped(self._system(float(k), False, there)) for k in k_b])
-        return self._batch(low, high, k_b)
+            return _stack([self._solve_damped(self._system(float(k), False, there)) for k in k_b])
+        return self._solve_batch(low, high, k_b)
 
     def _system(self, k_b: float, rigid: bool, effects: Sequence[Effect]) -> LinearSystem:
         condition = Condition(
@@ -100,7 +100,7 @@ class Rotor:
         system = build_system(self.structure, condition, effects)
         return system if system.couples_planes() else system.in_plane(1)
 
-    def _batch(self, low: LinearSystem, high: LinearSystem, k_b: FloatArray) -> Resonances:
+    def _solve_batch(self, low: LinearSystem, high: LinearSystem, k_b: FloatArray) -> Resonances:
         """All stiffnesses at once, in coordinates in which the mass matrix is the unit matrix."""
         inverse = np.linalg.inv(np.linalg.cholesky(low.M))
         slope = inverse @ (high.K - low.K) @ inverse.T / (_K_B.high - _K_B.low)
@@ -117,7 +117,7 @@ class Rotor:
         found.f_hz[buckled] = np.nan
         return found
 
-    def _damped(self, system: LinearSystem) -> Resonances:
+    def _solve_damped(self, system: LinearSystem) -> Resonances:
         """One stiffness by damped eigenvalues, for dashpots in series with springs."""
         push = system.unit_vector(self.node, 1)
         poles, residues = StateSpace(system).poles(push[:, None], push[None, :])

@@ -206,7 +206,7 @@ def test_a_start_has_the_forces_of_a_hard_contact_that_the_data_tell_of():
     run = swept(rub, 1.0)
     modal = Forward(STRUCTURE, BELIEF).modal(run, K_B, (rub,))
     assert isinstance(modal, NonlinearModal)
-    told = modal.branch.measured(modal.balance)[1][:, 0]
+    told = modal.branch.measured_joints(modal.balance)[1][:, 0]
     every = np.arange(len(told))
     touching = np.abs(told) > 0.03 * np.abs(told).max()
     off = [
@@ -456,7 +456,7 @@ def test_lines_on_the_upper_branch_are_found_by_their_magnitudes(monkeypatch):
     def lost():
         modal = Forward(STRUCTURE, BELIEF).made(resolution=FINAL).modal(run, K_B, (CUBIC,))
         assert isinstance(modal, NonlinearModal)
-        return np.count_nonzero(modal.drive.miss(modal.solved()) > 0.1)
+        return np.count_nonzero(modal.drive.miss(modal.motions()) > 0.1)
 
     assert lost() == 0
     monkeypatch.setattr("rigtwin.gap.model.branch._PHASES", {})

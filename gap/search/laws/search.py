@@ -369,7 +369,7 @@ def _largest_motion(problem: Problem, start: Start) -> FloatArray:
         law = modal.as_nonlinear
         if law is not None:
             plane = 1 if law.run.excitation_plane == "y" else 2
-            solved = law.solved()
+            solved = law.motions()
             motions.append(np.abs(solved.states[solved.converged, 1] @ law.balance.read_out(plane).T))
     motion = np.concatenate(motions)
     own = motion[:, node_of(start.hypothesis) - 1]

@@ -28,10 +28,10 @@ from rigtwin.gap.audit.wild import check_wild_lines, drop_wild_lines, without_wi
 from rigtwin.gap.document import Finding
 from rigtwin.sim.campaign import Campaign, NominalBelief
 
-# Checks whose sentences hold where nodes, exciter and quantity are what they are said to be.
+# Checks that only make sense where nodes, exciter and quantity are labelled correctly.
 _OF_RIGHT_NAMES = ("delay", "sign", "units")
 
-# Checks whose sentences hold for linear rigs alone.
+# Checks that only make sense for linear rigs.
 _OF_LINEAR_RIGS = ("delay", "raster")
 
 
@@ -59,7 +59,7 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
 
 
 def usable(campaign: Campaign) -> Campaign:
-    """The campaign as it is diagnosed: without dropped or wild lines, without dead channels or runs, each run once."""
+    """The campaign as it is diagnosed: no dropped or wild values, no dead channels or runs, and every run only once."""
     geometry = geometry_of(campaign.rig)
     once = [run for k, run in enumerate(campaign.runs) if not any(is_copy(run, other) for other in campaign.runs[:k])]
     tame = without_wild_lines([without_dropped_values(run) for run in once])
@@ -69,14 +69,14 @@ def usable(campaign: Campaign) -> Campaign:
 
 
 def _check_all_lines(p: CheckedRun, left: CheckedRun) -> Iterator[Finding]:
-    """What is looked for in all lines of a run, and not only in those that are not wild."""
+    """Checks that look at all lines of a run, the wild ones among them; ``left`` is the run without these."""
     yield from check_wild_lines(p, left)
     if len(p.lines):
         yield from check_saturation(p)
 
 
 def _check_run(p: CheckedRun, telling: CheckedRun, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
-    """What a run shows by itself; its phase and its size by the channels that tell something."""
+    """Checks of a single run; phase and size are judged by ``telling``, the run without dead channels."""
     yield from check_channels(p, geometry)
     yield from check_missing_lines(p)
     if not len(p.lines):
@@ -100,13 +100,13 @@ def _drop_dead_channels(p: CheckedRun, geometry: Geometry) -> CheckedRun | None:
 
 
 def _drop_findings_of_wrong_names(findings: Sequence[Finding], named: Sequence[Finding]) -> Iterator[Finding]:
-    """Another quantity passes for a delay and a wrong unit, a wrong node for a sign: these runs are not judged so."""
+    """Leave out findings on delay, sign and units of runs with wrong labels: these look like such faults."""
     wrong = {f.run for f in named if f.severity == "error"}
     return (f for f in findings if f.run not in wrong or f.check not in _OF_RIGHT_NAMES)
 
 
 def _drop_findings_of_bent_peaks(findings: Sequence[Finding]) -> Iterator[Finding]:
-    """Where levels differ, bent peaks and jumps pass for delays and for narrow bands: those runs are not judged so."""
+    """Leave out findings on delay and raster of runs that depend on the force: bent peaks and jumps look like these."""
     bent = {label for f in findings if _shows_a_law(f) for label in f.run.split(", ")}
     for finding in findings:
         if finding.run not in bent or finding.check not in _OF_LINEAR_RIGS:
@@ -117,7 +117,7 @@ def _drop_findings_of_bent_peaks(findings: Sequence[Finding]) -> Iterator[Findin
 
 
 def _shows_a_law(finding: Finding) -> bool:
-    """Whether runs at different levels differ by more than their noise; too few lines are no finding."""
+    """Whether a finding says that runs at different levels differ by more than noise; too few lines say nothing."""
     return finding.check == "level" and finding.severity != "ok" and finding.value is not None
 
 

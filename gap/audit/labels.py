@@ -1,4 +1,4 @@
-"""What a run says of itself and does not show: exchanged sensors, another exciter, quantity, unit, range or support.
+"""Labels that the measured curves contradict: exchanged sensors, wrong exciter, quantity, unit, range or support.
 
 The drawing says how large each node's response is beside the others', line by line and whatever the gain. A gap moves
 resonances and changes peaks; an exchanged cable changes the whole curve of two channels, and a wrong exciter all. A
@@ -26,7 +26,7 @@ from rigtwin.sim.campaign import FloatArray
 
 @dataclass(frozen=True)
 class LabelLimits:
-    """From where on a run's own names are not believed. Distances are means of |ln (measured / drawn)|."""
+    """When the names of a run are not believed. Distances are means of |ln (measured / drawn)|."""
 
     # In tuning campaigns no gap brought other names nearer than the right ones, which were off by 0.09 at most.
     distance: float = 0.1  # at which a run's own names are no longer believed, ...
@@ -65,7 +65,7 @@ def check_labels(runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Fin
 
 
 def _check_run(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
-    """Names and units of one run: others, where these leave half of its distance to the drawing or less."""
+    """Check one run's names and units; others are proposed where they at least halve its distance to the drawing."""
     moving, places = geometry.moving_nodes(p.run), _telling_places(p, geometry)
     nodes, exciter = tuple(p.channels[i].node for i in places), p.run.excitation_node
     if not nodes:
@@ -95,7 +95,7 @@ def _telling_places(p: CheckedRun, geometry: Geometry) -> list[int]:
 
 
 def _in_other_units(p: CheckedRun) -> Iterator[tuple[CheckedRun, str, str]]:
-    """The run, were its responses another quantity or its frequencies in another unit; what is said of that, and do."""
+    """The run read as another quantity or in another frequency unit, with the finding's words and what to do."""
     for quantity in _QUANTITIES if p.run.quantity in _QUANTITIES else ():
         if quantity != p.run.quantity:
             looks = f"The responses look like those of a {quantity}, not of {p.run.quantity} as they are said to be"
@@ -109,7 +109,7 @@ def _in_other_units(p: CheckedRun) -> Iterator[tuple[CheckedRun, str, str]]:
 def _other_names(
     curves: _Curves, nodes: tuple[int, ...], exciter: int, moving: frozenset[int], geometry: Geometry
 ) -> tuple[float, str, str]:
-    """The exciter, or the names of the sensors, that suit best: what is left, what is said of that, and do."""
+    """The exciter or the sensor names that fit best: remaining distance, the finding's words, and what to do."""
     names = {order: curves.rough_distance(order, exciter) for order in _orders(nodes, geometry.nodes)}
     drives = {node: curves.rough_distance(nodes, node) for node in sorted(moving - {exciter})}
     order, drive = min(names, key=names.__getitem__), min(drives, key=drives.__getitem__)
@@ -126,7 +126,7 @@ def _other_names(
 def _other_range(
     curves: _Curves, nodes: tuple[int, ...], exciter: int, geometry: Geometry
 ) -> Iterator[tuple[float, str, str]]:
-    """Less than half of the channels, were each of a size of its own; at bearings that is k_b's."""
+    """Channels in another range, if fewer than half and not at bearings: remaining distance, words, and what to do."""
     left, sizes = curves.with_own_sizes(nodes, exciter)
     free = [node not in geometry.bearings for node in nodes]
     odd = np.flatnonzero(free & (np.abs(sizes) > np.log(_LIMITS.other_range)))

@@ -163,7 +163,7 @@ def _scatter(fit: _Windows, H: np.ndarray, magnitude: bool) -> _Scatter:
 
 
 def _shared_error_factor(n_channels: int, local: LocalFit) -> float:
-    """By how much an error that all channels share is larger than it seems once draws are freed of their leverage.
+    """Factor by which an error that all channels share is larger than the residuals show.
 
     The denominator is common to all channels: it follows their common error as a numerator does a channel's own.
     """
@@ -306,7 +306,7 @@ def responses(run: Run) -> np.ndarray:
 
 
 def mean_square(squares: FloatArray, *, magnitude: bool = False) -> float:
-    """Mean of squared errors of which a quarter may be anything.
+    """Mean of squared errors that ignores the largest quarter.
 
     The mean of the smallest three quarters, divided by what it is for |e|^2 of circular normal
     errors (exponential) or, for magnitudes, of a real normal error (chi-squared with one degree).

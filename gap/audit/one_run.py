@@ -26,7 +26,7 @@ from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, NominalBelie
 
 @dataclass(frozen=True)
 class RunLimits:
-    """From where on something about one run is said, or is more than a note."""
+    """Thresholds of the findings about one run."""
 
     lines_in_band: int = 3  # of a half-power band: a mode has three unknowns at its peak (frequency, width, height)
     nearest: int = 9  # lines next to a frequency, whose spacing ...
@@ -89,7 +89,7 @@ def check_raster(p: CheckedRun, belief: NominalBelief) -> Iterator[Finding]:
 
 
 def _is_refined(f: FloatArray, at: float) -> bool:
-    """Whether lines next to a frequency are laid closer than elsewhere: where few are in a band, some are missing."""
+    """Whether lines are closer next to a frequency than elsewhere, so that few lines in a band mean missing ones."""
     near = np.sort(np.abs(f - at))[: _LIMITS.nearest]
     return bool(2 * near[-1] / len(near) < _LIMITS.finer * np.ptp(f) / len(f))
 
@@ -176,7 +176,7 @@ def _given_errors(p: CheckedRun, given: np.ndarray, level: float) -> Iterator[Fi
 
 
 def _uncertainty_factor(p: CheckedRun) -> float:
-    """Few lines lie far apart, and two resonances in one window are no noise."""
+    """Factor on limits for runs with few lines: these lie far apart, and two resonances in a window look like noise."""
     return 1 + 6 * p.noise.uncertainty
 
 
@@ -245,7 +245,7 @@ def check_channels(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
 
 
 def without_dead_channels(run: Run, telling: Sequence[int]) -> Run:
-    """A run with the channels that say something alone; one that would lose all of its channels is left as it is."""
+    """A run with its telling channels only; unchanged where it would lose every channel."""
     return run.with_channels(telling) if 0 < len(telling) < len(run.channels) else run
 
 
@@ -256,7 +256,7 @@ def is_dead(run: Run, telling: Sequence[int], geometry: Geometry) -> bool:
 
 
 def telling_channels(run: Run, geometry: Geometry) -> list[int]:
-    """Places of the channels that say something: not no number, zero where the shaft moves, one value, noise alone."""
+    """Places of the channels that carry a response: finite, not constant, not mere noise, zero only at a held node."""
     H, noise = responses(run), estimate_noise(run)
     still = [bool(_stands_still(run, channel, geometry)) for channel in run.channels]
     alive = [i for i in range(len(still)) if _is_alive(H[:, i], still[i])]
@@ -286,7 +286,7 @@ _Problem = tuple[Severity, str, float | None, float | None]  # severity, words, 
 
 
 def _channel_problem(p: CheckedRun, i: int, still: str, usual: float) -> _Problem | None:
-    """What is to be said of one channel; None where it is nothing."""
+    """The problem with one channel, or None; ``usual`` is the size of the largest channel."""
     H, name = responses(p.run)[:, i], p.run.channels[i]
     size = np.abs(H[np.isfinite(H)])
     if not size.any() or not _is_alive(H, bool(still)):
@@ -311,7 +311,7 @@ def _channel_problem(p: CheckedRun, i: int, still: str, usual: float) -> _Proble
 
 
 def _dead_channel(name: str, size: FloatArray, still: str) -> _Problem:
-    """What is to be said of a channel without a response; ``still`` is why it may have none."""
+    """The problem with a channel without a response; ``still`` is the reason why it may have none, or empty."""
     if not len(size):
         return "error", f"{name} holds no number at all; leave it out or measure it again.", 0.0, None
     if size.any():

@@ -19,7 +19,7 @@ from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
 
 @dataclass(frozen=True)
 class PairLimits:
-    """From where on two runs differ, and when they can be compared."""
+    """Thresholds of the findings about two runs, and what makes them comparable."""
 
     gain_stds: float = 4.0  # standard deviations beyond which a gain has changed
     drift_stds: float = 4.0  # standard deviations beyond which a resonance has changed
@@ -332,8 +332,10 @@ def _level_findings(levels: Sequence[CheckedRun], belief: NominalBelief) -> Iter
 
 
 def _find_lost_resonances(low: CheckedRun, high: CheckedRun) -> Iterator[tuple[float, float]]:
-    """Frequency of each clear resonance that has no like at the higher force, though lines are near [Hz], and how far
-    off the nearest is, relative; 0 where there is none."""
+    """Clear resonances that are missing at the higher force, although lines were measured there.
+
+    Yields the frequency [Hz] and the relative distance to the nearest resonance, 0 where there is none.
+    """
     if not _shared_channels(low, high):
         return
     kept = {r.line for r, _ in _match_resonances(low, high)}

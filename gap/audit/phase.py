@@ -17,7 +17,7 @@ from rigtwin.sim.campaign import FloatArray
 
 @dataclass(frozen=True)
 class PhaseLimits:
-    """Where delays and signs are looked for, and from where on they are worth a warning."""
+    """Where delays and signs are looked for, and thresholds of the findings about them."""
 
     longest_delay: float = 4e-3  # [s] that is looked for, ...
     longest_periods: float = 10.0  # ... and in periods of the highest frequency
@@ -158,7 +158,7 @@ def check_sign(p: CheckedRun, geometry: Geometry, delays: Delays | None) -> Iter
         yield p.finding("sign", "error", f"{words}; change the sign of the imaginary parts.", rise, _LIMITS.rises)
         y = y.conj()
     judged = _signs(p, geometry, y)
-    if delays is not None:  # which bent peaks may feign: an inverted sensor shows without it too
+    if delays is not None:  # bent peaks can look like a delay; an inverted sensor shows with and without the correction
         on_time = _signs(p, geometry, y * np.exp(1j * 2 * np.pi * p.f[:, None] * delays.common[0]))
         judged = {place: max(sign, judged.get(place, 1)) for place, sign in on_time.items()}
     if not judged:
@@ -179,7 +179,7 @@ def check_sign(p: CheckedRun, geometry: Geometry, delays: Delays | None) -> Iter
 
 
 def _rise(p: CheckedRun) -> float:
-    """By how much the phase rises next to the resonances, in the median [rad]; nan where lines are too far apart."""
+    """Median rise of the phase through the resonances [rad]; nan where lines are too far apart."""
     rises = []
     for r in p.resonances:
         width, step = np.nan_to_num(r.half_power_hz), np.gradient(p.f)[r.line]

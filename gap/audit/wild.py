@@ -1,8 +1,8 @@
 """Wild lines: single ones that nothing near them explains, as where a controller slipped or an amplifier clipped once.
 
-A line that its neighbours' smooth curve misses by far is left out and the rest looked at again, worst line first. Only
-where that ends soon, with lines that lie apart, were they wild: what rings, jumps, or rises between two lines stays as
-it is, because the lines that are left keep missing their curves.
+The line that lies farthest from its neighbours' smooth curve is left out, and the rest is looked at again. Lines are
+called wild only if this ends after a few lines that lie apart. Ringing, jumps and peaks between two lines stay as they
+are: there the remaining lines keep missing their curves.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rigtwin.sim.campaign import FloatArray, Run
 
 @dataclass(frozen=True)
 class WildLimits:
-    """What a wild line is."""
+    """From where on a line is wild."""
 
     errors: float = 12.0  # standard errors from which a line is wild, ...
     plain: float = 0.03  # ... and error over its own and its neighbours' size
@@ -50,7 +50,7 @@ def wild_lines(run: Run) -> NDArray[np.bool_]:
 
 
 def without_wild_lines(runs: Sequence[Run]) -> list[Run]:
-    """Runs without their values; they were swept all the same, as a fast sweep's next lines tell."""
+    """Runs with nan at their wild lines, which stay in the sweep: transients of a fast sweep depend on every line."""
     return [blank_lines(run, wild_lines(run)) for run in runs]
 
 
@@ -61,7 +61,7 @@ def drop_wild_lines(p: CheckedRun) -> CheckedRun:
 
 
 def check_wild_lines(p: CheckedRun, left: CheckedRun) -> Iterator[Finding]:
-    """Say which lines of a run are wild: those that are not left."""
+    """Report the wild lines of a run: those that ``left``, the same run without them, lacks."""
     wild = np.setdiff1d(p.run.frequency_hz, left.run.frequency_hz)
     if len(wild):
         many = "1 line does not go with its" if len(wild) == 1 else f"{len(wild)} lines do not go with their"
@@ -69,14 +69,14 @@ def check_wild_lines(p: CheckedRun, left: CheckedRun) -> Iterator[Finding]:
 
 
 def left_out_finding(p: CheckedRun, frequency_hz: FloatArray, why: str) -> Finding:
-    """Say which lines of a run are left out, and why."""
+    """A warning that names the lines that are left out of a run, and the reason."""
     named = ", ".join(f"{f:.5g}" for f in frequency_hz[:5]) + (" and others" if len(frequency_hz) > 5 else "")
     words = f"{why}; left out: {named} Hz. Repeat what was measured there."
     return p.finding("missing_lines", "warning", words, float(len(frequency_hz)), 0.0)
 
 
 def blank_lines(run: Run, lines: NDArray[np.bool_]) -> Run:
-    """A run without the values of some lines, which were swept all the same."""
+    """A run with nan at some lines, which stay in the sweep."""
     return replace(run, H=np.where(lines[:, None], np.nan, run.H)) if lines.any() else run
 
 
@@ -96,7 +96,7 @@ def _errors(run: Run) -> FloatArray:
 
 
 def _beside_peaks(size: FloatArray) -> NDArray[np.bool_]:
-    """(n_freq,) lines of peaks: a sharp one of magnitudes follows no smooth curve, but lifts the lines beside it."""
+    """(n_freq,) lines of a peak. A sharp peak of magnitudes is no smooth curve either, but it lifts its neighbours."""
     rises, falls = _LIMITS.lifted * size[:-1] < size[1:], size[:-1] > _LIMITS.lifted * size[1:]  # (n_freq - 1,)
     tops = 2 + np.flatnonzero(rises[:-3] & rises[1:-2] & falls[2:-1] & falls[3:])
     near = np.zeros(len(size), dtype=bool)

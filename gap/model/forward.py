@@ -121,13 +121,13 @@ class Forward:
         ]
 
     def made(self, **manner: Any) -> Forward:
-        """The same, its responses made in another ``Manner``; what either remembers serves both."""
+        """The same model with another ``Manner`` of making responses; both share what they remember."""
         other = copy.copy(self)
         other.manner = replace(self.manner, **manner)
         return other
 
     def believing(self, **belief: float) -> Forward:
-        """The same, with other fields of what the nominal model believes of the measurement."""
+        """The same model with other values in the nominal belief."""
         other = copy.copy(self)
         other.belief = replace(self.belief, **belief)
         return other
@@ -256,9 +256,9 @@ class Forward:
         effects: tuple[Effect, ...],
         channels: tuple[Channel, ...],
     ) -> _Rotor:
-        """A rotor's modes as seen by some channels; shared by runs at several levels and by all that do not change it.
+        """A rotor's modes as seen by some channels, remembered for all runs on the same rotor.
 
-        On rigid supports k_b does not, and nowhere does what changes only how the rotor is driven and read.
+        k_b does not change the rotor on rigid supports; effects on drive and sensors never do.
         """
         limit = max(_SIZE.kept_hz, _SIZE.kept_ratio * run.frequency_hz[-1])
         if condition.rigid_support:
@@ -297,7 +297,7 @@ class Forward:
 
 
 def _remember(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _SIZE.remembered) -> T:
-    """The value of a key, made where it is new; of those kept the oldest goes."""
+    """The stored value of a key, made if it is new; the oldest value goes when the store is full."""
     if key not in store:
         if len(store) >= most:
             store.pop(next(iter(store)))

@@ -57,7 +57,7 @@ class Solved:
         return np.linalg.inv(jacobian(self.balance.receptance(self.omega)[0], DN)), DN[:, 1]
 
     def with_lines(self, other: Solved, lines: IntArray, better: BoolArray) -> Solved:
-        """The same with the better ones of another's motions, which were solved on some lines alone."""
+        """The same with better motions at some lines; ``other`` was solved at ``lines`` only."""
         joints, states, H = self.joints.copy(), self.states.copy(), self.H.copy()
         converged, tells = self.converged.copy(), self.tells.copy()
         taken = lines[better]

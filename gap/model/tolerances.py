@@ -22,7 +22,7 @@ class Bend:
 
     columns: IntArray  # places of its channels in the run, ascending
     residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the size of each mode's residues
-    missed: ComplexArray  # (MODES, n_tolerances) of the poles' logarithms, beyond ``Forward._sensitivity``
+    missed: ComplexArray  # (MODES, n_tolerances) of the poles' logarithms, beyond ``sensitivity_of``
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1)
 
 

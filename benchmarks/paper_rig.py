@@ -74,7 +74,7 @@ frequency responses as a small figure (their Fig. 9) and a few sentences. What s
 supports, four on the bearings. Of the latter, those at 151 and 172 Hz have no place in the paper's own model; it
 ascribes them to "the internal bearing dynamics". This page puts them before the diagnosis. It is written by
 `make paper-rig`; do not edit it by hand. The campaign is `examples/nit-rourkela-rig`, the statistics are those of
-`gap/peaks.py`:
+`gap/peaks`:
 
 ```
 rigtwin diagnose examples/nit-rourkela-rig --out runs/paper-rig

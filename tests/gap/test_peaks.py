@@ -22,6 +22,7 @@ from rigtwin.rotor.effects import (
     Effect,
     PedestalFlexibility,
     PlaneAnisotropy,
+    ShaftDamping,
     ViscoelasticSupport,
 )
 from rigtwin.rotor.frequency.frequency_response import accelerance
@@ -99,6 +100,15 @@ def test_between_the_stiffnesses_that_are_solved_resonances_are_interpolated():
 
 def test_bearings_do_not_act_on_rigid_supports():
     plain, other = (ROTOR.resonances("rigid", np.array([K_B]), e) for e in ((), (PlaneAnisotropy(),)))
+    assert_allclose(plain.f_hz, other.f_hz)
+
+
+@pytest.mark.parametrize(
+    "effect", [BearingDamping(damping=300.0), ShaftDamping(damping_ratio=0.02)], ids=lambda e: e.id
+)
+def test_effects_that_say_so_do_not_move_resonances(effect):
+    plain, other = (ROTOR.resonances("bearing", np.array([K_B]), e) for e in ((), (effect,)))
+    assert not effect.moves_resonances
     assert_allclose(plain.f_hz, other.f_hz)
 
 

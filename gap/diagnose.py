@@ -13,7 +13,7 @@ from rigtwin.gap.audit.findings import amplitude_dependent, audit, usable
 from rigtwin.gap.clock import Clock
 from rigtwin.gap.explain import Explained, Task, explain, library_of
 from rigtwin.gap.model.forward import nonlinear
-from rigtwin.gap.peaks.lists import diagnose_peaks
+from rigtwin.gap.peaks.diagnosis import diagnose_peaks
 from rigtwin.gap.prepare import prepared, without_odd_lines
 from rigtwin.gap.search.nominal import fit_lines_alike
 from rigtwin.gap.search.race import Progress

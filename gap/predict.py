@@ -11,7 +11,7 @@ from rigtwin.gap.document import DAMPING, Cause, Diagnosis
 from rigtwin.gap.model.campaign_model import forward_of
 from rigtwin.gap.model.forward import acting, nonlinear
 from rigtwin.gap.model.linear import TOLERANCES
-from rigtwin.gap.model.nonlinear import FINAL
+from rigtwin.gap.model.motions import FINAL
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.geometry.rig import load_rig

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rigtwin.gap.audit.checked_run import prepare
+from rigtwin.gap.audit.checked_run import checked_runs
 from rigtwin.gap.audit.noise import believed_errors, common_error, scatter_over
-from rigtwin.gap.audit.wild import left_out, silenced
+from rigtwin.gap.audit.wild import blank_lines, left_out_finding
 from rigtwin.gap.document import Finding
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import Observed, observe
@@ -41,10 +41,10 @@ def without_odd_lines(
     odd = [] if adequate(problem, nominal) else odd_lines(problem, nominal)
     if not any(lines.any() for lines in odd):
         return unchanged
-    left = replace(campaign, runs=tuple(map(silenced, campaign.runs, odd)))
+    left = replace(campaign, runs=tuple(map(blank_lines, campaign.runs, odd)))
     problem_left, nominal_left = prepared(left)
     if not adequate(problem_left, nominal_left):
         return unchanged
     why = "Only here, far from any resonance, the nominal model misses what was measured, as where a mains hum is read"
-    named = [(p, p.run.frequency_hz[lines]) for p, lines in zip(prepare(campaign.runs), odd, strict=True)]
-    return left, problem_left, nominal_left, tuple(left_out(p, f, why) for p, f in named if len(f))
+    named = [(p, p.run.frequency_hz[lines]) for p, lines in zip(checked_runs(campaign.runs), odd, strict=True)]
+    return left, problem_left, nominal_left, tuple(left_out_finding(p, f, why) for p, f in named if len(f))

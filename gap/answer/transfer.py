@@ -21,7 +21,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B
 from rigtwin.gap.inference.problem import Problem, middle_level
 from rigtwin.gap.model.forward import acting, nonlinear
-from rigtwin.gap.model.nonlinear import FINE
+from rigtwin.gap.model.motions import FINE
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
@@ -126,7 +126,7 @@ class _Test:
         there = acting(best.effects, run.support)
         modal = self._forward.made(with_data=False).modal(run, best.k_b, there).as_nonlinear
         assert modal is not None
-        swept = modal.solved(None, best.nu[self._nuisances.tolerance])
+        swept = modal.motions(None, best.nu[self._nuisances.tolerance])
         found = swept.converged
         run = replace(run, frequency_hz=hz[found], H=swept.H[found])
         by_data = self._modal(run, best.u).as_nonlinear

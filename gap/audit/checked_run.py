@@ -1,14 +1,14 @@
-"""A run made ready for the checks: its clean lines, noise and resonances."""
+"""A run as every check sees it: its clean lines, noise and resonances."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from rigtwin.gap.audit.noise import USUAL_NOISE, NoiseEstimate, estimate_noise, live_channels, responses
+from rigtwin.gap.audit.noise import GIVEN_ERRORS, NoiseEstimate, estimate_noise, live_channels, responses
 from rigtwin.gap.audit.resonances import Resonance, find_resonances
 from rigtwin.gap.document import Finding
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
@@ -16,13 +16,14 @@ from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
 
 Severity = Literal["ok", "note", "warning", "error"]
 
-# Beats lie within this share of the resonance; a real rotor has no three modes in one plane so close.
-_BEAT_REACH, _FEWEST_BEATS = 0.15, 2
-
 
 @dataclass(frozen=True)
-class Prepared:
+class CheckedRun:
     """One run and what every check needs of it."""
+
+    # Beats lie within this share of the resonance; a real rotor has no three modes in one plane so close.
+    beat_reach: ClassVar[float] = 0.15
+    fewest_beats: ClassVar[int] = 2  # of peaks behind the highest one
 
     run: Run
     label: str  # name of the run, or its number
@@ -62,7 +63,8 @@ class Prepared:
     def std(self) -> FloatArray:
         """(n, n_live) estimated standard errors; a usual value where too few lines tell. Never zero."""
         std, size = self.noise.std[np.ix_(self.lines, self.live)], np.abs(self.H)
-        return np.maximum(np.where(np.isfinite(std), std, USUAL_NOISE * size), 1e-6 * size + np.finfo(float).tiny)
+        known = np.where(np.isfinite(std), std, GIVEN_ERRORS.usual * size)
+        return np.maximum(known, 1e-6 * size + np.finfo(float).tiny)
 
     @cached_property
     def resonances(self) -> tuple[Resonance, ...]:
@@ -78,11 +80,11 @@ class Prepared:
         """
         found: dict[int, list[int]] = {}
         for leader in self.resonances:
-            near = [r for r in self.resonances if 0 < abs(self.f[r.line] / self.f[leader.line] - 1) < _BEAT_REACH]
+            near = [r for r in self.resonances if 0 < abs(self.f[r.line] / self.f[leader.line] - 1) < self.beat_reach]
             above = [r for r in near if r.line > leader.line]
             behind = above or near[::-1]
             heights = [leader.peak, *(r.peak for r in behind)]
-            if len(behind) < _FEWEST_BEATS or len(behind) < len(near) or any(np.diff(heights) >= 0):
+            if len(behind) < self.fewest_beats or len(behind) < len(near) or any(np.diff(heights) >= 0):
                 continue
             if (self.run.sweep == "up" and not above) or (self.run.sweep == "down" and above):
                 continue
@@ -117,12 +119,12 @@ class Prepared:
         return Finding(check, severity, words, self.label, value, limit)
 
 
-def prepare(runs: tuple[Run, ...]) -> tuple[Prepared, ...]:
+def checked_runs(runs: tuple[Run, ...]) -> tuple[CheckedRun, ...]:
     """Every run with a label of its own, without the values that were dropped."""
-    return tuple(Prepared(without_dropped(run), run.name or f"run {k}") for k, run in enumerate(runs, start=1))
+    return tuple(CheckedRun(without_dropped_values(run), run.name or f"run {k}") for k, run in enumerate(runs, start=1))
 
 
-def without_dropped(run: Run) -> Run:
+def without_dropped_values(run: Run) -> Run:
     """A run with nan where a channel that moves elsewhere is exactly zero: so instruments write what they dropped."""
     zero = run.H == 0
     dropped = zero & ~zero.all(axis=0)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rigtwin.gap.audit.checked_run import Prepared
+from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
@@ -14,20 +14,19 @@ from rigtwin.sim.campaign import Campaign
 
 # Measured over expected quasi-static response on rigid supports, where only the drawing counts. Effects
 # of a rig change it by some ten per cent; a wrong unit by ten or a thousand.
-UNIT_FACTOR = 2.5
+_UNIT_FACTOR = 2.5
+
+# What the factor says of the unit.
 _UNITS = {1 / 9.81: "g instead of m/s^2", 1e3: "mm instead of m, or kN instead of N", 1e6: "um instead of m"}
 
 
-def check_coverage(campaign: Campaign, runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Finding]:
+def check_coverage(campaign: Campaign, runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Finding]:
     """Notes on supports, levels, sensors and kinds of data."""
     if not runs:
         what = "only lists of resonances" if campaign.peaks else "neither a run nor a list of resonances"
         severity = "note" if campaign.peaks else "error"
-        yield Finding(
-            "coverage",
-            severity,
-            f"The campaign holds {what}: damping, place and shape of a gap cannot be told; measure a run.",
-        )
+        words = f"The campaign holds {what}: damping, place and shape of a gap cannot be told; measure a run."
+        yield Finding("coverage", severity, words)
     if runs and campaign.peaks:
         words = "Lists of resonances beside runs are not used"
         yield Finding("coverage", "note", f"{words}: the runs hold more; leave out the runs to look at the lists.")
@@ -46,7 +45,7 @@ def check_coverage(campaign: Campaign, runs: Sequence[Prepared], geometry: Geome
         yield from _run_coverage(p, geometry)
 
 
-def _run_coverage(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+def _run_coverage(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     run = p.run
     nodes = {c.node for c in p.channels}
     if len(nodes) == 1:
@@ -58,10 +57,8 @@ def _run_coverage(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
         held = geometry.held_nodes(run)
         missing = sorted(set(range(1, geometry.n_nodes + 1)) - held - {c.node for c in run.channels})
         if missing and len(nodes) > 1:
-            words = f"Node{'s' if len(missing) > 1 else ''} {listed(missing)} carried no sensor"
-            yield p.finding(
-                "coverage", "note", f"{words}; a gap that shows there only is not seen.", float(len(missing))
-            )
+            words = f"Node{'s' if len(missing) > 1 else ''} {listed(missing)} carried no sensor; a gap that shows there"
+            yield p.finding("coverage", "note", f"{words} only is not seen.", float(len(missing)))
         beyond = sorted(c.node for c in run.channels if c.node > geometry.n_nodes)
         if beyond:
             words = f"Node {listed(beyond)} does not exist: the rig has {geometry.n_nodes} nodes"
@@ -81,7 +78,7 @@ def _run_coverage(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
         yield p.finding("coverage", "note", f"{words}; add one there.")
 
 
-def check_units(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+def check_units(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     """Size of the response below the first resonance on rigid supports against the drawing's."""
     unscaled = p.run.quantity == "acceleration"
     if unscaled or not p.resonances or p.run.support != "rigid" or not geometry.knows(p.run):
@@ -97,22 +94,12 @@ def check_units(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
         return
     ratio = np.abs(p.receptance[low][:, places]) / np.abs(expected[low][:, columns])
     factor = float(np.median(ratio))
-    if 1 / UNIT_FACTOR < factor < UNIT_FACTOR:
-        yield p.finding(
-            "units",
-            "ok",
-            f"The quasi-static response is {factor:.3g} times what the drawing gives.",
-            factor,
-            UNIT_FACTOR,
-        )
+    if 1 / _UNIT_FACTOR < factor < _UNIT_FACTOR:
+        words = f"The quasi-static response is {factor:.3g} times what the drawing gives."
+        yield p.finding("units", "ok", words, factor, _UNIT_FACTOR)
         return
     guess = [name for unit, name in _UNITS.items() if abs(np.log(factor / unit)) < np.log(1.5)]
     hint = f" ({guess[0]}?)" if guess else ""
-    yield p.finding(
-        "units",
-        "error",
-        f"The quasi-static response on rigid supports is {factor:.3g} times what the drawing gives: a unit or a "
-        f"sensitivity is wrong{hint}; check units of response and force.",
-        factor,
-        UNIT_FACTOR,
-    )
+    words = f"The quasi-static response on rigid supports is {factor:.3g} times what the drawing gives: a unit or a "
+    words += f"sensitivity is wrong{hint}; check units of response and force."
+    yield p.finding("units", "error", words, factor, _UNIT_FACTOR)

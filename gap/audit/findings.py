@@ -1,20 +1,4 @@
-"""Audit of a measured campaign, before any effect is fitted and without trusting the model's calibration.
-
-===============  ===============================================================  ===================
-module           what it looks at                                                 entry point
-===============  ===============================================================  ===================
-``noise``        scatter of the lines about a smooth curve                        ``estimate_noise``
-``wild``         single lines that nothing near them explains                     ``wild_lines``
-``resonances``   poles and half-power bands, on any raster                        ``find_resonances``
-``prepared``     a run's clean lines, noise and resonances, for every check       ``prepare``
-``one_run``      raster, missing lines, noise, channels, saturation, sweep rate   ``check_raster`` ...
-``phase``        delay and polarity                                               ``check_delay`` ...
-``pairs``        reciprocity, repeatability, force level                          ``check_pairs``
-``labels``       nodes, exciter, quantity and supports against the drawing        ``check_labels``
-``coverage``     what was not measured; units                                     ``check_coverage``
-``geometry``     what the drawing says whatever the stiffnesses are               ``geometry_of``
-===============  ===============================================================  ===================
-"""
+"""The audit of a measured campaign, and the campaign as it is diagnosed."""
 
 from __future__ import annotations
 
@@ -23,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigtwin.gap.audit.checked_run import Prepared, prepare, without_dropped
+from rigtwin.gap.audit.checked_run import CheckedRun, checked_runs, without_dropped_values
 from rigtwin.gap.audit.coverage import check_coverage, check_units
 from rigtwin.gap.audit.geometry import Geometry, geometry_of
 from rigtwin.gap.audit.labels import check_labels
-from rigtwin.gap.audit.noise import NoiseEstimate, believed_errors, common_error, estimate_noise, scatter_over
 from rigtwin.gap.audit.one_run import (
     check_channels,
     check_missing_lines,
@@ -41,20 +24,15 @@ from rigtwin.gap.audit.one_run import (
 )
 from rigtwin.gap.audit.pairs import check_pairs, is_copy
 from rigtwin.gap.audit.phase import check_delay, check_sign, find_delays
-from rigtwin.gap.audit.wild import check_wild_lines, tamed, without_wild_lines
+from rigtwin.gap.audit.wild import check_wild_lines, drop_wild_lines, without_wild_lines
 from rigtwin.gap.document import Finding
 from rigtwin.sim.campaign import Campaign, NominalBelief
 
-__all__ = [
-    "NoiseEstimate",
-    "amplitude_dependent",
-    "audit",
-    "believed_errors",
-    "common_error",
-    "estimate_noise",
-    "scatter_over",
-    "usable",
-]
+# Checks that only make sense where nodes, exciter and quantity are labelled correctly.
+_OF_RIGHT_NAMES = ("delay", "sign", "units")
+
+# Checks that only make sense for linear rigs.
+_OF_LINEAR_RIGS = ("delay", "raster")
 
 
 def audit(campaign: Campaign) -> tuple[Finding, ...]:
@@ -66,39 +44,39 @@ def audit(campaign: Campaign) -> tuple[Finding, ...]:
     "warning" for data that may mislead, "error" for data that will
     """
     geometry = geometry_of(campaign.rig)
-    as_measured = prepare(campaign.runs)
-    runs = tuple(tamed(p) for p in as_measured)
+    as_measured = checked_runs(campaign.runs)
+    runs = tuple(drop_wild_lines(p) for p in as_measured)
     with np.errstate(all="ignore"):
-        telling = [_telling(p, geometry) for p in runs]
-        findings = [f for p, left in zip(as_measured, runs, strict=True) for f in _as_measured(p, left)]
+        telling = [_drop_dead_channels(p, geometry) for p in runs]
+        findings = [f for p, left in zip(as_measured, runs, strict=True) for f in _check_all_lines(p, left)]
         for p, left in zip(runs, telling, strict=True):
-            findings += _one_run(p, left or p, campaign.nominal, geometry)
+            findings += _check_run(p, left or p, campaign.nominal, geometry)
         findings += check_pairs(runs, campaign.nominal)
         named = list(check_labels([p for p in telling if p], geometry))
-        findings = [*_without_what_wrong_names_pretend(findings, named), *named]
+        findings = [*_drop_findings_of_wrong_names(findings, named), *named]
         findings += check_coverage(campaign, runs, geometry)
-    return tuple(_without_what_bent_peaks_pretend(findings))
+    return tuple(_drop_findings_of_bent_peaks(findings))
 
 
 def usable(campaign: Campaign) -> Campaign:
-    """The campaign as it is diagnosed: without dropped or wild lines, without dead channels or runs, each run once."""
+    """The campaign as it is diagnosed: no dropped or wild values, no dead channels or runs, and every run only once."""
     geometry = geometry_of(campaign.rig)
     once = [run for k, run in enumerate(campaign.runs) if not any(is_copy(run, other) for other in campaign.runs[:k])]
-    tame = without_wild_lines([without_dropped(run) for run in once])
+    tame = without_wild_lines([without_dropped_values(run) for run in once])
     runs = [(run, telling_channels(run, geometry)) for run in tame]
     alive = [(run, telling) for run, telling in runs if not is_dead(run, telling, geometry)] or runs
     return replace(campaign, runs=tuple(without_dead_channels(run, telling) for run, telling in alive))
 
 
-def _as_measured(p: Prepared, left: Prepared) -> Iterator[Finding]:
-    """What is looked for in all lines of a run, and not only in those that are not wild."""
+def _check_all_lines(p: CheckedRun, left: CheckedRun) -> Iterator[Finding]:
+    """Checks that look at all lines of a run, the wild ones among them; ``left`` is the run without these."""
     yield from check_wild_lines(p, left)
     if len(p.lines):
         yield from check_saturation(p)
 
 
-def _one_run(p: Prepared, telling: Prepared, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
-    """What a run shows by itself; its phase and its size by the channels that tell something."""
+def _check_run(p: CheckedRun, telling: CheckedRun, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
+    """Checks of a single run; phase and size are judged by ``telling``, the run without dead channels."""
     yield from check_channels(p, geometry)
     yield from check_missing_lines(p)
     if not len(p.lines):
@@ -112,23 +90,23 @@ def _one_run(p: Prepared, telling: Prepared, belief: NominalBelief, geometry: Ge
     yield from check_units(telling, geometry)
 
 
-def _telling(p: Prepared, geometry: Geometry) -> Prepared | None:
+def _drop_dead_channels(p: CheckedRun, geometry: Geometry) -> CheckedRun | None:
     """A run without dead channels; None where nothing is left."""
     telling = telling_channels(p.run, geometry)
     if is_dead(p.run, telling, geometry):
         return None
     run = without_dead_channels(p.run, telling)
-    return p if run is p.run else Prepared(run, p.label)
+    return p if run is p.run else CheckedRun(run, p.label)
 
 
-def _without_what_wrong_names_pretend(findings: Sequence[Finding], named: Sequence[Finding]) -> Iterator[Finding]:
-    """Another quantity passes for a delay and a wrong unit, a wrong node for a sign: these runs are not judged so."""
+def _drop_findings_of_wrong_names(findings: Sequence[Finding], named: Sequence[Finding]) -> Iterator[Finding]:
+    """Leave out findings on delay, sign and units of runs with wrong labels: these look like such faults."""
     wrong = {f.run for f in named if f.severity == "error"}
     return (f for f in findings if f.run not in wrong or f.check not in _OF_RIGHT_NAMES)
 
 
-def _without_what_bent_peaks_pretend(findings: Sequence[Finding]) -> Iterator[Finding]:
-    """Where levels differ, bent peaks and jumps pass for delays and for narrow bands: those runs are not judged so."""
+def _drop_findings_of_bent_peaks(findings: Sequence[Finding]) -> Iterator[Finding]:
+    """Leave out findings on delay and raster of runs that depend on the force: bent peaks and jumps look like these."""
     bent = {label for f in findings if _shows_a_law(f) for label in f.run.split(", ")}
     for finding in findings:
         if finding.run not in bent or finding.check not in _OF_LINEAR_RIGS:
@@ -138,15 +116,8 @@ def _without_what_bent_peaks_pretend(findings: Sequence[Finding]) -> Iterator[Fi
         yield Finding("delay", "note", words, label)
 
 
-# Checks whose sentences hold where nodes, exciter and quantity are what they are said to be.
-_OF_RIGHT_NAMES = ("delay", "sign", "units")
-
-# Checks whose sentences hold for linear rigs alone.
-_OF_LINEAR_RIGS = ("delay", "raster")
-
-
 def _shows_a_law(finding: Finding) -> bool:
-    """Whether runs at different levels differ by more than their noise; too few lines are no finding."""
+    """Whether a finding says that runs at different levels differ by more than noise; too few lines say nothing."""
     return finding.check == "level" and finding.severity != "ok" and finding.value is not None
 
 

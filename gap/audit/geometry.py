@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,13 +19,12 @@ from rigtwin.sim.campaign import FloatArray, Run
 # Bearing stiffnesses [N/m] from far softer to far stiffer than any shaft of a test rig.
 _STIFFNESSES = (1e5, 1e6, 1e7, 1e9)
 
-# A response smaller than this share of the largest node's has no sign to rely on.
-_SURE = 0.01
-
 
 @dataclass(frozen=True)
 class Geometry:
     """Of a rig; without a structure where its file cannot be read."""
+
+    clear_share: ClassVar[float] = 0.01  # of the largest node's response: a smaller one has no sign to rely on
 
     bearings: frozenset[int] = frozenset()  # nodes of supports with the stiffness k_b
     fixed: frozenset[int] = frozenset()  # nodes that are held in every run
@@ -66,7 +66,7 @@ class Geometry:
         for k_b in (1e9,) if run.support == "rigid" else _STIFFNESSES:
             first.append(self.first_resonance(run, k_b))
             H = self.response(run, np.array([0.02, 0.9]) * first[-1], k_b).real
-            signs.append(np.where(np.abs(H) > _SURE * np.abs(H).max(axis=1, keepdims=True), np.sign(H), 0))
+            signs.append(np.where(np.abs(H) > self.clear_share * np.abs(H).max(axis=1, keepdims=True), np.sign(H), 0))
         all_signs = np.concatenate(signs)
         agree = (all_signs == all_signs[0]).all(axis=0)
         return np.where(agree, all_signs[0], 0), np.array(first)

@@ -1,4 +1,4 @@
-"""What a run says of itself and does not show: exchanged sensors, another exciter, quantity, unit, range or support.
+"""Labels that the measured curves contradict: exchanged sensors, wrong exciter, quantity, unit, range or support.
 
 The drawing says how large each node's response is beside the others', line by line and whatever the gain. A gap moves
 resonances and changes peaks; an exchanged cable changes the whole curve of two channels, and a wrong exciter all. A
@@ -8,14 +8,14 @@ velocity that passes for an acceleration tilts every curve, and frequencies in a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from rigtwin.gap.audit.checked_run import Prepared
+from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.audit.one_run import is_only_noise
 from rigtwin.gap.document import Finding
@@ -23,13 +23,25 @@ from rigtwin.gap.phrases import listed
 from rigtwin.rotor.frequency.measured import Quantity
 from rigtwin.sim.campaign import FloatArray
 
-# Other names are believed where the run's own leave this much between measurement and drawing, in mean |ln ratio|, and
-# the others take away all but this share of it. In tuning campaigns no gap brought other names nearer than the right
-# ones, which were off by 0.09 at most.
-_DISTANCE, _SHARE = 0.1, 0.5
 
-# Channels below which nothing is said of their names, and lines below which nothing is said at all.
-_CHANNELS, _LINES = 3, 20
+@dataclass(frozen=True)
+class LabelLimits:
+    """When the names of a run are not believed. Distances are means of |ln (measured / drawn)|."""
+
+    # In tuning campaigns no gap brought other names nearer than the right ones, which were off by 0.09 at most.
+    distance: float = 0.1  # at which a run's own names are no longer believed, ...
+    share: float = 0.5  # ... where others leave this share of it or less
+    channels: int = 3  # fewer say nothing of their names
+    lines: int = 20  # fewer say nothing at all
+    other_range: float = 3.0  # factor to the other channels from which a channel's range differs; gaps reach 2
+    range_error: float = 0.05  # of the factor's logarithm beside a known one
+    spread: int = 200  # frequencies along the band at which a run's lines are looked at
+    above: float = 0.02  # relative difference by which a first resonance is above another, ...
+    same: float = 0.003  # ... the same, ...
+    far_below: float = 0.1  # ... or far below the drawing's
+
+
+_LIMITS = LabelLimits()
 
 # What frequencies may be in, and how many of it are one Hz.
 _FREQUENCY_UNITS = {"rad/s": 2 * np.pi, "rev/min": 60.0, "kHz": 1e-3}
@@ -37,22 +49,14 @@ _FREQUENCY_UNITS = {"rad/s": 2 * np.pi, "rev/min": 60.0, "kHz": 1e-3}
 # What responses per newton may be.
 _QUANTITIES: tuple[Quantity, ...] = ("receptance", "mobility", "accelerance")
 
-# A channel reads in another unit or range where it is so many times as large as the others say; gaps reach 2. What
-# the factor may be, within this share of it.
-_OTHER_RANGE, _RANGE_ERROR = 3.0, 0.05
+# What a factor between two channels may come from.
 _RANGES = {9.81: "g and m/s^2", 10.0: "an amplifier's range", 1e2: "an amplifier's range", 1e3: "mm and m"}
-
-# Frequencies along the band at which a run's lines are looked at.
-_SPREAD = 200
 
 # Logarithms of the bearing stiffnesses that are tried [N/m].
 _LN_K_B = np.log(np.geomspace(1e4, 1e10, 49))
 
-# Relative differences by which a first resonance is above another, the same, or far below the drawing's.
-_ABOVE, _SAME, _FAR_BELOW = 0.02, 0.003, 0.1
 
-
-def check_labels(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Finding]:
+def check_labels(runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Finding]:
     """Each run's nodes and exciter against the drawing, and the supports against each other."""
     still = [p for p in runs if not p.run.spin_rpm and geometry.knows(p.run)]
     for p in still:
@@ -60,54 +64,54 @@ def check_labels(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Findi
     yield from _check_supports(still, geometry)
 
 
-def _check_run(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
-    """Names and units of one run: others, where these leave half of its distance to the drawing or less."""
-    moving, places = geometry.moving_nodes(p.run), _told_by(p, geometry)
+def _check_run(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
+    """Check one run's names and units; others are proposed where they at least halve its distance to the drawing."""
+    moving, places = geometry.moving_nodes(p.run), _telling_places(p, geometry)
     nodes, exciter = tuple(p.channels[i].node for i in places), p.run.excitation_node
     if not nodes:
         return
     curves = _Curves(p, places, geometry)
-    distance, named = curves.distance(nodes, exciter), len(nodes) >= _CHANNELS
-    if distance < _DISTANCE:
+    distance, named = curves.distance(nodes, exciter), len(nodes) >= _LIMITS.channels
+    if distance < _LIMITS.distance:
         words = "Nodes and exciter are where their names say: measured responses are off the drawing's by"
         if named:
-            yield p.finding("labels", "ok", f"{words} {_percent(distance)} in the median.", distance, _DISTANCE)
+            yield p.finding("labels", "ok", f"{words} {_percent(distance)} in the median.", distance, _LIMITS.distance)
         return
     others = [(_Curves(q, places, geometry).distance(nodes, exciter), *words) for q, *words in _in_other_units(p)]
     if named:
         others.append(_other_names(curves, nodes, exciter, moving, geometry))
         others += _other_range(curves, nodes, exciter, geometry)
     left, looks, do = min(others)
-    if left <= _SHARE * distance:
+    if left <= _LIMITS.share * distance:
         words = f"{looks}: off by {_percent(left)} in the median then, by {_percent(distance)} as they are named"
-        yield p.finding("labels", "error", f"{words}; {do}.", distance, _DISTANCE)
+        yield p.finding("labels", "error", f"{words}; {do}.", distance, _LIMITS.distance)
 
 
-def _told_by(p: Prepared, geometry: Geometry) -> list[int]:
+def _telling_places(p: CheckedRun, geometry: Geometry) -> list[int]:
     """Live channels along the exciter that move and carry the rotor; none where the lines are too few."""
     moving = geometry.moving_nodes(p.run)
     places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node in moving]
-    return [i for i in places if not is_only_noise(p.noise, p.live[i])] if len(p.f) >= _LINES else []
+    return [i for i in places if not is_only_noise(p.noise, p.live[i])] if len(p.f) >= _LIMITS.lines else []
 
 
-def _in_other_units(p: Prepared) -> Iterator[tuple[Prepared, str, str]]:
-    """The run, were its responses another quantity or its frequencies in another unit; what is said of that, and do."""
+def _in_other_units(p: CheckedRun) -> Iterator[tuple[CheckedRun, str, str]]:
+    """The run read as another quantity or in another frequency unit, with the finding's words and what to do."""
     for quantity in _QUANTITIES if p.run.quantity in _QUANTITIES else ():
         if quantity != p.run.quantity:
             looks = f"The responses look like those of a {quantity}, not of {p.run.quantity} as they are said to be"
-            yield Prepared(replace(p.run, quantity=quantity), p.label), looks, "correct quantity"
+            yield CheckedRun(replace(p.run, quantity=quantity), p.label), looks, "correct quantity"
     for unit, factor in _FREQUENCY_UNITS.items():
         looks = f"The responses look like those at frequencies in {unit}, not Hz"
         run = replace(p.run, frequency_hz=p.run.frequency_hz / factor)
-        yield Prepared(run, p.label), looks, f"divide the frequencies by {factor:.4g}"
+        yield CheckedRun(run, p.label), looks, f"divide the frequencies by {factor:.4g}"
 
 
 def _other_names(
     curves: _Curves, nodes: tuple[int, ...], exciter: int, moving: frozenset[int], geometry: Geometry
 ) -> tuple[float, str, str]:
-    """The exciter, or the names of the sensors, that suit best: what is left, what is said of that, and do."""
-    names = {order: curves.roughly(order, exciter) for order in _orders(nodes, geometry.nodes)}
-    drives = {node: curves.roughly(nodes, node) for node in sorted(moving - {exciter})}
+    """The exciter or the sensor names that fit best: remaining distance, the finding's words, and what to do."""
+    names = {order: curves.rough_distance(order, exciter) for order in _orders(nodes, geometry.nodes)}
+    drives = {node: curves.rough_distance(nodes, node) for node in sorted(moving - {exciter})}
     order, drive = min(names, key=names.__getitem__), min(drives, key=drives.__getitem__)
     if drives[drive] <= names[order]:
         looks = f"The responses look like those to a force at node {drive}, not {exciter}"
@@ -122,14 +126,14 @@ def _other_names(
 def _other_range(
     curves: _Curves, nodes: tuple[int, ...], exciter: int, geometry: Geometry
 ) -> Iterator[tuple[float, str, str]]:
-    """Less than half of the channels, were each of a size of its own; at bearings that is k_b's."""
+    """Channels in another range, if fewer than half and not at bearings: remaining distance, words, and what to do."""
     left, sizes = curves.with_own_sizes(nodes, exciter)
     free = [node not in geometry.bearings for node in nodes]
-    odd = np.flatnonzero(free & (np.abs(sizes) > np.log(_OTHER_RANGE)))
+    odd = np.flatnonzero(free & (np.abs(sizes) > np.log(_LIMITS.other_range)))
     if 0 < 2 * len(odd) < len(nodes):
         many = f"node {nodes[odd[0]]} are" if len(odd) == 1 else f"nodes {listed(nodes[i] for i in odd)} are"
         factors = listed(f"{np.exp(abs(sizes[i])):.3g} times too {'large' if sizes[i] > 0 else 'small'}" for i in odd)
-        units = {_RANGES[f] for i in odd for f in _RANGES if abs(abs(sizes[i]) - np.log(f)) < _RANGE_ERROR}
+        units = {_RANGES[f] for i in odd for f in _RANGES if abs(abs(sizes[i]) - np.log(f)) < _LIMITS.range_error}
         hint = f" ({' or '.join(sorted(units))}?)" if units else ""
         yield left, f"The responses of {many} {factors} beside the others'{hint}", "correct unit, sensitivity or range"
 
@@ -159,9 +163,9 @@ class _Curves:
     places : (n,) live channels that move, along the exciter
     """
 
-    def __init__(self, p: Prepared, places: Sequence[int], geometry: Geometry):
+    def __init__(self, p: CheckedRun, places: Sequence[int], geometry: Geometry):
         # Evenly along the band: lines crowd at peaks, where a gap shows most.
-        spread = np.clip(np.searchsorted(p.f, np.linspace(p.f[0], p.f[-1], _SPREAD)), 0, len(p.f) - 1)
+        spread = np.clip(np.searchsorted(p.f, np.linspace(p.f[0], p.f[-1], _LIMITS.spread)), 0, len(p.f) - 1)
         run, f = p.run, p.f[spread]
         self._measured = np.log(np.abs(p.receptance[np.ix_(spread, places)]) + np.finfo(float).tiny)
         self._k_b = _LN_K_B if run.support != "rigid" else _LN_K_B[:1]
@@ -187,7 +191,7 @@ class _Curves:
         nearest = minimize_scalar(off, bounds=ends, method="bounded", options={"xatol": 1e-3})
         return min((raster[k], float(self._k_b[k])), (float(nearest.fun), float(nearest.x)))
 
-    def roughly(self, nodes: Sequence[int], exciter: int) -> float:
+    def rough_distance(self, nodes: Sequence[int], exciter: int) -> float:
         """``distance`` at the nearest k_b of a raster."""
         return min(self._at(x, nodes, exciter) for x in self._k_b)
 
@@ -217,14 +221,14 @@ class _Curves:
         return float(np.mean(np.median(np.abs(ratio), axis=0)))
 
 
-def _is_as_drawn(p: Prepared, geometry: Geometry) -> bool:
+def _is_as_drawn(p: CheckedRun, geometry: Geometry) -> bool:
     """Whether a run is near the drawing's on its own supports, whatever hum its first resonance may be."""
-    places = _told_by(p, geometry)
+    places = _telling_places(p, geometry)
     nodes = [p.channels[i].node for i in places]
-    return bool(nodes) and _Curves(p, places, geometry).distance(nodes, p.run.excitation_node) < _DISTANCE
+    return bool(nodes) and _Curves(p, places, geometry).distance(nodes, p.run.excitation_node) < _LIMITS.distance
 
 
-def _check_supports(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Finding]:
+def _check_supports(runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Finding]:
     """First resonances against the drawing's on rigid supports: bearings are softer, unless they hold the slope too."""
     for plane in ("y", "z"):
         seen = [p for p in runs if p.run.excitation_plane == plane and p.resonances]
@@ -234,9 +238,9 @@ def _check_supports(runs: Sequence[Prepared], geometry: Geometry) -> Iterator[Fi
         stiff, soft = (float(np.median([p.resonances[0].frequency_hz for p in each])) for each in (rigid, bearing))
         drawn = geometry.first_resonance(rigid[0].run)
         nearer = abs(np.log(soft / drawn)) < abs(np.log(stiff / drawn))
-        if soft > (1 + _ABOVE) * stiff and nearer and max(p.f[0] for p in bearing) < (1 - _ABOVE) * stiff:
+        if soft > (1 + _LIMITS.above) * stiff and nearer and max(p.f[0] for p in bearing) < (1 - _LIMITS.above) * stiff:
             do = "correct the names of the supports"
-        elif abs(soft / stiff - 1) < _SAME and stiff < (1 - _FAR_BELOW) * drawn:
+        elif abs(soft / stiff - 1) < _LIMITS.same and stiff < (1 - _LIMITS.far_below) * drawn:
             do = "look whether the supports were changed"
         else:
             continue

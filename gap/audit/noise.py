@@ -25,61 +25,58 @@ from rigtwin.sim.campaign import FloatArray, Run
 
 
 @dataclass(frozen=True)
-class _LocalFit:
-    """Degrees of numerator and denominator of a local fit, and neighbouring lines in a wide and in a narrow one."""
+class LocalFit:
+    """A curve through a line's neighbours."""
 
-    degrees: tuple[int, int]
-    windows: tuple[int, int]
-
-
-# One resonance, and two poles: a magnitude's square has a conjugate pair, and two planes have pairs of resonances.
-_ONE_POLE, _TWO_POLES = _LocalFit((2, 1), (9, 6)), _LocalFit((3, 2), (11, 8))
-
-# Scatter about wide fits over that about narrow ones from which it is no noise: a window holds more than one resonance.
-_UNRESOLVED = 1.6
-
-# A run whose lines fill fewer wide windows holds a resonance in each of them.
-_WINDOWS = 2
-
-# The largest quarter of the residuals is left out of every mean square: lines of a jump, of ringing or
-# of a sharp resonance between two lines do not say what the noise is.
-_KEPT = 0.75
-
-# Prior of the denominator's coefficients, as a standard deviation: a pole may lie as near as a third of
-# the window from its centre before the prior is felt; a pole in the data is known far better than that.
-_DENOMINATOR_PRIOR = 3.0
-
-# Lines with a higher leverage say too little of their own error.
-_LARGEST_LEVERAGE = 0.9
-
-# A channel is as large as this share of its lines reach.
-_USUALLY = 0.9
-
-# Responses in any unit are smaller than this, and larger than one over it; squares stay floats.
-_LARGEST = 1e60
-
-# Lines per group in which noise is compared with the response's size, and groups at the most.
-_GROUP, _GROUPS = 25, 8
+    numerator: int  # degree
+    denominator: int  # degree: number of poles
+    wide: int  # lines of a wide window
+    narrow: int  # lines of a narrow one
 
 
-# Variance that all channels share counts from so many of its standard errors, and this share of all variance.
-_COMMON_ERRORS, _COMMON_SHARE = 4.0, 0.1
+_ONE_POLE = LocalFit(2, 1, 9, 6)  # one resonance
+_TWO_POLES = LocalFit(3, 2, 11, 8)  # a magnitude's square has a conjugate pair, and two planes have pairs of resonances
+
+
+@dataclass(frozen=True)
+class Scattering:
+    """How the noise is told from the scatter of the lines."""
+
+    # Scatter about wide fits over that about narrow ones: from here on a window holds more than one resonance.
+    unresolved: float = 1.6
+    windows: int = 2  # a run whose lines fill fewer wide windows holds a resonance in each of them
+    # Share of the residuals in a mean square. The largest ones are left out: lines of a jump, of ringing or of a sharp
+    # resonance between two lines do not say what the noise is.
+    kept: float = 0.75
+    # Standard deviation of the denominator's coefficients: a pole may lie as near as a third of the window from its
+    # centre before this prior is felt; a pole in the data is known far better than that.
+    denominator_prior: float = 3.0
+    largest_leverage: float = 0.9  # lines with a higher one say too little of their own error
+    usual_size: float = 0.9  # a channel is as large as this share of its lines reach
+    largest: float = 1e60  # responses in any unit are smaller, and larger than one over it; squares stay floats
+    group: int = 25  # lines per group in which noise is compared with the response's size
+    groups: int = 8  # of them at the most
+    common_errors: float = 4.0  # standard errors from which variance that all channels share counts, ...
+    common_share: float = 0.1  # ... and its least share of all variance
+
+
+@dataclass(frozen=True)
+class GivenErrorLimits:
+    """When given standard errors are believed, and what is taken where there are none."""
+
+    contradicted: float = 3.0  # scatter of a value over its error, from which its scatter is taken, ...
+    # ... where more than this share of the values has it. Two lines in a sharp resonance, and still channels, may.
+    contradicted_share: float = 0.03
+    rough: float = 0.07  # relative scatter of the errors from line to line: 0.07 with 50 repeats, 0.3 with four
+    usual: float = 0.01  # noise over response where nothing is known: what a careful laboratory reaches
+    most: float = 0.03  # the same at most, where lines lie too far apart to tell it
+
+
+_SCATTERING = Scattering()
+GIVEN_ERRORS = GivenErrorLimits()
 
 # Scatter of a run's lines over the given errors: outside, all of them are scaled.
 CREDIBLE = (0.5, 2.0)
-
-# The same of one value, then: from there on its scatter is taken, where more than this share of the values has it.
-# Two lines in a sharp resonance, and channels that hardly move, may.
-CONTRADICTED, CONTRADICTED_SHARE = 3.0, 0.03
-
-# Scatter of the given errors themselves from line to line: relative, 0.07 for 50 repeats of each line, 0.3 for four.
-ROUGH_ERRORS = 0.07
-
-# Where nothing is known of the noise, its share of the response: what a careful laboratory reaches.
-USUAL_NOISE = 0.01
-
-# Where lines lie too far apart to tell it, its share at most.
-_MOST_NOISE = 3 * USUAL_NOISE
 
 
 @dataclass(frozen=True)
@@ -117,13 +114,14 @@ def estimate_noise(run: Run) -> NoiseEstimate:
     std, draws, relative = nothing.copy(), nothing.copy(), np.full(H.shape[1], np.nan)
     std[:, silent], draws[:, silent], relative[silent] = 0.0, 0.0, 0.0
     n, local = int(np.count_nonzero(lines)), _local_fit(run)
-    if n < sum(local.degrees) + 4:
+    if n < local.numerator + local.denominator + 4:
         return NoiseEstimate(relative, std, draws, math.inf)
     with np.errstate(all="ignore"):
         H_live = H[np.ix_(lines, live)]
-        fits = (_Windows(run.frequency_hz[lines], window, local.degrees) for window in local.windows)
+        fits = (_Windows(run.frequency_hz[lines], window, local) for window in (local.wide, local.narrow))
         wide, narrow = (_scatter(fit, H_live, run.magnitude_only) for fit in fits)
-        resolved = n >= _WINDOWS * local.windows[0] and not np.median(wide.relative / narrow.relative) > _UNRESOLVED
+        crowded = np.median(wide.relative / narrow.relative) > _SCATTERING.unresolved
+        resolved = n >= _SCATTERING.windows * local.wide and not crowded
         found = wide if resolved else narrow
         draws[np.ix_(lines, live)] = found.draws
         std[:, live] = np.sqrt((found.share * np.abs(H[:, live])) ** 2 + found.floor**2)
@@ -131,7 +129,7 @@ def estimate_noise(run: Run) -> NoiseEstimate:
         common = 0.0
         if resolved:
             common = _shared_error(found.residuals / H_live, std[np.ix_(lines, live)] / np.abs(H_live))
-            common *= _not_followed(H_live.shape[1], local)
+            common *= _shared_error_factor(H_live.shape[1], local)
     return NoiseEstimate(relative, std, draws, 0.75 / math.sqrt(n), resolved, common)
 
 
@@ -150,7 +148,7 @@ class _Scatter:
         return np.abs(self.residuals)
 
 
-def _local_fit(run: Run) -> _LocalFit:
+def _local_fit(run: Run) -> LocalFit:
     """That with as many poles as the curves of a run have near one resonance."""
     planes = {run.excitation_plane, *(channel.plane for channel in run.channels)}
     return _TWO_POLES if run.magnitude_only or run.spin_rpm or len(planes) > 1 else _ONE_POLE
@@ -164,12 +162,12 @@ def _scatter(fit: _Windows, H: np.ndarray, magnitude: bool) -> _Scatter:
     return _Scatter(residuals, share, floor, relative)
 
 
-def _not_followed(n_channels: int, local: _LocalFit) -> float:
-    """By how much an error that all channels share is larger than it seems once draws are freed of their leverage.
+def _shared_error_factor(n_channels: int, local: LocalFit) -> float:
+    """Factor by which an error that all channels share is larger than the residuals show.
 
     The denominator is common to all channels: it follows their common error as a numerator does a channel's own.
     """
-    numerator, denominator, window = local.degrees[0] + 1, local.degrees[1], local.windows[0]
+    numerator, denominator, window = local.numerator + 1, local.denominator, local.wide
     own = 1 - (numerator + denominator / n_channels) / window
     return math.sqrt(own / (1 - (numerator + denominator) / window))
 
@@ -177,9 +175,9 @@ def _not_followed(n_channels: int, local: _LocalFit) -> float:
 def _shared_error(residuals: np.ndarray, std: FloatArray) -> float:
     """Relative error that all channels share; 0 where it is hardly any. Parameters as in ``shared_variance``."""
     square, error = shared_variance(residuals, std)
-    if not square > _COMMON_ERRORS * error:
+    if not square > _SCATTERING.common_errors * error:
         return 0.0
-    least = _COMMON_SHARE * float(np.median(std[np.isfinite(std)])) ** 2
+    least = _SCATTERING.common_share * float(np.median(std[np.isfinite(std)])) ** 2
     return math.sqrt(square) if square > least else 0.0
 
 
@@ -198,10 +196,10 @@ def shared_variance(residuals: np.ndarray, std: FloatArray) -> tuple[float, floa
     known = np.isfinite(z).all(axis=1)
     z, std = z[known], std[known]
     n, n_channels = z.shape
-    if n_channels < 2 or n < _GROUP:
+    if n_channels < 2 or n < _SCATTERING.group:
         return 0.0, math.inf
     squares = np.sum(np.abs(z) ** 2, axis=1)
-    kept = np.argsort(squares)[: math.ceil(_KEPT * n)]
+    kept = np.argsort(squares)[: math.ceil(_SCATTERING.kept * n)]
     enlarged = n_channels * len(kept) / float(squares[kept].sum())
     products = enlarged * (np.abs(z.sum(axis=1)) ** 2 - squares)[kept]
     weights = (np.sum(1 / std, axis=1) ** 2 - np.sum(std**-2, axis=1))[kept]
@@ -222,12 +220,12 @@ class GivenErrors:
     @property
     def rough(self) -> bool:
         """Whether they scatter themselves, as those from few repeats do."""
-        return self.roughness > ROUGH_ERRORS
+        return self.roughness > GIVEN_ERRORS.rough
 
     @property
     def uneven(self) -> bool:
         """Whether the errors of more values are far too small than chance has it."""
-        return self.share > CONTRADICTED_SHARE
+        return self.share > GIVEN_ERRORS.contradicted_share
 
 
 def weigh_errors(given: FloatArray, own: FloatArray, H: np.ndarray) -> GivenErrors:
@@ -240,7 +238,7 @@ def weigh_errors(given: FloatArray, own: FloatArray, H: np.ndarray) -> GivenErro
         steps = np.abs(np.diff(np.log(std / own), axis=0))
     steps = steps[np.isfinite(steps)]
     roughness = 1.4826 * float(np.median(steps)) / math.sqrt(2) if steps.size else 0.0
-    small, large = own > CONTRADICTED * std, std > CONTRADICTED * own
+    small, large = own > GIVEN_ERRORS.contradicted * std, std > GIVEN_ERRORS.contradicted * own
     shares = (float(np.mean(wrong[there])) if there.any() else 0.0 for wrong in (small, large))
     return GivenErrors(std, roughness, there & small, *shares)
 
@@ -261,8 +259,8 @@ def believed_errors(run: Run) -> FloatArray:
     """
     noise = estimate_noise(run)
     own = of_complex(noise.std, run)
-    estimated = own if noise.resolved else np.minimum(own, _MOST_NOISE * np.abs(run.H))
-    estimated = estimated if np.isfinite(own[:, live_channels(run)]).any() else USUAL_NOISE * np.abs(run.H)
+    estimated = own if noise.resolved else np.minimum(own, GIVEN_ERRORS.most * np.abs(run.H))
+    estimated = estimated if np.isfinite(own[:, live_channels(run)]).any() else GIVEN_ERRORS.usual * np.abs(run.H)
     if run.std is None:
         return estimated
     stated = np.where((run.std > 0) | (run.H == 0), run.std, estimated)
@@ -271,7 +269,7 @@ def believed_errors(run: Run) -> FloatArray:
     given = weigh_errors(stated, own, run.H)
     if not (given.rough or given.uneven):
         return given.std
-    throughout = given.rough or given.too_large > CONTRADICTED_SHARE
+    throughout = given.rough or given.too_large > GIVEN_ERRORS.contradicted_share
     return np.where(np.isfinite(own) & (throughout | given.too_small), own, given.std)
 
 
@@ -296,18 +294,19 @@ def live_channels(run: Run) -> np.ndarray:
     H = responses(run)
     there = np.count_nonzero(np.isfinite(H) & (H != 0), axis=0) * 2 >= max(len(H), 2)
     known = np.abs(np.where(np.isfinite(H), H, 0.0))
-    size = np.quantile(known, _USUALLY, axis=0) if len(H) else known.sum(axis=0)  # of one wild line nothing follows
+    # Of one wild line nothing follows.
+    size = np.quantile(known, _SCATTERING.usual_size, axis=0) if len(H) else known.sum(axis=0)
     return there & (size > SILENT * size.max(initial=0.0))
 
 
 def responses(run: Run) -> np.ndarray:
     """(n_freq, n_channels) responses, nan where there is no number or one that no sensor gives."""
     size = np.abs(np.where(np.isfinite(run.H), run.H, np.inf))
-    return np.where(size > _LARGEST, np.nan, np.where(size < 1 / _LARGEST, 0.0, run.H))
+    return np.where(size > _SCATTERING.largest, np.nan, np.where(size < 1 / _SCATTERING.largest, 0.0, run.H))
 
 
 def mean_square(squares: FloatArray, *, magnitude: bool = False) -> float:
-    """Mean of squared errors of which a quarter may be anything.
+    """Mean of squared errors that ignores the largest quarter.
 
     The mean of the smallest three quarters, divided by what it is for |e|^2 of circular normal
     errors (exponential) or, for magnitudes, of a real normal error (chi-squared with one degree).
@@ -316,13 +315,13 @@ def mean_square(squares: FloatArray, *, magnitude: bool = False) -> float:
     known = np.sort(squares[np.isfinite(squares)])
     if known.size == 0:
         return math.nan
-    kept = known[: max(math.ceil(_KEPT * known.size), 1)]
+    kept = known[: max(math.ceil(_SCATTERING.kept * known.size), 1)]
     if magnitude:
         c = 1.1503493803760079  # three quarters of a normal variable are within +-c
-        share = 1 - 2 * c * math.exp(-(c**2) / 2) / math.sqrt(2 * math.pi) / _KEPT
+        share = 1 - 2 * c * math.exp(-(c**2) / 2) / math.sqrt(2 * math.pi) / _SCATTERING.kept
     else:
-        c = -math.log(1 - _KEPT)
-        share = 1 - c * math.exp(-c) / _KEPT
+        c = -math.log(1 - _SCATTERING.kept)
+        share = 1 - c * math.exp(-c) / _SCATTERING.kept
     return float(kept.mean()) / share
 
 
@@ -337,7 +336,7 @@ def _residuals(fit: _Windows, H: np.ndarray, magnitude: bool) -> np.ndarray:
     first, d = fit.residuals(Y, weight, prior=1e-6, denominator=None)
     level = np.array([mean_square(np.abs(r) ** 2, magnitude=magnitude) for r in (first * weight).T])
     weight = weight / np.maximum(np.sqrt(level), 1e-9)
-    second, _ = fit.residuals(Y, weight, prior=_DENOMINATOR_PRIOR**-2, denominator=d)
+    second, _ = fit.residuals(Y, weight, prior=_SCATTERING.denominator_prior**-2, denominator=d)
     # An error of |H| is one of 2|H| times it in the square.
     return second / (2 * np.sqrt(size) + np.finfo(float).tiny) if magnitude else second
 
@@ -345,7 +344,7 @@ def _residuals(fit: _Windows, H: np.ndarray, magnitude: bool) -> np.ndarray:
 class _Windows:
     """Local fits round every line, all at once."""
 
-    def __init__(self, frequency_hz: FloatArray, window: int, degrees: tuple[int, int]):
+    def __init__(self, frequency_hz: FloatArray, window: int, local: LocalFit):
         n = len(frequency_hz)
         m = min(window, n)
         start = np.clip(np.arange(n) - m // 2, 0, n - m)
@@ -353,7 +352,7 @@ class _Windows:
         self.index = start[:, None] + np.arange(m)  # (n, m)
         x = frequency_hz[self.index] - frequency_hz[:, None]
         self.x = x / np.abs(x).max(axis=1, keepdims=True)
-        self.powers, self.order = self.x[:, :, None] ** np.arange(degrees[0] + 1), degrees[1]
+        self.powers, self.order = self.x[:, :, None] ** np.arange(local.numerator + 1), local.denominator
 
     def residuals(
         self, Y: np.ndarray, weight: FloatArray, *, prior: float, denominator: np.ndarray | None
@@ -387,7 +386,7 @@ class _Windows:
         left = y[..., 0] - np.einsum("ncmk,nk->ncm", b, d)  # (n, n_channels, m)
         own, b, Q = left[self.line, :, self.place], b[self.line, :, self.place], Q[self.line, :, self.place]
         leverage = np.sum(Q**2, axis=-1) + np.einsum("nck,nkl,ncl->nc", b, covariance, b.conj()).real
-        freedom = np.where(leverage < _LARGEST_LEVERAGE, 1 - leverage, np.nan)
+        freedom = np.where(leverage < _SCATTERING.largest_leverage, 1 - leverage, np.nan)
         return own / np.sqrt(freedom) / w[self.line, :, self.place], d
 
 
@@ -400,7 +399,7 @@ def _two_parts(size: FloatArray, draws: FloatArray, magnitude: bool) -> tuple[fl
     if not known.any():
         return math.nan, math.nan
     inverse, squares = size[known] ** -2.0, (draws[known] / size[known]) ** 2
-    groups = np.array_split(np.argsort(inverse), max(min(len(inverse) // _GROUP, _GROUPS), 1))
+    groups = np.array_split(np.argsort(inverse), max(min(len(inverse) // _SCATTERING.group, _SCATTERING.groups), 1))
     level = np.array([mean_square(squares[g], magnitude=magnitude) for g in groups])
     typical = np.array([np.median(inverse[g]) for g in groups])
     if not level.all():

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.gap.audit.checked_run import Prepared, Severity
+from rigtwin.gap.audit.checked_run import CheckedRun, Severity
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.audit.noise import (
-    CONTRADICTED,
-    CONTRADICTED_SHARE,
-    ROUGH_ERRORS,
+    GIVEN_ERRORS,
     NoiseEstimate,
     estimate_noise,
     mean_square,
@@ -24,49 +23,48 @@ from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, NominalBelief, Run
 
-# Lines inside a half-power band below which a peak's height and width hang on single lines: a mode has
-# three real unknowns at its peak (frequency, width, height).
-LINES_IN_BAND = 3
 
-# Lines are laid closer where so many of them next to a frequency are this much closer than all are on average.
-_NEAREST, _FINER = 9, 0.5
+@dataclass(frozen=True)
+class RunLimits:
+    """Thresholds of the findings about one run."""
 
-# A hole in the raster: so many times the spacing that covers half of the band, and both neighbours.
-GAP = 2.5
-
-# Estimated over given noise. The estimate is good to 10 % on 60 lines; a laboratory's is often wrong by two to three.
-NOISE_RATIO, NOISE_RATIO_CHANNEL = 1.5, 2.0
-
-# Given standard errors below this share of the response are mostly not noise (settling, rounding)
-# and no verdict depends on them.
-NEGLIGIBLE_NOISE = 1e-4
-
-# A channel whose lines do not follow a smooth curve to this share carries noise, not the rotor.
-ONLY_NOISE = 0.4
-
-# So many lines may have the same value in a channel that is alive.
-_SAME_VALUES = 3
-
-# A sensor at a rigid support moves by less than this share of the largest response.
-RIGID_SHARE = 1e-2
-
-# A top is flat where the lines within 2 % of the maximum span this share of the half-power band; one
-# mode's do over 0.2 of it, one clipped at half its height over 0.65. Fewer lines than this decide nothing.
-# And it does not fall to its ends, by this share of those 2 %; two close modes make a wide top, too.
-FLAT_SHARE, FLAT_DEPTH, FLAT_LINES, FLAT_DROP = 0.4, 0.02, 4, 0.5
-
-# A settled linear mode fits its lines to the noise; on healthy runs of the shipped rig the worst of 320 peaks
-# is off by 1.8 times. What is below 2 % of the response does not matter.
-PEAK_MISFIT, PEAK_MISFIT_RELATIVE = 3.0, 0.02
+    lines_in_band: int = 3  # of a half-power band: a mode has three unknowns at its peak (frequency, width, height)
+    nearest: int = 9  # lines next to a frequency, whose spacing ...
+    finer: float = 0.5  # ... is this share of the average or less, where lines are laid closer
+    hole: float = 2.5  # a hole in the raster over the spacing that covers half of the band, and over both neighbours
+    even_hole: float = 1.5  # the same in an even raster, where a single missing line shows
+    # Estimated over given noise. The estimate is good to 10 % on 60 lines; a laboratory's is often wrong by 2 to 3.
+    noise_ratio: float = 1.5
+    noise_ratio_channel: float = 2.0  # the same of one channel beside the others
+    # Given standard errors below this share of the response are mostly not noise (settling, rounding), and no verdict
+    # depends on them.
+    negligible_noise: float = 1e-4
+    only_noise: float = 0.4  # scatter about a smooth curve, relative, from which a channel does not carry the rotor
+    same_values: int = 3  # lines that may have one value in a channel that is alive
+    rigid_share: float = 1e-2  # of the largest response: a sensor at a rigid support moves less
+    weak_share: float = 1e-4  # of the largest response: below, a cable or a gain is wrong
+    # A top is flat where the lines within 2 % of the maximum span this share of the half-power band; one mode's do over
+    # 0.2 of it, one clipped at half its height over 0.65.
+    flat_share: float = 0.4
+    flat_depth: float = 0.02  # those 2 %
+    flat_lines: int = 4  # fewer decide nothing
+    flat_drop: float = 0.5  # of those 2 %: it falls less to its ends; two close modes make a wide top, too
+    # A settled linear mode fits its lines to the noise; on healthy runs of the shipped rig the worst of 320 peaks is
+    # off by 1.8 times.
+    peak_misfit: float = 3.0
+    peak_misfit_relative: float = 0.02  # of the response: what is less does not matter
 
 
-def check_raster(p: Prepared, belief: NominalBelief) -> Iterator[Finding]:
+_LIMITS = RunLimits()
+
+
+def check_raster(p: CheckedRun, belief: NominalBelief) -> Iterator[Finding]:
     """Lines inside the half-power band of each resonance."""
     if not p.resonances:
-        yield p.finding(
-            "raster", "note", "No resonance stands out in this run, so nothing can be said of modes; widen the band."
-        )
+        words = "No resonance stands out in this run, so nothing can be said of modes; widen the band."
+        yield p.finding("raster", "note", words)
         return
+    least = _LIMITS.lines_in_band
     resonances = [r for r in p.resonances if not any(r.line in beats for beats in p.beats.values())]
     widths = [p.half_power_hz(r, belief) for r in resonances]
     inside = [
@@ -76,61 +74,44 @@ def check_raster(p: Prepared, belief: NominalBelief) -> Iterator[Finding]:
     even = np.ptp(np.diff(p.f)) < 0.02 * np.median(np.diff(p.f))
     for r, w, n in zip(resonances, widths, inside, strict=True):
         if n is None:
-            yield p.finding(
-                "raster",
-                "warning",
-                f"The resonance near {r.frequency_hz:.4g} Hz is so narrow between its lines that its damping cannot be "
-                "read; lay finer lines there or state the damping.",
-            )
-        elif n < LINES_IN_BAND:
-            yield p.finding(
-                "raster",
-                "note" if _refined(p.f, r.frequency_hz) else "warning",
-                f"The half-power band at {r.frequency_hz:.4g} Hz is {w:.2g} Hz wide and holds {n} lines, so the peak's "
-                f"height is erratic; lay lines at most {w / LINES_IN_BAND:.2g} Hz apart there.",
-                float(n),
-                float(LINES_IN_BAND),
-            )
+            words = f"The resonance near {r.frequency_hz:.4g} Hz is so narrow between its lines that its damping cannot"
+            yield p.finding("raster", "warning", f"{words} be read; lay finer lines there or state the damping.")
+        elif n < least:
+            words = f"The half-power band at {r.frequency_hz:.4g} Hz is {w:.2g} Hz wide and holds {n} lines, so the"
+            words += f" peak's height is erratic; lay lines at most {w / least:.2g} Hz apart there."
+            severity = "note" if _is_refined(p.f, r.frequency_hz) else "warning"
+            yield p.finding("raster", severity, words, float(n), float(least))
     known = [n for n in inside if n is not None]
-    if len(known) == len(inside) and min(known) >= LINES_IN_BAND:
+    if len(known) == len(inside) and min(known) >= least:
         words = f"At least {min(known)} lines lie inside the half-power band of every resonance"
         kind = "even" if even else "uneven, which does no harm"
-        yield p.finding("raster", "ok", f"{words}; the raster is {kind}.", float(min(known)), float(LINES_IN_BAND))
+        yield p.finding("raster", "ok", f"{words}; the raster is {kind}.", float(min(known)), float(least))
 
 
-def _refined(f: FloatArray, at: float) -> bool:
-    """Whether lines next to a frequency are laid closer than elsewhere: where few are in a band, some are missing."""
-    near = np.sort(np.abs(f - at))[:_NEAREST]
-    return bool(2 * near[-1] / len(near) < _FINER * np.ptp(f) / len(f))
+def _is_refined(f: FloatArray, at: float) -> bool:
+    """Whether lines are closer next to a frequency than elsewhere, so that few lines in a band mean missing ones."""
+    near = np.sort(np.abs(f - at))[: _LIMITS.nearest]
+    return bool(2 * near[-1] / len(near) < _LIMITS.finer * np.ptp(f) / len(f))
 
 
-def check_missing_lines(p: Prepared) -> Iterator[Finding]:
+def check_missing_lines(p: CheckedRun) -> Iterator[Finding]:
     """Lines without a number, and holes in the raster."""
     n_bad = len(p.run.frequency_hz) - len(p.lines)
     if len(p.live) and n_bad:
-        yield p.finding(
-            "missing_lines",
-            "warning",
-            f"{n_bad} of {len(p.run.frequency_hz)} lines lack a number, or are exactly zero, in a channel that moves "
-            "elsewhere; that is left out: repeat them.",
-            float(n_bad),
-            0.0,
-        )
+        words = f"{n_bad} of {len(p.run.frequency_hz)} lines lack a number, or are exactly zero, in a channel that"
+        words += " moves elsewhere; that is left out: repeat them."
+        yield p.finding("missing_lines", "warning", words, float(n_bad), 0.0)
     holes = _holes(p)
     near = [h for h in holes if any(_touches(h, r) for r in p.resonances)]
     for lo, hi in holes[:5]:
         where = "; a resonance lies there and its peak may be lost" if (lo, hi) in near else ""
-        yield p.finding(
-            "missing_lines",
-            "warning" if where else "note",
-            f"No line lies between {lo:.5g} and {hi:.5g} Hz in a raster that is finer elsewhere{where}; fill it.",
-            hi - lo,
-        )
+        words = f"No line lies between {lo:.5g} and {hi:.5g} Hz in a raster that is finer elsewhere{where}; fill it."
+        yield p.finding("missing_lines", "warning" if where else "note", words, hi - lo)
     if not n_bad and not holes:
         yield p.finding("missing_lines", "ok", f"All {len(p.f)} lines are there, without a hole in the raster.", 0.0)
 
 
-def _holes(p: Prepared) -> list[tuple[float, float]]:
+def _holes(p: CheckedRun) -> list[tuple[float, float]]:
     """(from, to) [Hz] where lines seem to be missing."""
     f = p.f
     if len(f) < 6:
@@ -141,7 +122,7 @@ def _holes(p: Prepared) -> list[tuple[float, float]]:
     beside = np.maximum(np.append(step[1:], step[-2]), np.append(step[1], step[:-1]))
     # In an even raster a single missing line shows too.
     even = np.mean(np.abs(step / np.median(step) - 1) < 0.02) > 0.8
-    limit = 1.5 if even else GAP
+    limit = _LIMITS.even_hole if even else _LIMITS.hole
     return [(float(f[i]), float(f[i + 1])) for i in np.flatnonzero((step > limit * usual) & (step > limit * beside))]
 
 
@@ -150,7 +131,7 @@ def _touches(hole: tuple[float, float], r: Resonance) -> bool:
     return hole[0] - margin <= r.frequency_hz <= hole[1] + margin
 
 
-def check_noise(p: Prepared) -> Iterator[Finding]:
+def check_noise(p: CheckedRun) -> Iterator[Finding]:
     """Noise from the data, and the given standard errors beside it."""
     relative = p.noise.relative[p.live]
     if not np.isfinite(relative).any():
@@ -160,10 +141,8 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
     level = float(np.nanmedian(relative))
     if p.run.std is None:
         taken = "which is taken as the noise." if p.noise.resolved else "which is more than the noise: lay them closer."
-        words = (
-            f"No standard errors are given; the lines scatter by {100 * level:.2g} % (median over channels), {taken}"
-        )
-        yield p.finding("noise", "note", words, level)
+        words = f"No standard errors are given; the lines scatter by {100 * level:.2g} % (median over channels)"
+        yield p.finding("noise", "note", f"{words}, {taken}", level)
     elif not p.noise.resolved:
         words = "Lines lie too far apart to tell the noise; the given standard errors are believed as they are."
         yield p.finding("noise", "note", words)
@@ -171,7 +150,7 @@ def check_noise(p: Prepared) -> Iterator[Finding]:
         yield from _given_errors(p, p.run.std[np.ix_(p.lines, p.live)], level)
 
 
-def _given_errors(p: Prepared, given: np.ndarray, level: float) -> Iterator[Finding]:
+def _given_errors(p: CheckedRun, given: np.ndarray, level: float) -> Iterator[Finding]:
     """Standard errors beside the lines' own scatter.
 
     Parameters
@@ -184,9 +163,9 @@ def _given_errors(p: Prepared, given: np.ndarray, level: float) -> Iterator[Find
         yield p.finding("noise", "warning", words)
     ratio, relative = _noise_ratios(p, given), given / np.abs(p.H)
     believed = float(np.nanmedian(relative)) if np.isfinite(relative).any() else 0.0
-    if max(level, believed) < NEGLIGIBLE_NOISE:
+    if max(level, believed) < _LIMITS.negligible_noise:
         words = f"Noise is negligible: lines scatter by {100 * level:.1g} %."
-        yield p.finding("noise", "ok", words, level, NEGLIGIBLE_NOISE)
+        yield p.finding("noise", "ok", words, level, _LIMITS.negligible_noise)
     elif not np.isfinite(ratio).any():
         words = f"The given standard errors are zero but the lines scatter by {100 * level:.2g} %; use the estimate."
         yield p.finding("noise", "warning", words, level)
@@ -196,14 +175,14 @@ def _given_errors(p: Prepared, given: np.ndarray, level: float) -> Iterator[Find
         yield from _odd_channels(p, ratio)
 
 
-def _slack(p: Prepared) -> float:
-    """Few lines lie far apart, and two resonances in one window are no noise."""
+def _uncertainty_factor(p: CheckedRun) -> float:
+    """Factor on limits for runs with few lines: these lie far apart, and two resonances in a window look like noise."""
     return 1 + 6 * p.noise.uncertainty
 
 
-def _errors_against_scatter(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]:
+def _errors_against_scatter(p: CheckedRun, ratio: np.ndarray) -> Iterator[Finding]:
     """Whether the lines scatter as the standard errors say."""
-    overall, limit = float(np.nanmedian(ratio)), max(NOISE_RATIO, _slack(p))
+    overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio, _uncertainty_factor(p))
     words = f"The lines scatter {overall:.2g} times as much as the given standard errors say"
     if 1 / limit < overall < limit:
         yield p.finding("noise", "ok", f"{words}.", overall, limit)
@@ -216,37 +195,33 @@ def _errors_against_scatter(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]
     yield p.finding("noise", "warning", f"{words}: those are {wrong}; check them.", overall, limit)
 
 
-def _odd_channels(p: Prepared, ratio: np.ndarray) -> Iterator[Finding]:
+def _odd_channels(p: CheckedRun, ratio: np.ndarray) -> Iterator[Finding]:
     """Sensors that scatter otherwise than the rest."""
-    overall, limit = float(np.nanmedian(ratio)), max(NOISE_RATIO_CHANNEL, _slack(p) ** 1.5)
+    overall, limit = float(np.nanmedian(ratio)), max(_LIMITS.noise_ratio_channel, _uncertainty_factor(p) ** 1.5)
     for i in np.flatnonzero((ratio > limit * overall) | (ratio < overall / limit)):
-        words = (
-            f"Channel {p.channels[i]} scatters {ratio[i]:.2g} times as much as its standard errors say, other channels "
-            f"{overall:.2g} times; check this sensor."
-        )
+        words = f"Channel {p.channels[i]} scatters {ratio[i]:.2g} times as much as its standard errors say, other"
+        words += f" channels {overall:.2g} times; check this sensor."
         yield p.finding("noise", "warning", words, float(ratio[i]), limit)
 
 
-def _uneven_errors(p: Prepared, given: np.ndarray) -> Iterator[Finding]:
+def _uneven_errors(p: CheckedRun, given: np.ndarray) -> Iterator[Finding]:
     """Standard errors that are right on the whole and wrong at single values."""
     weighed = weigh_errors(given, of_complex(p.noise.std[np.ix_(p.lines, p.live)], p.run), p.H)
     rough, share = weighed.roughness, weighed.share
     if weighed.rough:
-        words = (
-            f"The given standard errors themselves scatter by {100 * rough:.2g} % from line to line, as those from few "
-            "repeats do; the scatter of the lines is taken instead. Average the errors over neighbouring lines."
+        words = f"The given standard errors themselves scatter by {100 * rough:.2g} % from line to line, as those from"
+        words += (
+            " few repeats do; the scatter of the lines is taken instead. Average the errors over neighbouring lines."
         )
-        severity = "warning" if rough > 2 * ROUGH_ERRORS else "note"  # little is lost with the scatter instead
-        yield p.finding("noise", severity, words, rough, ROUGH_ERRORS)
+        severity = "warning" if rough > 2 * GIVEN_ERRORS.rough else "note"  # little is lost with the scatter instead
+        yield p.finding("noise", severity, words, rough, GIVEN_ERRORS.rough)
     elif weighed.uneven:
-        words = (
-            f"{100 * share:.2g} % of the values scatter over {CONTRADICTED:g} times as much as their errors say; "
-            "their scatter is taken instead. Give every line an error of its own."
-        )
-        yield p.finding("noise", "warning", words, share, CONTRADICTED_SHARE)
+        words = f"{100 * share:.2g} % of the values scatter over {GIVEN_ERRORS.contradicted:g} times as much as their"
+        words += " errors say; their scatter is taken instead. Give every line an error of its own."
+        yield p.finding("noise", "warning", words, share, GIVEN_ERRORS.contradicted_share)
 
 
-def _noise_ratios(p: Prepared, given: np.ndarray) -> np.ndarray:
+def _noise_ratios(p: CheckedRun, given: np.ndarray) -> np.ndarray:
     """(n_live,) estimated over given noise; nan where a channel's standard errors are zero or no number."""
     draws = of_complex(p.noise.draws[np.ix_(p.lines, p.live)], p.run)
     usable = np.isfinite(given) & (given > 0)
@@ -254,7 +229,7 @@ def _noise_ratios(p: Prepared, given: np.ndarray) -> np.ndarray:
     return np.sqrt([mean_square(s, magnitude=p.run.magnitude_only) for s in squares.T])
 
 
-def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
+def check_channels(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     """Channels that are dead, constant, noise only, or move where they should not."""
     run, healthy = p.run, True
     size = np.abs(np.nan_to_num(responses(run)))
@@ -265,13 +240,12 @@ def check_channels(p: Prepared, geometry: Geometry) -> Iterator[Finding]:
             healthy = healthy and problem[0] == "ok"
             yield p.finding("channels", *problem)
     if healthy:
-        yield p.finding(
-            "channels", "ok", f"Every one of the {len(run.channels)} channels carries a plausible response."
-        )
+        words = f"Every one of the {len(run.channels)} channels carries a plausible response."
+        yield p.finding("channels", "ok", words)
 
 
 def without_dead_channels(run: Run, telling: Sequence[int]) -> Run:
-    """A run with the channels that say something alone; one that would lose all of its channels is left as it is."""
+    """A run with its telling channels only; unchanged where it would lose every channel."""
     return run.with_channels(telling) if 0 < len(telling) < len(run.channels) else run
 
 
@@ -282,7 +256,7 @@ def is_dead(run: Run, telling: Sequence[int], geometry: Geometry) -> bool:
 
 
 def telling_channels(run: Run, geometry: Geometry) -> list[int]:
-    """Places of the channels that say something: not no number, zero where the shaft moves, one value, noise alone."""
+    """Places of the channels that carry a response: finite, not constant, not mere noise, zero only at a held node."""
     H, noise = responses(run), estimate_noise(run)
     still = [bool(_stands_still(run, channel, geometry)) for channel in run.channels]
     alive = [i for i in range(len(still)) if _is_alive(H[:, i], still[i])]
@@ -291,7 +265,7 @@ def telling_channels(run: Run, geometry: Geometry) -> list[int]:
 
 def is_only_noise(noise: NoiseEstimate, channel: int) -> bool:
     """Whether the lines of a channel follow no curve; lines too far apart do not say."""
-    return noise.resolved and bool(noise.relative[channel] > ONLY_NOISE)
+    return noise.resolved and bool(noise.relative[channel] > _LIMITS.only_noise)
 
 
 def _stands_still(run: Run, channel: Channel, geometry: Geometry) -> str:
@@ -305,48 +279,49 @@ def _is_alive(H: ComplexArray, may_be_zero: bool) -> bool:
     there = H[np.isfinite(H)]
     if not there.any():
         return len(there) > 0 and may_be_zero
-    return len(there) <= _SAME_VALUES or not (there == there[0]).all()
+    return len(there) <= _LIMITS.same_values or not (there == there[0]).all()
 
 
-def _channel_problem(
-    p: Prepared, i: int, still: str, usual: float
-) -> tuple[Severity, str, float | None, float | None] | None:
-    """(severity, words, value, limit) of one channel, None where nothing is to be said."""
+_Problem = tuple[Severity, str, float | None, float | None]  # severity, words, value, limit
+
+
+def _channel_problem(p: CheckedRun, i: int, still: str, usual: float) -> _Problem | None:
+    """The problem with one channel, or None; ``usual`` is the size of the largest channel."""
     H, name = responses(p.run)[:, i], p.run.channels[i]
-    finite = np.isfinite(H)
-    if not finite.any():
-        return "error", f"Channel {name} holds no number at all; leave it out or measure it again.", 0.0, None
-    size = np.abs(H[finite])
-    if not size.any():
-        if still:
-            return "ok", f"Channel {name} is zero, as {still}.", 0.0, None
-        return (
-            "error",
-            f"Channel {name} is zero at every line: a dead channel; leave it out or check the sensor.",
-            0.0,
-            None,
-        )
-    if not _is_alive(H, bool(still)):
-        return "error", f"Channel {name} has the same value at every line: a dead channel; check the sensor.", 0.0, None
-    share = float(np.median(size)) / usual if usual else 1.0
-    relative = float(p.noise.relative[i])
+    size = np.abs(H[np.isfinite(H)])
+    if not size.any() or not _is_alive(H, bool(still)):
+        return _dead_channel(f"Channel {name}", size, still)
     if name.plane != p.run.excitation_plane:
         return None
+    share, relative = float(np.median(size)) / usual if usual else 1.0, float(p.noise.relative[i])
     if still:
-        if share > RIGID_SHARE and not relative > ONLY_NOISE:
-            words = f"Channel {name} sits at a rigid support but moves by {100 * share:.2g} % of the largest channel"
-            return "note", f"{words}: the support gives way or the sensor sees something else.", share, RIGID_SHARE
-        return None
+        if not share > _LIMITS.rigid_share or relative > _LIMITS.only_noise:
+            return None
+        words = f"Channel {name} sits at a rigid support but moves by {100 * share:.2g} % of the largest channel: "
+        words += "the support gives way or the sensor sees something else."
+        return "note", words, share, _LIMITS.rigid_share
     if is_only_noise(p.noise, i):
         words = f"Channel {name} scatters by {100 * relative:.2g} % from line to line: it carries noise, not the rotor"
-        return "warning", f"{words}, and is left out where there are others; raise the force.", relative, ONLY_NOISE
-    if share < 1e-4:
+        words += ", and is left out where there are others; raise the force."
+        return "warning", words, relative, _LIMITS.only_noise
+    if share < _LIMITS.weak_share:
         words = f"Channel {name} is {share:.1g} of the largest channel, as if its cable or gain were wrong"
-        return "warning", f"{words}; check it.", share, 1e-4
+        return "warning", f"{words}; check it.", share, _LIMITS.weak_share
     return None
 
 
-def check_saturation(p: Prepared) -> Iterator[Finding]:
+def _dead_channel(name: str, size: FloatArray, still: str) -> _Problem:
+    """The problem with a channel without a response; ``still`` is the reason why it may have none, or empty."""
+    if not len(size):
+        return "error", f"{name} holds no number at all; leave it out or measure it again.", 0.0, None
+    if size.any():
+        return "error", f"{name} has the same value at every line: a dead channel; check the sensor.", 0.0, None
+    if still:
+        return "ok", f"{name} is zero, as {still}.", 0.0, None
+    return "error", f"{name} is zero at every line: a dead channel; leave it out or check the sensor.", 0.0, None
+
+
+def check_saturation(p: CheckedRun) -> Iterator[Finding]:
     """Flat tops of peaks, and values that repeat exactly."""
     found = False
     for r in p.resonances:
@@ -355,41 +330,31 @@ def check_saturation(p: Prepared) -> Iterator[Finding]:
             found = True
             who = "all channels" if len(flat) == len(p.live) else f"channel {listed(p.channels[c] for c in flat)}"
             cause = "a stop or a weak exciter" if len(flat) == len(p.live) else "a clipped sensor or amplifier"
-            yield p.finding(
-                "saturation",
-                "warning",
-                f"The peak at {r.frequency_hz:.4g} Hz has a flat top in {who}: {cause}; lower the force or change "
-                "the range.",
-                float(len(flat)),
-                0.0,
-            )
+            words = f"The peak at {r.frequency_hz:.4g} Hz has a flat top in {who}: {cause}; lower the force or change "
+            words += "the range."
+            yield p.finding("saturation", "warning", words, float(len(flat)), 0.0)
     stuck = _stuck_lines(p)
     if stuck:
         found = True
-        yield p.finding(
-            "saturation",
-            "warning",
-            f"{stuck} lines repeat the line before to the last digit: the acquisition was stuck or lines were "
-            "filled in; measure them again.",
-            float(stuck),
-            0.0,
-        )
+        words = f"{stuck} lines repeat the line before to the last digit: the acquisition was stuck or lines were "
+        words += "filled in; measure them again."
+        yield p.finding("saturation", "warning", words, float(stuck), 0.0)
     if not found and p.resonances:
         yield p.finding("saturation", "ok", "No peak has a flat top, and no values repeat.", 0.0)
 
 
-def _is_flat(p: Prepared, r: Resonance, c: int) -> bool:
+def _is_flat(p: CheckedRun, r: Resonance, c: int) -> bool:
     """Whether the lines next to a channel's maximum lie on a plateau instead of a peak."""
     size = np.abs(p.H[:, c])
-    depth = FLAT_DEPTH + 2 * p.std[:, c] / np.maximum(size, np.finfo(float).tiny)
+    depth = _LIMITS.flat_depth + 2 * p.std[:, c] / np.maximum(size, np.finfo(float).tiny)
     width = r.half_power_hz if np.isfinite(r.damping_ratio) else 0.0
     near = np.flatnonzero(np.abs(p.f - p.f[r.line]) <= max(2 * width, _spread(p.f, r.line, 3)))
     top = near[np.argmax(size[near])]
     depth = float(np.median(np.minimum(depth[near], 0.1)))
     lines = _run_of(size >= size[top] * (1 - depth), top)
     plateau, half = (_width(p.f, size, top, float(size[top] * share)) for share in (1 - depth, np.sqrt(0.5)))
-    wide = bool(plateau / half > max(FLAT_SHARE, 1.5 * np.sqrt(2 * depth)))
-    return len(lines) >= FLAT_LINES and wide and abs(_drop(p.f[lines], size[lines])) < FLAT_DROP * depth
+    wide = bool(plateau / half > max(_LIMITS.flat_share, 1.5 * np.sqrt(2 * depth)))
+    return len(lines) >= _LIMITS.flat_lines and wide and abs(_drop(p.f[lines], size[lines])) < _LIMITS.flat_drop * depth
 
 
 def _drop(f: np.ndarray, size: np.ndarray) -> float:
@@ -421,7 +386,7 @@ def _run_of(mask: np.ndarray, place: int) -> np.ndarray:
     return np.arange(lo, hi)
 
 
-def _stuck_lines(p: Prepared) -> int:
+def _stuck_lines(p: CheckedRun) -> int:
     """Lines that equal the one before in every live channel; magnitudes only where three are alike, for few digits."""
     if len(p.f) < 4 or not len(p.live):
         return 0
@@ -431,35 +396,29 @@ def _stuck_lines(p: Prepared) -> int:
     return int(np.count_nonzero(same))
 
 
-def check_sweep_rate(p: Prepared) -> Iterator[Finding]:
+def check_sweep_rate(p: CheckedRun) -> Iterator[Finding]:
     """Peaks that no settled linear mode has: with beats behind them, or with a shape that is not one pole's."""
     beating = p.beats
     for leader, followers in beating.items():
         side = "above" if p.f[followers[0]] > p.f[leader] else "below"
-        yield p.finding(
-            "sweep_rate",
-            "warning",
-            f"{len(followers)} lesser peaks follow {side} the one at {p.f[leader]:.4g} Hz, as when the rotor still "
-            "rings: the peak is low, late and too broad; wait longer at each line.",
-            float(len(followers)),
-            0.0,
-        )
+        words = f"{len(followers)} lesser peaks follow {side} the one at {p.f[leader]:.4g} Hz, as when the rotor still "
+        words += "rings: the peak is low, late and too broad; wait longer at each line."
+        yield p.finding("sweep_rate", "warning", words, float(len(followers)), 0.0)
     judged = [r for r in p.resonances if np.isfinite(r.misfit) and r.line not in beating]
-    odd = [r for r in judged if r.misfit > PEAK_MISFIT and r.misfit_relative > PEAK_MISFIT_RELATIVE]
+    odd = [r for r in judged if r.misfit > _LIMITS.peak_misfit and r.misfit_relative > _LIMITS.peak_misfit_relative]
     for r in odd:
-        yield p.finding("sweep_rate", "note", _peak_shape(p, r), r.misfit, PEAK_MISFIT)
+        yield p.finding("sweep_rate", "note", _peak_shape(p, r), r.misfit, _LIMITS.peak_misfit)
     if judged and not odd and not beating:
         worst = max(r.misfit for r in judged)
         words = f"Every peak has the shape of one settled mode, to {worst:.2g} times the noise at worst"
-        yield p.finding("sweep_rate", "ok", f"{words}.", worst, PEAK_MISFIT)
+        yield p.finding("sweep_rate", "ok", f"{words}.", worst, _LIMITS.peak_misfit)
 
 
-def _peak_shape(p: Prepared, r: Resonance) -> str:
+def _peak_shape(p: CheckedRun, r: Resonance) -> str:
     """What a peak that is not one pole's may come from."""
     behind = {"up": r.misfit_above, "down": 1 - r.misfit_above}.get(p.run.sweep or "", 0.0)
     cause = "a fast sweep, a dependence on amplitude, a close pair or a roving sensor's mass"
     cause = "ringing of a fast sweep" if behind > 0.7 else cause
     words = f"The peak at {r.frequency_hz:.4g} Hz is {r.misfit:.2g} times the noise off the shape of one settled mode"
-    return (
-        f"{words} ({cause}), so its damping of {100 * r.damping_ratio:.2g} % is apparent; repeat it slower and weaker."
-    )
+    words += f" ({cause}), so its damping of {100 * r.damping_ratio:.2g} % is apparent"
+    return f"{words}; repeat it slower and weaker."

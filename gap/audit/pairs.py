@@ -10,26 +10,30 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.gap.audit.checked_run import Prepared
+from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.noise import mean_square
 from rigtwin.gap.audit.resonances import Resonance
 from rigtwin.gap.document import Finding
 from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
 
-# Standard deviations beyond which a gain or a resonance has changed.
-GAIN_STDS, DRIFT_STDS = 4.0, 4.0
 
-# Scatter of a comparison over what noise and drift explain, and what is too small to matter [-].
-SCATTER_RATIO, SCATTER_FLOOR = 2.0, 0.01
+@dataclass(frozen=True)
+class PairLimits:
+    """Thresholds of the findings about two runs, and what makes them comparable."""
 
-# Relative change of a damping ratio that is worth a word.
-DAMPING_CHANGE = 0.10
+    gain_stds: float = 4.0  # standard deviations beyond which a gain has changed
+    drift_stds: float = 4.0  # standard deviations beyond which a resonance has changed
+    scatter_ratio: float = 2.0  # scatter of a comparison over what noise and drift explain
+    scatter_floor: float = 0.01  # relative scatter that is too small to matter
+    damping_change: float = 0.10  # relative change of a damping ratio that is worth a word
+    common_lines: int = 8  # lines that two runs must share
+    same_line: float = 1e-6  # relative difference of frequencies that are the same line's
+    same_resonance: float = 0.05  # relative difference of frequencies within which two resonances may be the same
+    clear_of_peaks: float = 2.0  # half-power widths from a resonance: nearer lines are not compared
+    largest_error: float = 0.2  # relative standard error of a ratio: less certain values are not compared
 
-# Lines that two runs must share, and how alike their frequencies are then.
-_COMMON_LINES, _SAME_LINE = 8, 1e-6
 
-# Resonances of two runs are the same within this share of the frequency.
-_SAME_RESONANCE = 0.05
+_LIMITS = PairLimits()
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,13 @@ class Comparison:
         """Scatter over what is expected."""
         return self.scatter / self.expected
 
+    @property
+    def is_odd(self) -> bool:
+        """Whether the runs differ by more than noise and drift explain, and by enough to matter."""
+        return self.ratio > _LIMITS.scatter_ratio and self.scatter > _LIMITS.scatter_floor
 
-def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]], drift: float) -> Comparison | None:
+
+def compare(a: CheckedRun, b: CheckedRun, paired: Sequence[tuple[Channel, Channel]], drift: float) -> Comparison | None:
     """Compare channels of two runs; None where they share too few lines.
 
     Parameters
@@ -64,18 +73,14 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
     drift : relative standard deviation of a resonance from run to run
     """
     rows = _shared_lines(a.f, b.f)
-    if len(rows[0]) < _COMMON_LINES or not paired:
+    if len(rows[0]) < _LIMITS.common_lines or not paired:
         return None
-    far = a.away(2.0)[rows[0]] & b.away(2.0)[rows[1]]
     cols = [a.channels.index(x) for x, _ in paired], [b.channels.index(y) for _, y in paired]
-    A, B = a.H[:, cols[0]], b.H[:, cols[1]]
-    with np.errstate(divide="ignore", invalid="ignore"):  # a dropped line has no slope, and takes no part
-        slope = np.abs(np.gradient(A, a.f, axis=0) / A) * a.f[:, None]  # not of log A, whose phase is wrapped
-    noise = np.hypot((a.std[:, cols[0]] / np.abs(A))[rows[0]], (b.std[:, cols[1]] / np.abs(B))[rows[1]])
-    sigma = np.hypot(noise, np.sqrt(2) * drift * slope[rows[0]])
-    L: Any = _log_ratio(A[rows[0]], B[rows[1]])
-    use = far[:, None] & np.isfinite(L) & (sigma < 0.2)
-    if np.count_nonzero(use) < _COMMON_LINES:
+    sigma = _ratio_errors(a, b, rows, cols, drift)
+    far = a.away(_LIMITS.clear_of_peaks)[rows[0]] & b.away(_LIMITS.clear_of_peaks)[rows[1]]
+    L: Any = _log_ratio(a.H[:, cols[0]][rows[0]], b.H[:, cols[1]][rows[1]])
+    use = far[:, None] & np.isfinite(L) & (sigma < _LIMITS.largest_error)
+    if np.count_nonzero(use) < _LIMITS.common_lines:
         return None
     L = np.where(use, L, complex(np.nan, np.nan))
     known = np.flatnonzero(np.isfinite(L.real).sum(axis=0) >= 3)
@@ -84,7 +89,7 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
         return None
     gain, phase = float(np.median(gains)), _median_angle(L.imag)
     odd = int(np.argmax(np.abs(gains - gain)))
-    turned = _wrapped(L[:, known].imag - phase)  # an inverted sensor lies at both ends of a circle
+    turned = _wrap(L[:, known].imag - phase)  # an inverted sensor lies at both ends of a circle
     z = np.hypot(L[:, known].real - gains, turned)
     magnitude = a.run.magnitude_only or b.run.magnitude_only
     relative = np.sqrt(mean_square((z / sigma[:, known]).ravel() ** 2, magnitude=magnitude))
@@ -100,13 +105,24 @@ def compare(a: Prepared, b: Prepared, paired: Sequence[tuple[Channel, Channel]],
     )
 
 
+def _ratio_errors(
+    a: CheckedRun, b: CheckedRun, rows: tuple[np.ndarray, np.ndarray], cols: tuple[list[int], list[int]], drift: float
+) -> FloatArray:
+    """(n_rows, n_pairs) relative standard error of A / B by noise and by drift of the resonances."""
+    A, B = a.H[:, cols[0]], b.H[:, cols[1]]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a dropped line has no slope, and takes no part
+        slope = np.abs(np.gradient(A, a.f, axis=0) / A) * a.f[:, None]  # not of log A, whose phase is wrapped
+    noise = np.hypot((a.std[:, cols[0]] / np.abs(A))[rows[0]], (b.std[:, cols[1]] / np.abs(B))[rows[1]])
+    return np.hypot(noise, np.sqrt(2) * drift * slope[rows[0]])
+
+
 def _median_angle(angles: np.ndarray) -> float:
     """The median of angles [rad] about their mean direction; nan where there is none."""
     mean = np.angle(np.nansum(np.exp(1j * angles)))
-    return float(_wrapped(mean + np.nanmedian(_wrapped(angles - mean))))
+    return float(_wrap(mean + np.nanmedian(_wrap(angles - mean))))
 
 
-def _wrapped(angles: Any) -> Any:
+def _wrap(angles: Any) -> Any:
     """The same angles between -pi and pi [rad]."""
     return np.angle(np.exp(1j * angles))
 
@@ -125,25 +141,25 @@ def _shared_lines(f: FloatArray, g: FloatArray) -> tuple[np.ndarray, np.ndarray]
     near = np.clip(np.searchsorted(g, f), 1, max(len(g) - 1, 1))
     near = np.where(np.abs(g[np.minimum(near, len(g) - 1)] - f) < np.abs(g[near - 1] - f), near, near - 1)
     near = np.clip(near, 0, len(g) - 1)
-    same = np.abs(g[near] - f) <= _SAME_LINE * f
+    same = np.abs(g[near] - f) <= _LIMITS.same_line * f
     return np.flatnonzero(same), near[same]
 
 
-def _matched(a: Prepared, b: Prepared) -> Iterator[tuple[Resonance, Resonance]]:
+def _match_resonances(a: CheckedRun, b: CheckedRun) -> Iterator[tuple[Resonance, Resonance]]:
     """Resonances of both runs, each with the nearest of the other."""
     for r in a.resonances:
-        near = [q for q in b.resonances if abs(q.frequency_hz / r.frequency_hz - 1) < _SAME_RESONANCE]
+        near = [q for q in b.resonances if abs(q.frequency_hz / r.frequency_hz - 1) < _LIMITS.same_resonance]
         if near:
             yield r, min(near, key=lambda q: abs(q.frequency_hz - r.frequency_hz))
 
 
-def _common(a: Prepared, b: Prepared) -> list[tuple[Channel, Channel]]:
+def _shared_channels(a: CheckedRun, b: CheckedRun) -> list[tuple[Channel, Channel]]:
     return [(c, c) for c in a.channels if c in b.channels]
 
 
-def _what_lacks(a: Prepared, b: Prepared) -> str:
+def _reason_not_compared(a: CheckedRun, b: CheckedRun) -> str:
     """Why two runs cannot be compared."""
-    if not _common(a, b):
+    if not _shared_channels(a, b):
         return "no channel: they are not compared"
     return "too few lines to be compared; use the same lines"
 
@@ -160,15 +176,15 @@ def is_copy(a: Run, b: Run) -> bool:
     return test == other and same_lines and np.array_equal(a.H, b.H, equal_nan=True)
 
 
-def check_pairs(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:
+def check_pairs(runs: Sequence[CheckedRun], belief: NominalBelief) -> Iterator[Finding]:
     """Every comparison that the campaign allows."""
     yield from _check_reciprocity(runs, belief)
-    tests: dict[tuple, list[Prepared]] = defaultdict(list)
+    tests: dict[tuple, list[CheckedRun]] = defaultdict(list)
     for p in runs:
         tests[_settings(p.run)].append(p)
     repeats = False
     for same in tests.values():
-        levels: dict[float, list[Prepared]] = defaultdict(list)
+        levels: dict[float, list[CheckedRun]] = defaultdict(list)
         for p in same:
             if p.run.force_amplitude_N is not None:
                 levels[p.run.force_amplitude_N].append(p)
@@ -179,17 +195,14 @@ def check_pairs(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Fin
         if len(levels) > 1:
             yield from _level_findings([levels[key][0] for key in sorted(levels)], belief)
     if runs and not repeats:
-        yield Finding(
-            "repeatability",
-            "note",
-            "No run was repeated, so drift and repeatability are not known; repeat one run after a rest.",
-        )
+        words = "No run was repeated, so drift and repeatability are not known; repeat one run after a rest."
+        yield Finding("repeatability", "note", words)
 
 
 # -- same settings -----------------------------------------------------------------------------------
 
 
-def _repeatability(a: Prepared, b: Prepared, belief: NominalBelief) -> Finding:
+def _repeatability(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Finding:
     """One sentence on two runs of one test."""
     both = f"{a.label}, {b.label}"
     if is_copy(a.run, b.run):
@@ -197,7 +210,7 @@ def _repeatability(a: Prepared, b: Prepared, belief: NominalBelief) -> Finding:
         return Finding("repeatability", "warning", f"{words}; remove one of them, or look for the other's file.", both)
     directions = {a.run.sweep, b.run.sweep} == {"up", "down"}
     check = "sweep_direction" if directions else "repeatability"
-    found = compare(a, b, _common(a, b), belief.frequency_drift)
+    found = compare(a, b, _shared_channels(a, b), belief.frequency_drift)
     moved = [m for m in _movements(a, b, belief) if m.significant]
     cause = "a jump or a rotor that had not settled" if directions else "something changed between them"
     if moved:
@@ -205,23 +218,22 @@ def _repeatability(a: Prepared, b: Prepared, belief: NominalBelief) -> Finding:
         words = f"{m.words} between two runs of one test: {cause}; find out before trusting either."
         return Finding(check, "warning", words, both, *m.value_and_limit)
     if found is None:
-        return Finding(check, "note", f"Two runs of one test share {_what_lacks(a, b)}.", both)
-    limit = GAIN_STDS * np.hypot(np.sqrt(2) * belief.gain_tolerance, found.gain_error)
+        return Finding(check, "note", f"Two runs of one test share {_reason_not_compared(a, b)}.", both)
+    limit = _LIMITS.gain_stds * np.hypot(np.sqrt(2) * belief.gain_tolerance, found.gain_error)
     if abs(found.gain) > limit:
         words = f"Two runs of one test differ by {100 * found.gain:.2g} % in gain: the force or its sensor changed"
         return Finding(check, "warning", f"{words}; check the force channel.", both, found.gain, limit)
     if abs(found.odd_gain) > limit / 2:  # a sensor's gain is half as uncertain as the force's
         words = f"Channel {found.odd} changed by {100 * found.odd_gain:.2g} % in gain between two runs of one test"
         return Finding(check, "warning", f"{words}; check this sensor.", both, found.odd_gain, limit / 2)
-    if found.ratio > SCATTER_RATIO and found.scatter > SCATTER_FLOOR:
+    if found.is_odd:
         words = f"Two runs of one test differ by {100 * found.scatter:.2g} %"
         words += f", {found.ratio:.2g} times what noise and drift explain"
-        return Finding(
-            check, "warning", f"{words}: {cause}; find out before trusting either.", both, found.ratio, SCATTER_RATIO
-        )
+        words = f"{words}: {cause}; find out before trusting either."
+        return Finding(check, "warning", words, both, found.ratio, _LIMITS.scatter_ratio)
     words = f"Two runs of one test agree to {100 * found.scatter:.2g} % and {100 * found.gain:.2g} % in gain"
     words += ", as noise explains"
-    return Finding(check, "ok", f"{words}.", both, found.ratio, SCATTER_RATIO)
+    return Finding(check, "ok", f"{words}.", both, found.ratio, _LIMITS.scatter_ratio)
 
 
 @dataclass(frozen=True)
@@ -262,21 +274,21 @@ class _Movement:
         return f"{moves} and its damping ratio from {low} to {high} %"
 
 
-def _movements(a: Prepared, b: Prepared, belief: NominalBelief) -> Iterator[_Movement]:
+def _movements(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Iterator[_Movement]:
     """What each resonance does from one run to the other."""
-    for r, q in _matched(a, b):
+    for r, q in _match_resonances(a, b):
         error = float(np.hypot(r.frequency_std_hz, q.frequency_std_hz)) / r.frequency_hz
         damping_error = float(np.hypot(r.damping_std, q.damping_std)) / r.damping_ratio
         yield _Movement(
             r.frequency_hz,
             q.frequency_hz / r.frequency_hz - 1,
-            DRIFT_STDS * float(np.hypot(error, np.sqrt(2) * belief.frequency_drift)),
+            _LIMITS.drift_stds * float(np.hypot(error, np.sqrt(2) * belief.frequency_drift)),
             (r.damping_ratio, q.damping_ratio),
-            max(DRIFT_STDS * damping_error, DAMPING_CHANGE) if np.isfinite(damping_error) else np.inf,
+            max(_LIMITS.drift_stds * damping_error, _LIMITS.damping_change) if np.isfinite(damping_error) else np.inf,
         )
 
 
-def _force(p: Prepared) -> float:
+def _force(p: CheckedRun) -> float:
     """What responses have to be divided by to be per newton."""
     return (p.run.force_amplitude_N or 1.0) if p.run.quantity == "acceleration" else 1.0
 
@@ -284,7 +296,7 @@ def _force(p: Prepared) -> float:
 # -- levels ------------------------------------------------------------------------------------------
 
 
-def _level_findings(levels: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:
+def _level_findings(levels: Sequence[CheckedRun], belief: NominalBelief) -> Iterator[Finding]:
     """Runs of one test at rising force: is the rotor the same at each?"""
     low, high = levels[0], levels[-1]
     both = ", ".join(p.label for p in levels)
@@ -297,44 +309,48 @@ def _level_findings(levels: Sequence[Prepared], belief: NominalBelief) -> Iterat
             amplitude_dependent = True
             words = f"{m.words} {span}: the rig depends on amplitude; look for a nonlinear cause."
             yield Finding("level", "note", words, both, *m.value_and_limit)
-    for frequency, way in _lost(low, high):
+    for frequency, way in _find_lost_resonances(low, high):
         amplitude_dependent = True
         words = f"The resonance at {frequency:.4g} Hz and {forces[0]:g} N is gone at {forces[-1]:g} N, where "
         words += f"the nearest is {abs(way):.0%} {'above' if way > 0 else 'below'} it" if way else "there is none"
         words += ": the rig depends on amplitude; look for a nonlinear cause."
-        yield Finding("level", "note", words, both, way or -1.0, _SAME_RESONANCE)
-    found = compare(high, low, _common(high, low), belief.frequency_drift)
+        yield Finding("level", "note", words, both, way or -1.0, _LIMITS.same_resonance)
+    found = compare(high, low, _shared_channels(high, low), belief.frequency_drift)
     if found is None:
         if not amplitude_dependent:
-            yield Finding("level", "note", f"Runs {span} share {_what_lacks(high, low)}.", both)
+            yield Finding("level", "note", f"Runs {span} share {_reason_not_compared(high, low)}.", both)
         return
-    if found.ratio > SCATTER_RATIO and found.scatter > SCATTER_FLOOR:
+    if found.is_odd:
         words = f"Away from resonances the responses {span} differ by {100 * found.scatter:.2g} %"
         words += f", {found.ratio:.2g} times what noise and drift explain"
-        yield Finding("level", "note", f"{words}: the rig depends on amplitude.", both, found.ratio, SCATTER_RATIO)
+        words += ": the rig depends on amplitude."
+        yield Finding("level", "note", words, both, found.ratio, _LIMITS.scatter_ratio)
     elif not amplitude_dependent:
-        words = f"The responses {span} agree: homogeneity index {100 * index:.2g} % where noise and drift"
-        yield Finding("level", "ok", f"{words} explain {100 * found.expected:.2g} %.", both, found.ratio, SCATTER_RATIO)
+        words = f"The responses {span} agree: homogeneity index {100 * index:.2g} % where noise and drift explain"
+        words += f" {100 * found.expected:.2g} %."
+        yield Finding("level", "ok", words, both, found.ratio, _LIMITS.scatter_ratio)
 
 
-def _lost(low: Prepared, high: Prepared) -> Iterator[tuple[float, float]]:
-    """Frequency of each clear resonance that has no like at the higher force, though lines are near [Hz], and how far
-    off the nearest is, relative; 0 where there is none."""
-    if not _common(low, high):
+def _find_lost_resonances(low: CheckedRun, high: CheckedRun) -> Iterator[tuple[float, float]]:
+    """Clear resonances that are missing at the higher force, although lines were measured there.
+
+    Yields the frequency [Hz] and the relative distance to the nearest resonance, 0 where there is none.
+    """
+    if not _shared_channels(low, high):
         return
-    kept = {r.line for r, _ in _matched(low, high)}
+    kept = {r.line for r, _ in _match_resonances(low, high)}
     for r in low.resonances:
         beside = high.f / r.frequency_hz - 1
-        near = [np.any((side > 0) & (side < _SAME_RESONANCE)) for side in (beside, -beside)]
+        near = [np.any((side > 0) & (side < _LIMITS.same_resonance)) for side in (beside, -beside)]
         if r.line in kept or not np.isfinite(r.damping_ratio) or not all(near):
             continue
         ways = [q.frequency_hz / r.frequency_hz - 1 for q in high.resonances]
         yield r.frequency_hz, min(ways, key=abs, default=0.0)
 
 
-def _homogeneity(low: Prepared, high: Prepared) -> float:
+def _homogeneity(low: CheckedRun, high: CheckedRun) -> float:
     """Median |H(F2) - H(F1)| / |H(F1)| over shared lines and channels; nan where there are none."""
-    rows, channels = _shared_lines(low.f, high.f), _common(low, high)
+    rows, channels = _shared_lines(low.f, high.f), _shared_channels(low, high)
     if not len(rows[0]) or not channels:
         return float("nan")
     cols = [[p.channels.index(c) for c, _ in channels] for p in (low, high)]
@@ -345,7 +361,7 @@ def _homogeneity(low: Prepared, high: Prepared) -> float:
 # -- reciprocity -------------------------------------------------------------------------------------
 
 
-def _check_reciprocity(runs: Sequence[Prepared], belief: NominalBelief) -> Iterator[Finding]:
+def _check_reciprocity(runs: Sequence[CheckedRun], belief: NominalBelief) -> Iterator[Finding]:
     """Runs with exchanged exciter and sensor on one support, at standstill."""
     gains = belief.gain_tolerance * np.sqrt(2 + 2 * 0.25)  # two of the force, two of sensors, these half as uncertain
     for a, b in combinations(runs, 2):
@@ -362,23 +378,21 @@ def _check_reciprocity(runs: Sequence[Prepared], belief: NominalBelief) -> Itera
         if found is None:
             continue
         both, who = f"{a.label}, {b.label}", f"{at_a} and {at_b}"
-        limit = GAIN_STDS * np.hypot(gains, found.gain_error)
+        limit = _LIMITS.gain_stds * np.hypot(gains, found.gain_error)
+        change = f"Exchanging exciter and sensor between {who} changes the response by"
+        gain, scatter = f"{100 * found.gain:.2g} % in gain", f"{100 * found.scatter:.2g} %"
         if abs(found.phase) > np.pi / 2:
             words = f"Exchanging exciter and sensor between {who} changes the sign: one sensor is inverted"
             yield Finding("reciprocity", "error", f"{words}; check polarities.", both, found.phase, np.pi / 2)
         elif abs(found.gain) > limit:
+            words = f"{change} {gain}: a sensor's or the force's sensitivity is wrong; calibrate them."
+            yield Finding("reciprocity", "warning", words, both, found.gain, limit)
+        elif found.is_odd:
             words = (
-                f"Exchanging exciter and sensor between {who} changes the response by {100 * found.gain:.2g} % in gain"
+                f"{change} {scatter}, {found.ratio:.2g} times what noise explains: a sensor is beside its node, or the"
             )
-            words += ": a sensor's or the force's sensitivity is wrong"
-            yield Finding("reciprocity", "warning", f"{words}; calibrate them.", both, found.gain, limit)
-        elif found.ratio > SCATTER_RATIO and found.scatter > SCATTER_FLOOR:
-            words = f"Exchanging exciter and sensor between {who} changes the response by {100 * found.scatter:.2g} %"
-            words += (
-                f", {found.ratio:.2g} times what noise explains: a sensor is beside its node, or the rig is not linear"
-            )
-            yield Finding("reciprocity", "warning", f"{words}; check positions.", both, found.ratio, SCATTER_RATIO)
+            words += " rig is not linear; check positions."
+            yield Finding("reciprocity", "warning", words, both, found.ratio, _LIMITS.scatter_ratio)
         else:
-            words = f"Exchanging exciter and sensor between {who} changes the response by {100 * found.scatter:.2g} %"
-            words += f" and {100 * found.gain:.2g} % in gain, as noise and gains explain"
-            yield Finding("reciprocity", "ok", f"{words}.", both, found.gain, limit)
+            words = f"{change} {scatter} and {gain}, as noise and gains explain."
+            yield Finding("reciprocity", "ok", words, both, found.gain, limit)

@@ -8,33 +8,37 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.gap.audit.checked_run import Prepared
+from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.sim.campaign import FloatArray
 
-# Delays that are looked for [s]: to this, and to so many periods of the highest frequency.
-_LONGEST_DELAY, _LONGEST_PERIODS = 4e-3, 10.0
 
-# A delay is worth a warning from this phase at the highest line [rad] (3 degrees, 5 % of the response), this
-# many standard errors, and this many times zeta / omega of the most damped mode: dampers in the
-# bearings make modes complex, by phases of about zeta, which look like a delay of zeta / omega.
-DELAY_PHASE, DELAY_ERRORS, DELAY_COMPLEX = 0.05, 5.0, 1.5
+@dataclass(frozen=True)
+class PhaseLimits:
+    """Where delays and signs are looked for, and thresholds of the findings about them."""
 
-# Lines for the delay: farther than so many half-power widths from a resonance, and so many at least.
-_DELAY_WIDTHS, _DELAY_LINES = 3.0, 12
+    longest_delay: float = 4e-3  # [s] that is looked for, ...
+    longest_periods: float = 10.0  # ... and in periods of the highest frequency
+    delay_phase: float = 0.05  # [rad] at the highest line: 3 degrees, 5 % of the response
+    delay_errors: float = 5.0  # standard errors
+    # Times zeta / omega of the most damped mode. Dampers in the bearings make modes complex, by phases of about zeta,
+    # which look like a delay of zeta / omega.
+    delay_complex: float = 1.5
+    delay_widths: float = 3.0  # lines for the delay are farther than so many half-power widths from a resonance
+    delay_lines: int = 12  # and so many at least
+    clear_cosine: float = 0.5  # a response is in phase or out of phase above it
+    # Phases are followed through lines within so many half-power widths of a resonance, or so many lines.
+    round_widths: float = 2.0
+    round_lines: int = 2
+    clear_step: float = 2.5  # [rad] phases turn by less from line to line
+    rises: float = 0.5  # [rad] gain from which phases rise: through a resonance of a rotor they lose up to pi
+    low: float = 0.85  # low lines are below this share of the first resonance
+    low_lines: int = 3  # and so many at least
 
-# A response is in phase or out of phase when its cosine exceeds this.
-_CLEAR_COSINE = 0.5
 
-# Phases are followed through lines within so many half-power widths of a resonance, or so many lines; from line to
-# line they turn by less [rad]. They rise where they gain more than this [rad]: through a resonance of a rotor they
-# lose up to pi.
-_ROUND_WIDTHS, _ROUND_LINES, _CLEAR_STEP, _RISES = 2.0, 2, 2.5, 0.5
-
-# Low lines are below this share of the first resonance, and so many at least.
-_LOW, _LOW_LINES = 0.85, 3
+_LIMITS = PhaseLimits()
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class Delays:
         return middle, 1.25 * max(float(np.median(self.std)), spread) / np.sqrt(len(self.delay))
 
 
-def find_delays(p: Prepared) -> Delays | None:
+def find_delays(p: CheckedRun) -> Delays | None:
     """Delays by a sum of the run's own modes with real residues, rotated by e^{-i omega T}.
 
     H_c e^{i omega T} = (i omega)^n [sum_r A_cr / (omega_r^2 - omega^2 + 2 i zeta_r omega_r omega)
@@ -64,10 +68,11 @@ def find_delays(p: Prepared) -> Delays | None:
     resonances or lines are missing.
     """
     resonances = [r for r in p.resonances if np.isfinite(r.damping_ratio)]
-    use = p.away(_DELAY_WIDTHS)
+    use = p.away(_LIMITS.delay_widths)
     places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane]
     columns = len(resonances) + 3
-    if p.run.magnitude_only or not resonances or not places or np.count_nonzero(use) < max(_DELAY_LINES, columns + 4):
+    enough = np.count_nonzero(use) >= max(_LIMITS.delay_lines, columns + 4)
+    if p.run.magnitude_only or not resonances or not places or not enough:
         return None
     w = 2 * np.pi * p.f[use]
     modes = [1 / (q**2 - w**2 + 2j * r.damping_ratio * q * w) for r in resonances if (q := 2 * np.pi * r.frequency_hz)]
@@ -80,7 +85,7 @@ def find_delays(p: Prepared) -> Delays | None:
         return None
     delay, std = np.array([found[k] for k in known]).T
     most = max(r.damping_ratio / (2 * np.pi * r.frequency_hz) for r in resonances)
-    return Delays(np.array(places)[known], delay, std, DELAY_COMPLEX * most)
+    return Delays(np.array(places)[known], delay, std, _LIMITS.delay_complex * most)
 
 
 def _delay(w: FloatArray, base: np.ndarray, y: np.ndarray, relative: FloatArray) -> tuple[float, float]:
@@ -90,7 +95,7 @@ def _delay(w: FloatArray, base: np.ndarray, y: np.ndarray, relative: FloatArray)
     A = base * weight[:, None]
     stack = np.concatenate([A.real, A.imag])
     Q = np.linalg.qr(stack / np.maximum(np.linalg.norm(stack, axis=0), np.finfo(float).tiny))[0]
-    longest = min(_LONGEST_DELAY, _LONGEST_PERIODS / (w[-1] / (2 * np.pi)))
+    longest = min(_LIMITS.longest_delay, _LIMITS.longest_periods / (w[-1] / (2 * np.pi)))
     raster = np.linspace(-longest, longest, 1 + 2 * int(np.ceil(longest * w[-1] / (2 * np.pi) * 16)))
 
     def left(T: FloatArray, factor: complex | np.ndarray = 1.0) -> FloatArray:
@@ -112,43 +117,28 @@ def _delay(w: FloatArray, base: np.ndarray, y: np.ndarray, relative: FloatArray)
     return T, error
 
 
-def check_delay(p: Prepared, delays: Delays | None) -> Iterator[Finding]:
+def check_delay(p: CheckedRun, delays: Delays | None) -> Iterator[Finding]:
     """Delay common to all channels, and channels with one of their own."""
     if delays is None:
         return
     common, error = delays.common
-    limit = max(DELAY_PHASE / (2 * np.pi * p.f[-1]), DELAY_ERRORS * error, delays.ambiguity)
+    limit = max(_LIMITS.delay_phase / (2 * np.pi * p.f[-1]), _LIMITS.delay_errors * error, delays.ambiguity)
     if abs(common) > limit:
         late = "late" if common > 0 else "early"
-        yield p.finding(
-            "delay",
-            "warning",
-            f"The responses are {_micro(common)} +- {_micro(error)} us {late} against the force (a phase that grows "
-            "with frequency); correct the phase or let the diagnosis fit a delay.",
-            common,
-            limit,
-        )
+        words = f"The responses are {_micro(common)} +- {_micro(error)} us {late} against the force (a phase that grows"
+        words += " with frequency); correct the phase or let the diagnosis fit a delay."
+        yield p.finding("delay", "warning", words, common, limit)
     else:
-        yield p.finding(
-            "delay",
-            "ok",
-            f"No delay against the force: {_micro(common, signed=True)} +- {_micro(error)} us.",
-            common,
-            limit,
-        )
-    off = np.abs(delays.delay - common) > np.maximum(2 * limit, DELAY_ERRORS * delays.std)
+        words = f"No delay against the force: {_micro(common, signed=True)} +- {_micro(error)} us."
+        yield p.finding("delay", "ok", words, common, limit)
+    off = np.abs(delays.delay - common) > np.maximum(2 * limit, _LIMITS.delay_errors * delays.std)
     if len(delays.delay) >= 3:
         for i in np.flatnonzero(off):
             own = float(delays.delay[i] - common)
             late = "late" if own > 0 else "early"
-            yield p.finding(
-                "delay",
-                "warning",
-                f"Channel {p.channels[delays.place[i]]} is {_micro(own)} us {late} against the "
-                "other channels; check its conditioner and filter.",
-                own,
-                2 * limit,
-            )
+            words = f"Channel {p.channels[delays.place[i]]} is {_micro(own)} us {late} against the "
+            words += "other channels; check its conditioner and filter."
+            yield p.finding("delay", "warning", words, own, 2 * limit)
 
 
 def _micro(seconds: float, *, signed: bool = False) -> str:
@@ -156,92 +146,83 @@ def _micro(seconds: float, *, signed: bool = False) -> str:
     return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
 
 
-def check_sign(p: Prepared, geometry: Geometry, delays: Delays | None) -> Iterator[Finding]:
+def check_sign(p: CheckedRun, geometry: Geometry, delays: Delays | None) -> Iterator[Finding]:
     """Channels against what a quasi-static push must do, and the drive point against passivity."""
     if p.run.magnitude_only or not len(p.live):
         return
     y: Any = p.receptance
     rise = _rise(p)
-    if rise > _RISES:
+    if rise > _LIMITS.rises:
         words = f"The phase rises by {np.degrees(rise):.0f} degrees through the resonances, where that of a rotor falls"
         words += ": the responses are conjugated, as with e^(-i omega t)"
-        yield p.finding("sign", "error", f"{words}; change the sign of the imaginary parts.", rise, _RISES)
+        yield p.finding("sign", "error", f"{words}; change the sign of the imaginary parts.", rise, _LIMITS.rises)
         y = y.conj()
     judged = _signs(p, geometry, y)
-    if delays is not None:  # which bent peaks may feign: an inverted sensor shows without it too
+    if delays is not None:  # bent peaks can look like a delay; an inverted sensor shows with and without the correction
         on_time = _signs(p, geometry, y * np.exp(1j * 2 * np.pi * p.f[:, None] * delays.common[0]))
         judged = {place: max(sign, judged.get(place, 1)) for place, sign in on_time.items()}
     if not judged:
-        yield p.finding(
-            "sign",
-            "note",
-            "Polarity cannot be judged: no lines lie below the first resonance and the drive point was not measured; "
-            "check it by hand.",
-        )
+        words = "Polarity cannot be judged: no lines lie below the first resonance and the drive point was not measured"
+        yield p.finding("sign", "note", f"{words}; check it by hand.")
         return
     inverted = [place for place, sign in judged.items() if sign < 0]
     if not inverted:
         words = f"The polarity of {len(judged)} of {len(p.live)} channels agrees with the force's"
         yield p.finding("sign", "ok", f"{words}.", 0.0, 0.0)
     elif len(inverted) == len(judged) and len(judged) > 1:
-        yield p.finding(
-            "sign",
-            "error",
-            "Every channel moves against the force below the first resonance: the force signal is inverted; change "
-            "its sign.",
-            float(len(inverted)),
-            0.0,
-        )
+        words = "Every channel moves against the force below the first resonance: the force signal is inverted"
+        yield p.finding("sign", "error", f"{words}; change its sign.", float(len(inverted)), 0.0)
     else:
         who = listed(p.channels[i] for i in inverted)
         words = f"Channel {who} has the opposite sign of what this force must do: the sensor or its cable is inverted"
         yield p.finding("sign", "error", f"{words}; change the sign.", float(len(inverted)), 0.0)
 
 
-def _rise(p: Prepared) -> float:
-    """By how much the phase rises next to the resonances, in the median [rad]; nan where lines are too far apart."""
+def _rise(p: CheckedRun) -> float:
+    """Median rise of the phase through the resonances [rad]; nan where lines are too far apart."""
     rises = []
     for r in p.resonances:
-        reach = max(_ROUND_WIDTHS * np.nan_to_num(r.half_power_hz), _ROUND_LINES * np.gradient(p.f)[r.line])
+        width, step = np.nan_to_num(r.half_power_hz), np.gradient(p.f)[r.line]
+        reach = max(_LIMITS.round_widths * width, _LIMITS.round_lines * step)
         near = p.H[np.abs(p.f - r.frequency_hz) <= reach]
         steps = np.angle(np.sum(near[:-1].conj() * near[1:], axis=1))
-        if len(steps) and np.abs(steps).max() < _CLEAR_STEP:
+        if len(steps) and np.abs(steps).max() < _LIMITS.clear_step:
             rises.append(float(steps.sum()))
     return float(np.median(rises)) if rises else np.nan
 
 
-def _signs(p: Prepared, geometry: Geometry, y: Any) -> dict[int, int]:
+def _signs(p: CheckedRun, geometry: Geometry, y: Any) -> dict[int, int]:
     """+1 or -1 (inverted) by live channel: from low lines, or else of the drive point; empty where nothing tells."""
     return _low_signs(p, geometry, y) or _drive_sign(p, y)
 
 
-def _low_signs(p: Prepared, geometry: Geometry, y: Any) -> dict[int, int]:
+def _low_signs(p: CheckedRun, geometry: Geometry, y: Any) -> dict[int, int]:
     """+1 or -1 (inverted) by live channel, from lines below the first resonance; empty where they do not tell."""
     expected = geometry.low_response(p.run)
     if expected is None or not p.resonances:
         return {}
     signs, first_hz = expected
     first = p.resonances[0].frequency_hz
-    low = np.flatnonzero(p.f < _LOW * first)
+    low = np.flatnonzero(p.f < _LIMITS.low * first)
     # That this is the first mode: not above the stiffest rig's, and nothing falls off from a mode below.
-    if len(low) < _LOW_LINES or first > 1.3 * first_hz.max() or _falls(np.linalg.norm(y[low], axis=1)):
+    if len(low) < _LIMITS.low_lines or first > 1.3 * first_hz.max() or _falls_off(np.linalg.norm(y[low], axis=1)):
         return {}
     cosine = np.median(y[low].real / np.abs(y[low]), axis=0)
     found = {}
     for i, channel in enumerate(p.channels):
         own = channel.plane == p.run.excitation_plane and 1 <= channel.node <= len(signs)
-        if own and signs[channel.node - 1] and abs(cosine[i]) > _CLEAR_COSINE:
+        if own and signs[channel.node - 1] and abs(cosine[i]) > _LIMITS.clear_cosine:
             found[i] = int(np.sign(cosine[i]) * signs[channel.node - 1])
     return found
 
 
-def _falls(size: FloatArray) -> bool:
+def _falls_off(size: FloatArray) -> bool:
     """Whether a response is larger at its beginning than at its end."""
     third = max(len(size) // 3, 1)
     return bool(np.median(size[:third]) > np.median(size[-third:]))
 
 
-def _drive_sign(p: Prepared, y: np.ndarray) -> dict[int, int]:
+def _drive_sign(p: CheckedRun, y: np.ndarray) -> dict[int, int]:
     """The same of the drive point: whether the force feeds energy in at its first resonance, Im H <= 0."""
     run = p.run
     places = [i for i, c in enumerate(p.channels) if (c.node, c.plane) == (run.excitation_node, run.excitation_plane)]
@@ -249,4 +230,4 @@ def _drive_sign(p: Prepared, y: np.ndarray) -> dict[int, int]:
         return {}
     value = y[p.resonances[0].line, places[0]]
     sine = value.imag / abs(value) if value else 0.0
-    return {places[0]: -int(np.sign(sine))} if abs(sine) > _CLEAR_COSINE else {}
+    return {places[0]: -int(np.sign(sine))} if abs(sine) > _LIMITS.clear_cosine else {}

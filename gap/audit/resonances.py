@@ -16,20 +16,23 @@ from scipy.signal import find_peaks
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.sim.campaign import ComplexArray, FloatArray
 
-# A resonance stands out from its surroundings by half or more, and by more than noise does: lines
-# in a channel's noise differ by eight standard deviations once in a million times.
-_PROMINENCE, _PROMINENCE_STD = 1.5, 8.0
 
-# Lines of a fit: at least so many, those within so many half-power widths, thinned out to so many.
-_FEWEST, _WIDTHS, _MOST = 9, 6.0, 81
+@dataclass(frozen=True)
+class PoleSearch:
+    """What a resonance is, and the lines that its pole is fitted to."""
 
-# A pole whose damping is known worse than by this factor is not resolved.
-_RESOLVED = 0.5
+    prominence: float = 1.5  # it stands out from its surroundings by this factor, ...
+    # ... and by more than noise does: lines in a channel's noise differ by eight standard deviations once in a million.
+    prominence_std: float = 8.0
+    fewest: int = 9  # lines of a fit, at least: the nearest ones
+    widths: float = 6.0  # half-power widths within which lines are fitted
+    most: int = 81  # lines that they are thinned out to
+    resolved: float = 0.5  # relative standard error of a damping ratio; beyond it is not resolved
+    largest_damping: float = 0.15  # a broad hump between two antiresonances is none; bending modes are damped less
+    iterations: int = 6
 
-# A broad hump between two antiresonances is no resonance; a rotor's bending modes are damped less.
-_LARGEST_DAMPING = 0.15
 
-_ITERATIONS = 6
+_SEARCH = PoleSearch()
 
 _NO_MISFIT = (np.nan, np.nan, np.nan)
 
@@ -71,10 +74,10 @@ def find_resonances(
     size = np.linalg.norm(H, axis=1)
     error = float(np.median(np.linalg.norm(std, axis=1) / np.maximum(size, np.finfo(float).tiny)))
     displacement = np.log(size / frequency_hz ** DERIVATIVE_ORDER[quantity] + np.finfo(float).tiny)
-    prominence = max(np.log(_PROMINENCE), _PROMINENCE_STD * error if np.isfinite(error) else 0.0)
+    prominence = max(np.log(_SEARCH.prominence), _SEARCH.prominence_std * error if np.isfinite(error) else 0.0)
     peaks, _ = find_peaks(displacement, prominence=prominence)
     found = [_resonance(frequency_hz, H, std, int(line), peaks) for line in peaks]
-    return tuple(r for r in found if not r.damping_ratio > _LARGEST_DAMPING)
+    return tuple(r for r in found if not r.damping_ratio > _SEARCH.largest_damping)
 
 
 def _resonance(f: FloatArray, H: np.ndarray, std: FloatArray, line: int, peaks: np.ndarray) -> Resonance:
@@ -93,9 +96,9 @@ def _resonance(f: FloatArray, H: np.ndarray, std: FloatArray, line: int, peaks: 
         pole, error, misfit = _pole(f[use], H[use], std[use], f[line])
         if not (np.isfinite(error) and pole.imag > 0 and abs(pole.real - f[line]) <= 2 * spacing + 4 * pole.imag):
             return unresolved
-        use = _lines_of_fit(f, pole.real, _WIDTHS * 2 * pole.imag)
+        use = _lines_of_fit(f, pole.real, _SEARCH.widths * 2 * pole.imag)
     damping, damping_std = pole.imag / abs(pole), error / abs(pole)
-    if damping_std > _RESOLVED * damping:
+    if damping_std > _SEARCH.resolved * damping:
         return unresolved
     return Resonance(float(abs(pole)), error, float(damping), float(damping_std), line, peak, *misfit)
 
@@ -110,8 +113,8 @@ def _half_height(f: FloatArray, size: FloatArray, line: int) -> float:
 def _lines_of_fit(f: FloatArray, centre: float, reach: float) -> np.ndarray:
     """Lines within reach, but not too few; thinned out evenly where they are many."""
     nearest = np.argsort(np.abs(f - centre), kind="stable")
-    wanted = np.sort(nearest[: max(np.count_nonzero(np.abs(f - centre) <= reach), _FEWEST)])
-    return wanted[:: -(-len(wanted) // _MOST)]
+    wanted = np.sort(nearest[: max(np.count_nonzero(np.abs(f - centre) <= reach), _SEARCH.fewest)])
+    return wanted[:: -(-len(wanted) // _SEARCH.most)]
 
 
 def _pole(
@@ -128,7 +131,7 @@ def _pole(
     powers = x[:, None] ** np.arange(min(3 if magnitude else 2, len(x) - 3) + 1)
     D = np.ones_like(x)
     q, covariance, residual = np.zeros(order), np.eye(order), np.zeros(H.T.shape)
-    for _ in range(_ITERATIONS):
+    for _ in range(_SEARCH.iterations):
         w = (weight / np.maximum(np.abs(D), 1e-3)[:, None]).T  # (n_channels, n)
         y = (w * (x**order * Y.T))[..., None]
         b = -(x[:, None] ** np.arange(order)) * (w * Y.T)[..., None]  # (n_channels, n, order)

@@ -1,35 +1,39 @@
 """Wild lines: single ones that nothing near them explains, as where a controller slipped or an amplifier clipped once.
 
-A line that its neighbours' smooth curve misses by far is left out and the rest looked at again, worst line first. Only
-where that ends soon, with lines that lie apart, were they wild: what rings, jumps, or rises between two lines stays as
-it is, because the lines that are left keep missing their curves.
+The line that lies farthest from its neighbours' smooth curve is left out, and the rest is looked at again. Lines are
+called wild only if this ends after a few lines that lie apart. Ringing, jumps and peaks between two lines stay as they
+are: there the remaining lines keep missing their curves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigtwin.gap.audit.checked_run import Prepared
+from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.noise import estimate_noise, responses
 from rigtwin.gap.document import Finding
 from rigtwin.sim.campaign import FloatArray, Run
 
-# Error of a line from which it is wild: in standard errors, and relative to its own and its neighbours' size.
-WILD, _PLAIN = 12.0, 0.03
 
-# Wild lines are at most this share of a run, or so few. So many of them within so many lines are no accident.
-_SHARE, _FEW = 0.1, 3
-_CROWD, _WITHIN = 3, 6
+@dataclass(frozen=True)
+class WildLimits:
+    """From where on a line is wild."""
 
-# Of fewer lines none is called wild: each may be a resonance.
-_FEWEST = 20
+    errors: float = 12.0  # standard errors from which a line is wild, ...
+    plain: float = 0.03  # ... and error over its own and its neighbours' size
+    share: float = 0.1  # of a run's lines that may be wild, ...
+    few: int = 3  # ... or so many
+    crowd: int = 3  # so many wild lines ...
+    within: int = 6  # ... within so many are no accident
+    fewest: int = 20  # of fewer lines none is called wild: each may be a resonance
+    lifted: float = 1.05  # a peak lifts the lines beside it over those beyond by this factor; a wild line does not
 
-# A peak lifts the lines beside it over those beyond by this factor; a line that is wild does not.
-_LIFTED = 1.05
+
+_LIMITS = WildLimits()
 
 
 def wild_lines(run: Run) -> NDArray[np.bool_]:
@@ -37,42 +41,42 @@ def wild_lines(run: Run) -> NDArray[np.bool_]:
     n = len(run.frequency_hz)
     wild, none = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     error = _errors(run)
-    while error.max(initial=0.0) > WILD:
+    while error.max(initial=0.0) > _LIMITS.errors:
         wild[np.flatnonzero(~wild)[np.argmax(error)]] = True
-        if wild.sum() > max(_FEW, _SHARE * n):
+        if wild.sum() > max(_LIMITS.few, _LIMITS.share * n):
             return none
         error = _errors(run.on_lines(~wild))
-    return none if _crowded(np.flatnonzero(wild)) else wild
+    return none if _are_crowded(np.flatnonzero(wild)) else wild
 
 
 def without_wild_lines(runs: Sequence[Run]) -> list[Run]:
-    """Runs without their values; they were swept all the same, as a fast sweep's next lines tell."""
-    return [silenced(run, wild_lines(run)) for run in runs]
+    """Runs with nan at their wild lines, which stay in the sweep: transients of a fast sweep depend on every line."""
+    return [blank_lines(run, wild_lines(run)) for run in runs]
 
 
-def tamed(p: Prepared) -> Prepared:
+def drop_wild_lines(p: CheckedRun) -> CheckedRun:
     """A run without its wild lines; itself where there are none."""
     wild = wild_lines(p.run)
-    return Prepared(p.run.on_lines(~wild), p.label) if wild.any() else p
+    return CheckedRun(p.run.on_lines(~wild), p.label) if wild.any() else p
 
 
-def check_wild_lines(p: Prepared, left: Prepared) -> Iterator[Finding]:
-    """Say which lines of a run are wild: those that are not left."""
+def check_wild_lines(p: CheckedRun, left: CheckedRun) -> Iterator[Finding]:
+    """Report the wild lines of a run: those that ``left``, the same run without them, lacks."""
     wild = np.setdiff1d(p.run.frequency_hz, left.run.frequency_hz)
     if len(wild):
         many = "1 line does not go with its" if len(wild) == 1 else f"{len(wild)} lines do not go with their"
-        yield left_out(p, wild, f"{many} neighbours")
+        yield left_out_finding(p, wild, f"{many} neighbours")
 
 
-def left_out(p: Prepared, frequency_hz: FloatArray, why: str) -> Finding:
-    """Say which lines of a run are left out, and why."""
+def left_out_finding(p: CheckedRun, frequency_hz: FloatArray, why: str) -> Finding:
+    """A warning that names the lines that are left out of a run, and the reason."""
     named = ", ".join(f"{f:.5g}" for f in frequency_hz[:5]) + (" and others" if len(frequency_hz) > 5 else "")
     words = f"{why}; left out: {named} Hz. Repeat what was measured there."
     return p.finding("missing_lines", "warning", words, float(len(frequency_hz)), 0.0)
 
 
-def silenced(run: Run, lines: NDArray[np.bool_]) -> Run:
-    """A run without the values of some lines, which were swept all the same."""
+def blank_lines(run: Run, lines: NDArray[np.bool_]) -> Run:
+    """A run with nan at some lines, which stay in the sweep."""
     return replace(run, H=np.where(lines[:, None], np.nan, run.H)) if lines.any() else run
 
 
@@ -85,21 +89,21 @@ def _errors(run: Run) -> FloatArray:
         if run.magnitude_only:  # whose fits are of squares: between larger ones, an error of a small one is larger
             draws = draws * own / size
         error = draws / noise.std
-    plain = np.isfinite(error) & (draws > _PLAIN * size) & (len(own) >= _FEWEST)
+    plain = np.isfinite(error) & (draws > _LIMITS.plain * size) & (len(own) >= _LIMITS.fewest)
     if run.magnitude_only:
         plain[_beside_peaks(np.linalg.norm(own, axis=1))] = False
     return np.max(np.where(plain, error, 0.0), axis=1, initial=0.0)
 
 
 def _beside_peaks(size: FloatArray) -> NDArray[np.bool_]:
-    """(n_freq,) lines of peaks: a sharp one of magnitudes follows no smooth curve, but lifts the lines beside it."""
-    lifted = _LIFTED * size[:-1] < size[1:], size[:-1] > _LIFTED * size[1:]  # (n_freq - 1,) towards a peak, and away
-    tops = 2 + np.flatnonzero(lifted[0][:-3] & lifted[0][1:-2] & lifted[1][2:-1] & lifted[1][3:])
+    """(n_freq,) lines of a peak. A sharp peak of magnitudes is no smooth curve either, but it lifts its neighbours."""
+    rises, falls = _LIMITS.lifted * size[:-1] < size[1:], size[:-1] > _LIMITS.lifted * size[1:]  # (n_freq - 1,)
+    tops = 2 + np.flatnonzero(rises[:-3] & rises[1:-2] & falls[2:-1] & falls[3:])
     near = np.zeros(len(size), dtype=bool)
     for shift in range(-2, 3):
         near[tops + shift] = True
     return near
 
 
-def _crowded(places: NDArray[np.intp]) -> bool:
-    return bool(np.any(places[_CROWD - 1 :] - places[: len(places) - _CROWD + 1] < _WITHIN))
+def _are_crowded(places: NDArray[np.intp]) -> bool:
+    return bool(np.any(places[_LIMITS.crowd - 1 :] - places[: len(places) - _LIMITS.crowd + 1] < _LIMITS.within))

@@ -1,7 +1,7 @@
 """The model of the measured runs: rotors built and solved, in modal form where they are linear.
 
-A candidate is a tuple of effects. Its rotor is built and solved by ``rotor``; ``modal`` says what is kept of a linear
-one, ``nonlinear`` of the others, ``tolerances`` how a workshop's tolerances bend either.
+A candidate is a tuple of effects. Its rotor is built and solved by ``rotor``; ``linear`` says what is kept of a
+linear one, ``nonlinear`` of the others, ``tolerances`` how a workshop's tolerances bend either.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from rigtwin.gap.model.branch import Known
 from rigtwin.gap.model.linear import MODES, TOLERANCES, Group, Modal, chain_factors, over_receptance, resonance_numbers
-from rigtwin.gap.model.nonlinear import CORNER, FINE, Known, NonlinearModal, Resolution
+from rigtwin.gap.model.motions import FINE, Resolution
+from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.model.run_model import RunModel
-from rigtwin.gap.model.tolerances import STEP, Bend, bend_of, bent_for, sensitivity_of, variants_of
-from rigtwin.rotor.effects import Effect, HubStiffening, OpenCrack
+from rigtwin.gap.model.tolerances import STEP, Bend, bend_of, bend_residues, sensitivity_of, variants_of
+from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import channel_groups
 from rigtwin.rotor.geometry.assembly import assemble
@@ -31,19 +33,25 @@ from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 T = TypeVar("T")
 
-# Modes above so many times the highest line (and at least this frequency) are taken as quasi-static.
-_KEPT_RATIO, _KEPT_HZ = 50.0, 20e3
 
-# What is remembered while the runs of a candidate are made; of rotors, each some 10 kB, those of many candidates.
-_REMEMBERED, _ROTORS = 8, 4096
+@dataclass(frozen=True)
+class ModelSize:
+    """How much of a rotor is kept and remembered."""
 
-# Samples of a period are taken one after the other where a law has memory; with 256 of them a motion is within 5e-5 of
-# that with 2048, its peak for 1, at levels where friction sticks, slips now and then, and slips throughout.
-_HYSTERESIS_SAMPLES = 256
+    kept_ratio: float = 50.0  # modes above so many times the highest line are taken as quasi-static, ...
+    kept_hz: float = 20e3  # ... and none below this frequency [Hz]
+    # Resonances below so many times the highest line may drift. The next one above the lines is among them: between
+    # resonances, where the response nearly vanishes, its drift is seen.
+    drifting_ratio: float = 3.0
+    remembered: int = 8  # balances, sensitivities: those of a candidate's runs
+    rotors: int = 4096  # each some 10 kB: those of many candidates
+    corner: float = 1e-4  # of laws with a gap, rounded by this share of it: more is a stiffness that is felt at rest
+    # Samples of a period are taken one after the other where a law has memory. With 256 a motion is within 5e-5 of that
+    # with 2048, relative to its peak, where friction sticks, slips now and then, and slips throughout.
+    hysteresis_samples: int = 256
 
-# Resonances of a run that may drift: those below so many times its highest line. The next one above the lines is
-# among them: between resonances, where the response nearly vanishes, its drift is seen.
-_DRIFTING = 3.0
+
+_SIZE = ModelSize()
 
 
 @dataclass(frozen=True)
@@ -106,20 +114,20 @@ class Forward:
     def bend(self, run: Run, k_b: float, effects: Sequence[Effect]) -> None:
         """Find how the tolerances bend the modes of a run under these effects, near these numbers."""
         plain, *others = (
-            self._on(structure, run, k_b, effects, bends=()) for structure in (self.structure, *self._variants)
+            self._modal_on(structure, run, k_b, effects, bends=()) for structure in (self.structure, *self._variants)
         )
         self._bends[_kind(run, effects)] = [
             bend_of(plain, each, [other.groups[g] for other in others]) for g, each in enumerate(plain.groups)
         ]
 
     def made(self, **manner: Any) -> Forward:
-        """The same, its responses made in another ``Manner``; what either remembers serves both."""
+        """The same model with another ``Manner`` of making responses; both share what they remember."""
         other = copy.copy(self)
         other.manner = replace(self.manner, **manner)
         return other
 
     def believing(self, **belief: float) -> Forward:
-        """The same, with other fields of what the nominal model believes of the measurement."""
+        """The same model with other values in the nominal belief."""
         other = copy.copy(self)
         other.belief = replace(self.belief, **belief)
         return other
@@ -154,11 +162,11 @@ class Forward:
         return self.modal(there, k_b).response() / over_receptance(there)[:, None]
 
     def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
-        local = self.manner.refined and any(isinstance(effect, (OpenCrack, HubStiffening)) for effect in effects)
+        local = self.manner.refined and any(effect.needs_finer_mesh for effect in effects)
         bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), ())
-        return self._on(self._fine if local else self.structure, run, k_b, effects, bends)
+        return self._modal_on(self._fine if local else self.structure, run, k_b, effects, bends)
 
-    def _on(
+    def _modal_on(
         self, structure: Structure, run: Run, k_b: float, effects: Sequence[Effect], bends: Sequence[Bend]
     ) -> Modal:
         """The run's response on a structure, with these bends by the tolerances."""
@@ -177,7 +185,7 @@ class Forward:
         plain = self._balance(condition, effects, np.zeros(len(TOLERANCES)))
         if plain is None:
             return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
-        top = 2 * np.pi * _DRIFTING * run.frequency_hz[-1]
+        top = 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1]
 
         def balance(tolerance: FloatArray) -> tuple[Balance, IntArray]:
             made = self._balance(condition, effects, tolerance)
@@ -186,7 +194,7 @@ class Forward:
 
         numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
         mode, key = resonance_numbers(plain.values, top), (condition, effects)
-        sensitivity = _remembered(self._sensitivities, key, lambda: sensitivity_of(plain.system))
+        sensitivity = _remember(self._sensitivities, key, lambda: sensitivity_of(plain.system))
         known, finely = self._known, manner.resolution
         return NonlinearModal(run, balance, plain, mode, sensitivity, effects, numbers, known, finely, manner.with_data)
 
@@ -194,19 +202,19 @@ class Forward:
         """A rotor under nonlinear effects, None where no law acts; runs at several levels share it."""
 
         def make() -> Balance | None:
-            model = build_model(self._with(tolerance), condition, effects)
+            model = build_model(self._structure_with(tolerance), condition, effects)
             if not model.forces:
                 return None
-            samples = min(finely.samples, _HYSTERESIS_SAMPLES) if model.memory else finely.samples
-            made = Balance(model, condition, harmonics=finely.harmonics, samples=samples, corner=CORNER)
+            samples = min(finely.samples, _SIZE.hysteresis_samples) if model.memory else finely.samples
+            made = Balance(model, condition, harmonics=finely.harmonics, samples=samples, corner=_SIZE.corner)
             if made.values.ndim > 1:
                 raise ValueError("a rotor without a full set of eigenvectors has no modal form")
             return made
 
         finely = self.manner.resolution
-        return _remembered(self._balances, (condition, effects, tolerance.tobytes(), finely), make)
+        return _remember(self._balances, (condition, effects, tolerance.tobytes(), finely), make)
 
-    def _with(self, tolerance: FloatArray) -> Structure:
+    def _structure_with(self, tolerance: FloatArray) -> Structure:
         """The structure with the workshop's tolerances, its matrices to first order."""
         if not (self._variants and tolerance.any()):
             return self.structure
@@ -228,10 +236,10 @@ class Forward:
         bends: Sequence[Bend],
     ) -> tuple[Group, ComplexArray]:
         rotor = self._rotor(structure, run, condition, tuple(effects), tuple(run.channels[c] for c in columns))
-        mode = resonance_numbers(rotor.poles, 2 * np.pi * _DRIFTING * run.frequency_hz[-1])
+        mode = resonance_numbers(rotor.poles, 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1])
         rest = rotor.upper.receptance(omega)[:, :, 0]
         known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
-        bent, aside = bent_for(known, omega, columns, rotor.poles, rotor.residues, mode)
+        bent, aside = bend_residues(known, omega, columns, rotor.poles, rotor.residues, mode)
         made = Group(
             columns, rotor.poles, rotor.residues, mode, rest, chain_factors(effects, run, columns), bent, aside
         )
@@ -248,17 +256,17 @@ class Forward:
         effects: tuple[Effect, ...],
         channels: tuple[Channel, ...],
     ) -> _Rotor:
-        """A rotor's modes as seen by some channels; shared by runs at several levels and by all that do not change it.
+        """A rotor's modes as seen by some channels, remembered for all runs on the same rotor.
 
-        On rigid supports k_b does not, and nowhere does what changes only how the rotor is driven and read.
+        k_b does not change the rotor on rigid supports; effects on drive and sensors never do.
         """
-        limit = max(_KEPT_HZ, _KEPT_RATIO * run.frequency_hz[-1])
+        limit = max(_SIZE.kept_hz, _SIZE.kept_ratio * run.frequency_hz[-1])
         if condition.rigid_support:
             condition = replace(condition, k_b=Condition.k_b)
         effects = on_the_rotor(effects)
         key = (id(structure), condition, effects, channels, limit)
         make = partial(self._solve, structure, condition, effects, channels, limit)
-        return _remembered(self._rotors, key, make, _ROTORS)
+        return _remember(self._rotors, key, make, _SIZE.rotors)
 
     def _solve(
         self,
@@ -288,8 +296,8 @@ class Forward:
         return _Rotor(poles, residues[:, 0], upper, sensitivity_of(system))
 
 
-def _remembered(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _REMEMBERED) -> T:
-    """The value of a key, made where it is new; of those kept the oldest goes."""
+def _remember(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _SIZE.remembered) -> T:
+    """The stored value of a key, made if it is new; the oldest value goes when the store is full."""
     if key not in store:
         if len(store) >= most:
             store.pop(next(iter(store)))

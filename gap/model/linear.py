@@ -16,9 +16,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from rigtwin.gap.model.run_model import BoolArray, RunModel
+from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.transients import as_read, transients
-from rigtwin.rotor.effects import Effect, FastSweep
+from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER, channel_factor, force_factor
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Run
@@ -29,12 +29,6 @@ MODES = 8
 # What a workshop does not know: relative standard deviations of a uniform +-0.1 %.
 TOLERANCE = 0.001 / np.sqrt(3)
 TOLERANCES = ("modulus", "span", "disk_mass_1", "disk_mass_2")
-
-# Above so many times the highest line, transients do without their modes where they do without images.
-_RINGING = 1.5
-
-# Resonances whose frequencies differ by more than this share are not one and the same.
-_SAME = 0.05
 
 
 @dataclass(frozen=True)
@@ -52,10 +46,10 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Modal:
+class Modal(RunModel):
     """Noise-free response of one run in modal form; see ``RunModel``."""
 
-    level_is_parameter: ClassVar[bool] = False
+    ringing: ClassVar[float] = 1.5  # without images: modes above so many times the highest line have no transients
 
     run: Run
     omega: FloatArray
@@ -86,11 +80,6 @@ class Modal:
         """Itself."""
         return self
 
-    @property
-    def as_nonlinear(self) -> None:
-        """None: no force law acts."""
-        return
-
     def response(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> ComplexArray:
@@ -103,16 +92,6 @@ class Modal:
         """``response`` and its (MODES + n_tolerances, n_freq, n_channels) derivatives."""
         return self._evaluate(drift, tolerance, derivatives=True)
 
-    def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
-        """(n_freq,) true throughout."""
-        return np.ones(len(self.omega), dtype=bool)
-
-    def tells(
-        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
-    ) -> BoolArray:
-        """(n_freq,) true throughout."""
-        return self.found()
-
     def _evaluate(
         self, drift: FloatArray | None, tolerance: FloatArray | None, *, derivatives: bool
     ) -> tuple[ComplexArray, ComplexArray]:
@@ -122,9 +101,9 @@ class Modal:
         H = np.empty((n_f, n_c), dtype=complex)
         D = np.zeros((MODES + len(TOLERANCES) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
-            poles = group.poles * (1 + _of_poles(group, shift))
+            poles = group.poles * (1 + _pole_shifts(group, shift))
             shares = self._shares(poles)
-            still = _unshifted(group, drift)
+            still = _heights(group, drift)
             Y, residues = self._motion(group, shares * still, tolerance)
             force = self._force(Y[:, -1])
             H[:, group.columns] = Y[:, :-1] * group.chain * force[:, None]
@@ -136,11 +115,11 @@ class Modal:
                 if mine.any():
                     by_pole = (by_shift[:, mine] * still[mine]) @ residues[:, mine].T
                     by_height = -(shares[:, mine] * still[mine] ** 2) @ residues[:, mine].T
-                    D[m][:, group.columns] = _driven(Y, by_pole + by_height, force, slope) * group.chain
+                    D[m][:, group.columns] = _sensor_change(Y, by_pole + by_height, force, slope) * group.chain
             for t in range(len(TOLERANCES)):
-                moved = (by_shift * still * _of_poles(group, self.sensitivity[:, t])) @ residues.T
+                moved = (by_shift * still * _pole_shifts(group, self.sensitivity[:, t])) @ residues.T
                 dY = moved + (shares * still) @ group.bent[t].T + group.aside[t]
-                D[MODES + t][:, group.columns] = _driven(Y, dY, force, slope) * group.chain
+                D[MODES + t][:, group.columns] = _sensor_change(Y, dY, force, slope) * group.chain
         return H, D
 
     def of_resonances(self, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
@@ -148,7 +127,7 @@ class Modal:
         parts = np.zeros((MODES, len(self.omega), len(self.run.channels)), dtype=complex)
         shift = self._shift(drift, tolerance)
         for group in self.groups:
-            shares = self._shares(group.poles * (1 + _of_poles(group, shift))) * _unshifted(group, drift)
+            shares = self._shares(group.poles * (1 + _pole_shifts(group, shift))) * _heights(group, drift)
             Y, residues = self._motion(group, shares, tolerance)
             force = self._force(Y[:, -1])
             for m in range(MODES):
@@ -159,7 +138,7 @@ class Modal:
     def _shares(self, poles: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) 1 / (i omega - lambda), and what transients add."""
         shares = 1 / (1j * self.omega[:, None] - poles)
-        return shares if self.dwell_s is None else shares + self._unsettled(poles, np.array(self.dwell_s))
+        return shares if self.dwell_s is None else shares + self._transient_shares(poles, np.array(self.dwell_s))
 
     def _shares_slope(self, own: ComplexArray, poles: ComplexArray, shares: ComplexArray) -> ComplexArray:
         """(n_freq, n_states) derivative of the shares by a shift of the poles relative to their own places."""
@@ -185,16 +164,14 @@ class Modal:
         A plain difference is no derivative where a resonance shifts by more than a small part of its width.
         """
         if other.as_linear is None:
-            return other.response(drift, tolerance, level) - self.response(drift, tolerance)
+            return super().change_to(other, drift, tolerance, level)
         return self._change_to(other.as_linear, drift, tolerance)
-
-    small_change_to = change_to
 
     def _change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
         change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)
         for group in other.groups:
             twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)
-            here = None if twin is None else _matched(group, twin)
+            here = None if twin is None else _poles_of_twin(group, twin)
             if twin is None or here is None or self.dwell_s is not None or other.dwell_s is not None:
                 return other.response(drift, tolerance) - self.response(drift, tolerance)
             change[:, group.columns] = self._change(twin, other, group, here, drift, tolerance)
@@ -205,16 +182,16 @@ class Modal:
     ) -> ComplexArray:
         """``change_to`` of one group, whose resonances stand at ``here`` in this model."""
         own_shift, shift = self._shift(drift, tolerance), other._shift(drift, tolerance)
-        poles = group.poles * (1 + _of_poles(group, shift))
-        there = np.where(group.mode >= 0, here * (1 + _of_poles(group, own_shift)), poles)
+        poles = group.poles * (1 + _pole_shifts(group, shift))
+        there = np.where(group.mode >= 0, here * (1 + _pole_shifts(group, own_shift)), poles)
         shares = 1 / (1j * self.omega[:, None] - there)
-        moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _unshifted(group, drift), tolerance)
-        poles = own.poles * (1 + _of_poles(own, own_shift))
-        plain, _ = self._motion(own, self._shares(poles) * _unshifted(own, drift), tolerance)
+        moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _heights(group, drift), tolerance)
+        poles = own.poles * (1 + _pole_shifts(own, own_shift))
+        plain, _ = self._motion(own, self._shares(poles) * _heights(own, drift), tolerance)
         places = np.searchsorted(own.columns, group.columns)
         Y, chain = plain[:, [*places, -1]], own.chain[:, places]
         force = self._force(Y[:, -1])
-        driven = _driven(Y, moved - Y, force, self._force_slope(Y[:, -1], force))
+        driven = _sensor_change(Y, moved - Y, force, self._force_slope(Y[:, -1], force))
         turned = (other._force(Y[:, -1]) - force)[:, None] * chain + force[:, None] * (group.chain - chain)
         return driven * chain + Y[:, :-1] * turned
 
@@ -226,10 +203,10 @@ class Modal:
     @property
     def dwell_s(self) -> float | None:
         """Time after which every line is read, settled or not; None: when it has settled."""
-        dwell = [effect.dwell for effect in self.effects if isinstance(effect, FastSweep)]
-        return dwell[-1] if dwell else None
+        changes = {name: value for effect in self.effects for name, value in effect.sweep_changes().items()}
+        return changes.get("dwell_s")
 
-    def _unsettled(self, poles: ComplexArray, dwell: FloatArray) -> ComplexArray:
+    def _transient_shares(self, poles: ComplexArray, dwell: FloatArray) -> ComplexArray:
         """(n_freq, ..., n_states) what transients add to 1 / (i omega - lambda), read over a period after dwells (...).
 
         The real signal is the imaginary part of what a force e^{i theta} makes, so the conjugate pole's transient is
@@ -244,7 +221,7 @@ class Modal:
             left -= left[..., twin].conj() * np.exp(-2j * dwell * np.cumsum(w, axis=0))
             read = as_read(left, w, poles)
         else:
-            near = np.flatnonzero(np.abs(poles) < _RINGING * w.max())
+            near = np.flatnonzero(np.abs(poles) < self.ringing * w.max())
             read = np.zeros((len(w), *dwell.shape[:-1], len(poles)), dtype=complex)
             read[..., near] = as_read(transients(w, poles[near], dwell), w, poles[near])
         return read[:: self._onward][np.searchsorted(all_hz, self.run.frequency_hz)]
@@ -260,11 +237,11 @@ class Modal:
         shift = self._shift(drift, tolerance)
         change = np.empty((len(dwells), len(self.omega), len(self.run.channels)), dtype=complex)
         for group in self.groups:
-            poles, still = group.poles * (1 + _of_poles(group, shift)), _unshifted(group, drift)
+            poles, still = group.poles * (1 + _pole_shifts(group, shift)), _heights(group, drift)
             Y, residues = self._motion(group, self._shares(poles) * still, tolerance)
-            dY = np.swapaxes((self._unsettled(poles, dwells) * still) @ residues.T, 0, 1)
+            dY = np.swapaxes((self._transient_shares(poles, dwells) * still) @ residues.T, 0, 1)
             force = self._force(Y[:, -1])
-            change[:, :, group.columns] = _driven(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
+            change[:, :, group.columns] = _sensor_change(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
         return change
 
     def _force_slope(self, drive: ComplexArray, force: ComplexArray) -> ComplexArray:
@@ -280,13 +257,13 @@ class Modal:
         return self.scale * force_factor(self.effects, self.omega, drive)
 
 
-def _of_poles(group: Group, shift: ComplexArray) -> ComplexArray:
+def _pole_shifts(group: Group, shift: ComplexArray) -> ComplexArray:
     """(n_states,) relative shift of every pole, of (MODES,) the resonances'; none of the modes that do not drift."""
     own = shift[group.mode]
     return np.where(group.mode < 0, 0.0, np.where(group.poles.imag < 0, own.conj(), own))
 
 
-def _unshifted(group: Group, drift: FloatArray | None) -> FloatArray:
+def _heights(group: Group, drift: FloatArray | None) -> FloatArray:
     """(n_states,) factor of the residues: a resonance drifts at a fixed mass-normalised shape, R ~ 1 / omega."""
     if drift is None:
         return np.ones(len(group.mode))
@@ -299,17 +276,20 @@ def chain_factors(effects: Sequence[Effect], run: Run, columns: IntArray) -> Com
     return np.array([channel_factor(effects, omega, run.channels[c].node) for c in columns]).T
 
 
-def _driven(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:
+def _sensor_change(Y: ComplexArray, dY: ComplexArray, force: ComplexArray, slope: ComplexArray) -> ComplexArray:
     """(..., n_freq, n_channels) change of the sensors' motion where the force changes with the exciter's own motion."""
     return dY[..., :-1] * force[:, None] + Y[:, :-1] * (slope * dY[..., -1])[..., None]
 
 
-def _matched(group: Group, twin: Group) -> ComplexArray | None:
-    """The twin's pole in the place of each of the group's resonances; None where they are not one to one."""
+def _poles_of_twin(group: Group, twin: Group, tolerance: float = 0.05) -> ComplexArray | None:
+    """The twin's pole in the place of each of the group's resonances; None where they are not one to one.
+
+    tolerance : relative difference of frequencies beyond which two resonances are not one and the same
+    """
     poles = group.poles.copy()
     for k in np.flatnonzero(group.mode >= 0):
         same = np.flatnonzero((twin.mode == group.mode[k]) & (np.sign(twin.poles.imag) == np.sign(poles[k].imag)))
-        if len(same) != 1 or abs(twin.poles[same[0]] / poles[k] - 1) > _SAME:
+        if len(same) != 1 or abs(twin.poles[same[0]] / poles[k] - 1) > tolerance:
             return None
         poles[k] = twin.poles[same[0]]
     return poles if group.mode.max(initial=-1) == twin.mode.max(initial=-1) else None

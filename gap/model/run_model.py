@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +22,12 @@ BoolArray = NDArray[np.bool_]
 class RunModel(Protocol):
     """Noise-free response of one run.
 
-    Parameters of the methods
-    -------------------------
-    drift : (MODES,) relative shift of each resonance
-    tolerance : (n_tolerances,) relative error of what the workshop made
-    level : logarithm of the true force over the one that the run believes; a linear response per newton does not change
+    Its methods take ``drift`` (MODES,), relative shifts of the resonances; ``tolerance`` (n_tolerances,), relative
+    errors of what the workshop made; and ``level``, the logarithm of the true force over the one that the run believes.
     """
 
-    @property
-    def run(self) -> Run:
-        """The measured run, with its lines and channels."""
-        ...
+    run: Run
+    level_is_parameter: ClassVar[bool] = False  # whether the response per newton changes with the force
 
     @property
     def frequencies_hz(self) -> FloatArray:
@@ -40,19 +35,14 @@ class RunModel(Protocol):
         ...
 
     @property
-    def level_is_parameter(self) -> bool:
-        """Whether the response per newton changes with the force, so that ``level`` has a derivative too."""
-        ...
-
-    @property
     def as_linear(self) -> Modal | None:
         """This model as a sum of resonances; None where a force law acts."""
-        ...
+        return None
 
     @property
     def as_nonlinear(self) -> NonlinearModal | None:
         """This model as motions under a force law; None where none acts."""
-        ...
+        return None
 
     def response(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
@@ -67,25 +57,25 @@ class RunModel(Protocol):
         ...
 
     def change_to(self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
-        """(n_freq, n_channels) response of another model less this one, to first order in the resonances' shifts."""
-        ...
+        """(n_freq, n_channels) response of another model less this one."""
+        return other.response(drift, tolerance, level) - self.response(drift, tolerance, level)
 
     def small_change_to(
         self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
     ) -> ComplexArray:
-        """``change_to`` a model whose numbers differ by a small step; to first order in these, for a derivative."""
-        ...
+        """``change_to`` a model whose numbers differ by a small step, to first order in these, for a derivative."""
+        return self.change_to(other, drift, tolerance, level)
 
     def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
         """(n_freq,) lines that have a response."""
-        ...
+        return np.ones(len(self.run.frequency_hz), dtype=bool)
 
     def tells(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> BoolArray:
         """(n_freq,) lines whose response is near enough to a solution to have a derivative."""
-        ...
+        return self.found(drift, tolerance)
 
     def driven_and_read_by(self, effects: Sequence[Effect]) -> RunModel | None:
         """The same rotor with another exciter and other sensors; None where it has to be solved again for that."""
-        ...
+        return None

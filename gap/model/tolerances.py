@@ -12,10 +12,6 @@ from rigtwin.rotor.geometry.rig import Disk, Rig
 from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
 from rigtwin.rotor.model.system import LinearSystem
 
-# A mode whose residues are below this share of the largest is not reached by the exciter: tolerances change it in
-# proportion to that share.
-_UNREACHED = 0.05
-
 # Relative step of a tolerance.
 STEP = 1e-3
 
@@ -26,7 +22,7 @@ class Bend:
 
     columns: IntArray  # places of its channels in the run, ascending
     residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the size of each mode's residues
-    missed: ComplexArray  # (MODES, n_tolerances) of the poles' logarithms, beyond ``Forward._sensitivity``
+    missed: ComplexArray  # (MODES, n_tolerances) of the poles' logarithms, beyond ``sensitivity_of``
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1)
 
 
@@ -60,9 +56,9 @@ def bend_of(modal: Modal, plain: Group, others: Sequence[Group]) -> Bend:
     bent = np.zeros((len(TOLERANCES), n_rows, MODES), dtype=complex)
     sizes = _sizes(plain.residues, plain.mode)
     for t, other in enumerate(others):
-        aside[t] = (_others(other, omega) - _others(plain, omega)) / STEP
+        aside[t] = (_undrifting_part(other, omega) - _undrifting_part(plain, omega)) / STEP
         for m in range(MODES):
-            a, b = _upper(plain, m), _upper(other, m)
+            a, b = _upper_pole(plain, m), _upper_pole(other, m)
             if a is not None and b is not None:
                 change = other.residues[:, b] - plain.residues[:, a]
                 bent[t, :, m] = change / (STEP * sizes[a])
@@ -71,7 +67,7 @@ def bend_of(modal: Modal, plain: Group, others: Sequence[Group]) -> Bend:
     return Bend(plain.columns, bent, missed, aside)
 
 
-def bent_for(known: Bend | None, omega, columns, poles: ComplexArray, residues: ComplexArray, mode: IntArray):
+def bend_residues(known: Bend | None, omega, columns, poles: ComplexArray, residues: ComplexArray, mode: IntArray):
     """(n_tolerances, n_channels + 1, n_states) and (n_tolerances, n_freq, n_channels + 1): a bend for these poles."""
     bent = np.zeros((len(TOLERANCES), *residues.shape), dtype=complex)
     if known is None:
@@ -85,19 +81,22 @@ def bent_for(known: Bend | None, omega, columns, poles: ComplexArray, residues: 
     return bent, known.aside[:, :, rows]
 
 
-def _sizes(residues: ComplexArray, mode: IntArray) -> FloatArray:
-    """(n_states,) size of each mode's residues, at least a share of the largest that drifts."""
+def _sizes(residues: ComplexArray, mode: IntArray, unreached: float = 0.05) -> FloatArray:
+    """(n_states,) size of each mode's residues, at least a share of the largest that drifts.
+
+    unreached : that share; tolerances change a mode that the exciter hardly reaches in proportion to it
+    """
     sizes = np.linalg.norm(residues, axis=0)
-    return np.maximum(sizes, _UNREACHED * sizes[mode >= 0].max(initial=1e-300))
+    return np.maximum(sizes, unreached * sizes[mode >= 0].max(initial=1e-300))
 
 
-def _others(group: Group, omega: FloatArray) -> ComplexArray:
+def _undrifting_part(group: Group, omega: FloatArray) -> ComplexArray:
     """(n_freq, n_channels + 1) what the modes that do not drift contribute."""
     mine = group.mode < 0
     return (1 / (1j * omega[:, None] - group.poles[mine])) @ group.residues[:, mine].T + group.rest
 
 
-def _upper(group: Group, m: int) -> int | None:
+def _upper_pole(group: Group, m: int) -> int | None:
     """Place of a resonance's pole with positive frequency."""
     found = np.flatnonzero((group.mode == m) & (group.poles.imag > 0))
     return int(found[0]) if len(found) else None

@@ -39,9 +39,12 @@ def as_read(left: ComplexArray, omega: FloatArray, poles: ComplexArray | complex
     return left * (np.expm1(own) / own * (poles / (1j * omega)) ** 2)
 
 
-def _affine(a: ComplexArray, b: ComplexArray) -> ComplexArray:
-    """(n, ...) x_k = a_k x_(k-1) + b_k from x_(-1) = 0; where steps are small, maps of 1, 2, 4, ... are composed."""
-    if a[0].size > _LARGE:
+def _affine(a: ComplexArray, b: ComplexArray, large: int = 1000) -> ComplexArray:
+    """(n, ...) x_k = a_k x_(k-1) + b_k from x_(-1) = 0; where steps are small, maps of 1, 2, 4, ... are composed.
+
+    large : numbers in a step from which one step after the other is faster
+    """
+    if a[0].size > large:
         x = b.copy()
         for k in range(1, len(a)):
             x[k] += a[k] * x[k - 1]
@@ -52,7 +55,3 @@ def _affine(a: ComplexArray, b: ComplexArray) -> ComplexArray:
         a[reach:] = a[reach:] * a[:-reach]
         reach *= 2
     return b
-
-
-# Numbers in a step from which one step after the other is faster.
-_LARGE = 1000

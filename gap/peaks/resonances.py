@@ -23,14 +23,22 @@ from rigtwin.sim.campaign import NominalBelief, SupportKind
 # Resonances that are kept, the lowest ones.
 N_RESONANCES = 8
 
-# Below this a motion is one of the rigid body [Hz].
-_LEAST_HZ = 1.0
 
-# Stiffnesses that are solved, at most; between them resonances are interpolated over ln k_b.
-_SOLVED = 48
+@dataclass(frozen=True)
+class Stiffnesses:
+    """At which bearing stiffnesses a rotor is built and solved."""
 
-# Two stiffnesses at which matrices are built; between and beyond them they are linear in k_b.
-_BUILT_AT = 1e6, 2e6
+    solved: int = 48  # at most; between them resonances are interpolated over ln k_b
+    low: float = 1e6  # [N/m] matrices are built at this one and the next: they are linear in k_b ...
+    high: float = 2e6  # [N/m] ... between and beyond the two
+
+    @property
+    def built_at(self) -> tuple[float, float]:
+        """The two stiffnesses at which matrices are built [N/m]."""
+        return self.low, self.high
+
+
+_K_B = Stiffnesses()
 
 
 @dataclass(frozen=True)
@@ -67,19 +75,19 @@ class Rotor:
         """
         there = acting(effects, support)
         if support == "rigid":
-            low, high = (self._system(k, True, there) for k in _BUILT_AT)
-            one = self._batch(low, high, k_b[:1])
+            low, high = (self._system(k, True, there) for k in _K_B.built_at)
+            one = self._solve_batch(low, high, k_b[:1])
             return Resonances(*(np.repeat(part, len(k_b), axis=0) for part in (one.f_hz, one.height)))
-        if len(k_b) > _SOLVED:
-            few = np.geomspace(k_b[0], k_b[-1], _SOLVED)
+        if len(k_b) > _K_B.solved:
+            few = np.geomspace(k_b[0], k_b[-1], _K_B.solved)
             key = (float(k_b[0]), float(k_b[-1]), tuple(there))
             if key not in self._memory:  # the same grid is asked for again where only the lists' reading differs
                 self._memory[key] = self.resonances(support, few, there)
-            return _interpolated(self._memory[key], few, k_b)
-        low, high = (self._system(k, False, there) for k in _BUILT_AT)
+            return _interpolate(self._memory[key], few, k_b)
+        low, high = (self._system(k, False, there) for k in _K_B.built_at)
         if len(low.massless):
-            return _stacked([self._damped(self._system(float(k), False, there)) for k in k_b])
-        return self._batch(low, high, k_b)
+            return _stack([self._solve_damped(self._system(float(k), False, there)) for k in k_b])
+        return self._solve_batch(low, high, k_b)
 
     def _system(self, k_b: float, rigid: bool, effects: Sequence[Effect]) -> LinearSystem:
         condition = Condition(
@@ -92,11 +100,11 @@ class Rotor:
         system = build_system(self.structure, condition, effects)
         return system if system.couples_planes() else system.in_plane(1)
 
-    def _batch(self, low: LinearSystem, high: LinearSystem, k_b: FloatArray) -> Resonances:
+    def _solve_batch(self, low: LinearSystem, high: LinearSystem, k_b: FloatArray) -> Resonances:
         """All stiffnesses at once, in coordinates in which the mass matrix is the unit matrix."""
         inverse = np.linalg.inv(np.linalg.cholesky(low.M))
-        slope = inverse @ (high.K - low.K) @ inverse.T / (_BUILT_AT[1] - _BUILT_AT[0])
-        base = inverse @ low.K @ inverse.T - _BUILT_AT[0] * slope
+        slope = inverse @ (high.K - low.K) @ inverse.T / (_K_B.high - _K_B.low)
+        base = inverse @ low.K @ inverse.T - _K_B.low * slope
         squares, shapes = np.linalg.eigh(base + k_b[:, None, None] * slope)
         buckled = squares[:, 0] < -1e-9 * squares[:, -1]
         omega = np.sqrt(np.clip(squares[:, :N_RESONANCES], (2 * np.pi * 1e-3) ** 2, None))
@@ -105,11 +113,11 @@ class Rotor:
         damper = inverse @ low.C_support @ inverse.T
         zeta = low.shaft_damping_ratio + np.einsum("kim,ij,kjm->km", shapes, damper, shapes) / (2 * omega)
         height = np.einsum("i,kim->km", push, shapes) ** 2 / (2 * np.maximum(zeta, 1e-6))
-        found = _sorted(omega / (2 * np.pi), height)
+        found = _sort(omega / (2 * np.pi), height)
         found.f_hz[buckled] = np.nan
         return found
 
-    def _damped(self, system: LinearSystem) -> Resonances:
+    def _solve_damped(self, system: LinearSystem) -> Resonances:
         """One stiffness by damped eigenvalues, for dashpots in series with springs."""
         push = system.unit_vector(self.node, 1)
         poles, residues = StateSpace(system).poles(push[:, None], push[None, :])
@@ -117,21 +125,24 @@ class Rotor:
         omega = np.abs(poles[upper])
         height = np.abs(residues[0, 0, upper]) * omega**2 / np.maximum(-poles[upper].real, 1e-12)
         order = np.argsort(omega)[:N_RESONANCES]
-        return _sorted(omega[None, order] / (2 * np.pi), height[None, order])
+        return _sort(omega[None, order] / (2 * np.pi), height[None, order])
 
 
-def _sorted(f_hz: FloatArray, height: FloatArray) -> Resonances:
-    """Without motions of the rigid body, and of one width."""
+def _sort(f_hz: FloatArray, height: FloatArray, least_hz: float = 1.0) -> Resonances:
+    """Resonances in ascending order, always ``N_RESONANCES`` of them, without motions of the rigid body.
+
+    least_hz : below this a motion is one of the rigid body [Hz]
+    """
     n, m = f_hz.shape
     f, h = np.full((n, N_RESONANCES), np.inf), np.zeros((n, N_RESONANCES))
     f[:, :m], h[:, :m] = f_hz, height
-    h[f < _LEAST_HZ] = 0.0
-    f[f < _LEAST_HZ] = np.inf
+    h[f < least_hz] = 0.0
+    f[f < least_hz] = np.inf
     order = np.argsort(f, axis=1, kind="stable")
     return Resonances(np.take_along_axis(f, order, 1), np.take_along_axis(h, order, 1))
 
 
-def _interpolated(solved: Resonances, at: FloatArray, k_b: FloatArray) -> Resonances:
+def _interpolate(solved: Resonances, at: FloatArray, k_b: FloatArray) -> Resonances:
     """Resonances at other stiffnesses; where a neighbour has none, there is none."""
     x, x_at = np.log(k_b), np.log(at)
     right = np.clip(np.searchsorted(x_at, x), 1, len(at) - 1)
@@ -144,5 +155,5 @@ def _interpolated(solved: Resonances, at: FloatArray, k_b: FloatArray) -> Resona
     return Resonances(*parts)
 
 
-def _stacked(parts: Sequence[Resonances]) -> Resonances:
+def _stack(parts: Sequence[Resonances]) -> Resonances:
     return Resonances(np.concatenate([p.f_hz for p in parts]), np.concatenate([p.height for p in parts]))

@@ -110,6 +110,9 @@ class Effect(ABC):
     acts_beyond_amplitude: ClassVar[bool] = False  # whether it is not there at all in small motions
     shares_k_b: ClassVar[bool] = False  # whether it takes a part of the bearing stiffness at rest
     stiffness_at_rest: ClassVar[tuple[float, ...]] = (1.0,)  # over the one that suits the lowest force level
+    needs_finer_mesh: ClassVar[bool] = False  # it acts inside an element, so that the elements' length shows
+    moves_resonances: ClassVar[bool] = True  # and not only how high and wide they are
+    couples_planes: ClassVar[bool] = False  # the rotor moves across the force too
 
     def __post_init__(self) -> None:
         for name, role in self.roles().items():

@@ -20,6 +20,7 @@ class Gyroscopic(Effect):
     source = "nelson1980"
     location = "disks"
     family = "spinning"
+    couples_planes = True
 
     factor: float = parameter(
         1.0, "1", "Share of the solid disk's polar inertia", 0.0, 1.5, null=0.0, minimum=0.0, maximum=10.0

@@ -127,6 +127,7 @@ class HubStiffening(Effect):
     source = "friswell2010"
     location = "disks"
     family = "structure"
+    needs_finer_mesh = True
 
     factor: float = parameter(
         1.5,
@@ -198,6 +199,7 @@ class OpenCrack(Effect):
     source = "dimarogonas1996"
     location = "position"
     family = "structure"
+    needs_finer_mesh = True
 
     reduction: float = parameter(
         0.2,
@@ -235,6 +237,7 @@ class ShaftDamping(Effect):
     source = "crandall1970"
     location = "shaft"
     family = "structure"
+    moves_resonances = False
 
     damping_ratio: float = parameter(
         0.005,

@@ -25,6 +25,7 @@ class BearingDamping(Effect):
     source = "kramer1993"
     location = "bearings"
     family = "support"
+    moves_resonances = False
 
     damping: float = parameter(
         100.0,
@@ -231,6 +232,7 @@ class PlaneAnisotropy(Effect):
     source = "friswell2010"
     location = "bearings"
     family = "support"
+    couples_planes = True
 
     anisotropy: float = parameter(
         0.2,

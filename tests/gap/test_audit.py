@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rigtwin.gap.audit.checked_run import Prepared, prepare
-from rigtwin.gap.audit.findings import audit, believed_errors, common_error, estimate_noise, scatter_over, usable
+from rigtwin.gap.audit.checked_run import CheckedRun, checked_runs
+from rigtwin.gap.audit.findings import audit, usable
 from rigtwin.gap.audit.geometry import geometry_of
-from rigtwin.gap.audit.noise import mean_square
+from rigtwin.gap.audit.noise import believed_errors, common_error, estimate_noise, mean_square, scatter_over
 from rigtwin.gap.audit.pairs import compare
 from rigtwin.gap.audit.phase import Delays, _drive_sign, check_sign
 from rigtwin.gap.audit.wild import wild_lines, without_wild_lines
@@ -358,7 +358,7 @@ def test_damping_is_read_from_lines_a_hertz_apart(damping, magnitudes):
     run = measure(replace(RIGID, shaft_damping_ratio=damping), EVEN, noise=0.003)
     if magnitudes:
         run = replace(run, H=np.abs(run.H).astype(complex), magnitude_only=True)
-    for found, true_hz in zip(Prepared(run, "").resonances, (100.561, 323.994), strict=True):
+    for found, true_hz in zip(CheckedRun(run, "").resonances, (100.561, 323.994), strict=True):
         assert found.frequency_hz == pytest.approx(true_hz, abs=4 * found.frequency_std_hz + 1e-3)
         assert found.damping_ratio == pytest.approx(damping, abs=4 * found.damping_std, rel=0.01)
         assert found.damping_std < 0.1 * damping
@@ -372,7 +372,7 @@ def test_a_raster_coarser_than_the_half_power_band_is_found():
 
 def test_where_lines_are_missing_next_to_a_resonance_the_raster_is_not_coarse():
     run = measure(RIGID)
-    peak = Prepared(run, "").resonances[0]
+    peak = CheckedRun(run, "").resonances[0]
     keep = np.abs(run.frequency_hz - peak.frequency_hz) > 0.4 * peak.half_power_hz
     thinned = replace(run, frequency_hz=run.frequency_hz[keep], H=run.H[keep], std=None)
     assert {f.severity for f in noted(audit(in_campaign(thinned)), "raster")} == {"note"}
@@ -380,10 +380,10 @@ def test_where_lines_are_missing_next_to_a_resonance_the_raster_is_not_coarse():
 
 def test_believed_damping_serves_where_the_lines_do_not_tell():
     run = measure(replace(RIGID, shaft_damping_ratio=0.0005), np.arange(20.0, 400.0, 6.0), noise=0.02)
-    (one, *_) = Prepared(run, "").resonances
+    (one, *_) = CheckedRun(run, "").resonances
     unresolved = replace(one, damping_ratio=float("nan"))
-    assert Prepared(run, "").half_power_hz(unresolved, NominalBelief(0.01)) == pytest.approx(0.02 * one.frequency_hz)
-    assert np.isnan(Prepared(run, "").half_power_hz(unresolved, NominalBelief(0.0)))
+    assert CheckedRun(run, "").half_power_hz(unresolved, NominalBelief(0.01)) == pytest.approx(0.02 * one.frequency_hz)
+    assert np.isnan(CheckedRun(run, "").half_power_hz(unresolved, NominalBelief(0.0)))
 
 
 def test_a_hole_in_the_raster_is_found_and_one_over_a_resonance_is_worse():
@@ -541,7 +541,7 @@ def test_an_inverted_sensor_is_found(node, condition, delay):
 
 def test_a_delay_that_bent_peaks_feign_inverts_no_sensor():
     run = measure(RIGID, EVEN[68:])
-    prepared = Prepared(run, "run")
+    prepared = CheckedRun(run, "run")
     feigned = Delays(np.arange(5), np.full(5, 5e-3), np.full(5, 1e-5), 0.0)
     turned = prepared.receptance * np.exp(2j * np.pi * prepared.f[:, None] * 5e-3)
     assert min(_drive_sign(prepared, turned).values()) < 0
@@ -685,7 +685,7 @@ def test_a_hum_below_the_first_resonance_exchanges_no_supports():
     runs = measure(RIGID, EVEN), measure(BEARING, EVEN, seed=1)
     hum = np.exp(-(((EVEN - 50) / 0.7) ** 2))
     loud = replace(runs[0], H=runs[0].H + 5 * np.median(np.abs(runs[0].H)) * hum[:, None])
-    assert prepare([loud])[0].resonances[0].frequency_hz == pytest.approx(50, abs=1)
+    assert checked_runs([loud])[0].resonances[0].frequency_hz == pytest.approx(50, abs=1)
     assert not noted(audit(in_campaign(loud, runs[1])), "labels")
 
 
@@ -763,7 +763,7 @@ def test_what_noise_explains_is_the_same_whatever_the_phase():
     one, two = measure(BEARING), measure(BEARING, seed=1)
     ratios = []
     for turn in (1.0, 1j):
-        a, b = prepare((replace(one, H=turn * one.H), replace(two, H=turn * two.H)))
+        a, b = checked_runs((replace(one, H=turn * one.H), replace(two, H=turn * two.H)))
         found = compare(a, b, [(c, c) for c in a.channels], 1e-4)
         assert found
         ratios.append(found.ratio)
@@ -1047,7 +1047,7 @@ def test_lines_that_are_not_compared_have_no_phase():
     two = replace(one, H=-one.H)
     loud = np.arange(len(one.H)) % 3 > 0
     std = np.where(loud[:, None], np.abs(one.H), one.std)
-    a, b = prepare((one, two))
+    a, b = checked_runs((one, two))
     a.__dict__["std"] = std[:, a.live]
     found = compare(a, b, [(c, c) for c in a.channels], 1e-4)
     assert found

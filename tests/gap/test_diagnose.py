@@ -15,8 +15,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from rigtwin.gap.answer.held_out import _figures, _held_out, lines_to_measure
 from rigtwin.gap.answer.report import _equivalent, _may_be_the_bearings, _regime
-from rigtwin.gap.audit.checked_run import Prepared
-from rigtwin.gap.audit.findings import common_error, usable
+from rigtwin.gap.audit.checked_run import CheckedRun
+from rigtwin.gap.audit.findings import usable
+from rigtwin.gap.audit.noise import common_error
 from rigtwin.gap.curves import nrmse
 from rigtwin.gap.diagnose import diagnose
 from rigtwin.gap.document import FILE_NAME, SCHEMA, Cause, Diagnosis, Finding, Location, Where
@@ -663,7 +664,7 @@ def test_lines_missing_from_a_fine_raster_are_no_cause():
 
 def _without_peaks(run):
     """A run without the lines next to each of its resonances."""
-    widths = [(r.frequency_hz, r.half_power_hz) for r in Prepared(run, "").resonances]
+    widths = [(r.frequency_hz, r.half_power_hz) for r in CheckedRun(run, "").resonances]
     keep = np.all([np.abs(run.frequency_hz - f) > 0.4 * width for f, width in widths], axis=0)
     return replace(run, frequency_hz=run.frequency_hz[keep], H=run.H[keep], std=run.std[keep])
 

@@ -15,6 +15,7 @@ from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
     AxialLoad,
+    BearingCubic,
     CompliantRigidSupport,
     DiskInertia,
     FastSweep,
@@ -405,3 +406,17 @@ def test_another_process_gets_no_rotors(solved):
     assert_allclose(there.modal(run, K_B).response(), H, rtol=1e-12)
     forward.modal(run, K_B)
     assert len(solved) == 2  # one here, one there
+
+
+def test_both_kinds_of_model_answer_the_same_questions():
+    """A linear response per newton is the same at every level; a law's is not, and has no sum of resonances."""
+    run = blank("bearing", lines("bearing")[::16], force_amplitude_N=0.5, sweep="up")
+    forward = Forward(STRUCTURE, BELIEF).made(with_data=False)
+    linear, law = forward.modal(run, K_B), forward.modal(run, K_B, (BearingCubic(stiffness=1e14),))
+    assert (linear.level_is_parameter, law.level_is_parameter) == (False, True)
+    assert (linear.as_linear, linear.as_nonlinear, law.as_linear, law.as_nonlinear) == (linear, None, None, law)
+    assert np.array_equal(linear.response(level=0.3), linear.response())
+    assert not np.allclose(law.response(level=0.3), law.response(), rtol=1e-4)
+    assert linear.tells().all()
+    nothing = np.zeros(MODES), np.zeros(len(TOLERANCES))
+    assert_allclose(linear.change_to(law, *nothing), law.response() - linear.response())

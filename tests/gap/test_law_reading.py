@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
-from rigtwin.gap.model.nonlinear import ROUGH
+from rigtwin.gap.model.motions import ROUGH
 from rigtwin.gap.search.laws.grid import by_distance, seen_motion
 from rigtwin.gap.search.laws.reading import read
 from rigtwin.gap.search.laws.robust import fit_at_start, robust_misfit, thin_out

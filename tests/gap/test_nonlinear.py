@@ -15,9 +15,11 @@ from rigtwin.gap.inference.hypotheses import NOMINAL, PRIORS, candidates
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
 from rigtwin.gap.inference.score_test import Score
-from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.model.branch import Branch, BranchSearch
+from rigtwin.gap.model.forward import Forward, ModelSize
 from rigtwin.gap.model.linear import MODES, TOLERANCES
-from rigtwin.gap.model.nonlinear import _IN_VAIN, FINAL, FINE, MIDDLE, ROUGH, NonlinearModal
+from rigtwin.gap.model.motions import FINAL, FINE, MIDDLE, ROUGH
+from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.predict import predict
 from rigtwin.gap.search.laws.grid import by_distance, seen_motion
 from rigtwin.gap.search.laws.robust import descend, fit_at_start, robust_fit, robust_misfit, settle, thin_out
@@ -203,12 +205,12 @@ def test_a_start_has_the_forces_of_a_hard_contact_that_the_data_tell_of():
     run = swept(rub, 1.0)
     modal = Forward(STRUCTURE, BELIEF).modal(run, K_B, (rub,))
     assert isinstance(modal, NonlinearModal)
-    told = modal._measured(modal.balance)[1][:, 0]
+    told = modal.branch.measured_joints(modal.balance)[1][:, 0]
     every = np.arange(len(told))
     touching = np.abs(told) > 0.03 * np.abs(told).max()
     off = [
         np.abs(modal.balance.forces.harmonics(start)[:, 1, 0] - told)[touching] / np.abs(told)[touching]
-        for start in (modal._measured_motion(modal.balance), modal._measured_force(modal.balance, every))
+        for start in (modal.branch.measured_motion(modal.balance), modal.branch.measured_force(modal.balance, every))
     ]
     assert touching.sum() > 5
     assert np.median(off[0]) > 0.2
@@ -430,17 +432,17 @@ def test_lines_that_no_start_brings_to_the_data_are_given_up(hardening, monkeypa
     strange = np.arange(len(run.frequency_hz)) == 20
     run = replace(run, H=np.where(strange[:, None], 30 * run.H, run.H))
     forward, given_up = Forward(STRUCTURE, BELIEF), []
-    nearer = NonlinearModal._nearer
+    start_again, in_vain = Branch.start_again, BranchSearch().in_vain
 
     def watched(self, balance, best, lost):
         given_up.append(np.flatnonzero(lost).tolist())
-        return nearer(self, balance, best, lost)
+        return start_again(self, balance, best, lost)
 
-    monkeypatch.setattr(NonlinearModal, "_nearer", watched)
-    for k_b in K_B * (1 + 0.005 * np.arange(_IN_VAIN + 2)):
+    monkeypatch.setattr(Branch, "start_again", watched)
+    for k_b in K_B * (1 + 0.005 * np.arange(in_vain + 2)):
         forward.modal(run, k_b, (CUBIC,)).response()
-    assert given_up[:_IN_VAIN] == [[]] * _IN_VAIN
-    assert all(20 in lost for lost in given_up[_IN_VAIN:])
+    assert given_up[:in_vain] == [[]] * in_vain
+    assert all(20 in lost for lost in given_up[in_vain:])
     forward.forget()
     forward.modal(run, K_B, (CUBIC,)).response()
     assert given_up[-1] == []
@@ -453,20 +455,20 @@ def test_lines_on_the_upper_branch_are_found_by_their_magnitudes(monkeypatch):
     def lost():
         modal = Forward(STRUCTURE, BELIEF).made(resolution=FINAL).modal(run, K_B, (CUBIC,))
         assert isinstance(modal, NonlinearModal)
-        return np.count_nonzero(modal._miss(modal.solved()) > 0.1)
+        return np.count_nonzero(modal.drive.miss(modal.motions()) > 0.1)
 
     assert lost() == 0
-    monkeypatch.setattr("rigtwin.gap.model.nonlinear._PHASES", {})
+    monkeypatch.setattr("rigtwin.gap.model.branch._PHASES", {})
     assert lost() == 4
 
 
 def test_hysteresis_needs_no_more_samples_than_it_has(monkeypatch):
     friction, H = BearingFriction(force=1.0, stiffness=5e5), {}
-    for samples in (forward_module._HYSTERESIS_SAMPLES, 1024):
-        monkeypatch.setattr(forward_module, "_HYSTERESIS_SAMPLES", samples)
+    for size in (ModelSize(), ModelSize(hysteresis_samples=1024)):
+        monkeypatch.setattr(forward_module, "_SIZE", size)
         run = blank("bearing", lines("bearing")[::16], force_amplitude_N=3.0, sweep="up")
         forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=FINAL)
-        H[samples] = forward.modal(run, K_B, (friction,)).response()
+        H[size.hysteresis_samples] = forward.modal(run, K_B, (friction,)).response()
     few, many = H.values()
     off = np.abs(few - many).max() / np.abs(many).max()
     assert 0 < off < 1e-4

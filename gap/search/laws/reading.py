@@ -62,7 +62,7 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
         law = modal.as_nonlinear
         if law is not None and not law.run.magnitude_only:
             drift, tolerance, _ = problem.nuisances.of_run(nu, r, modal)
-            joints[r] = _joints(problem.observed[r], *law.told(drift, tolerance))
+            joints[r] = _joints(problem.observed[r], *law.read_joints(drift, tolerance))
     if not joints:
         return None
     residual = partial(_residual, problem, hypothesis, joints)

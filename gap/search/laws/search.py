@@ -13,7 +13,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis
 from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
 from rigtwin.gap.inference.score_test import Score
-from rigtwin.gap.model.nonlinear import FINAL, MIDDLE, ROUGH, Resolution
+from rigtwin.gap.model.motions import FINAL, MIDDLE, ROUGH, Resolution
 from rigtwin.gap.search.laws.grid import by_distance, by_score, distance, seen_motion
 from rigtwin.gap.search.laws.reading import read
 from rigtwin.gap.search.laws.robust import (
@@ -385,7 +385,7 @@ def _largest_motion(problem: Problem, start: Start) -> FloatArray:
         law = modal.as_nonlinear
         if law is not None:
             plane = 1 if law.run.excitation_plane == "y" else 2
-            solved = law.solved()
+            solved = law.motions()
             motions.append(np.abs(solved.states[solved.converged, 1] @ law.balance.read_out(plane).T))
     motion = np.concatenate(motions)
     own = motion[:, start.hypothesis.terms[0].node - 1]

@@ -11,6 +11,7 @@
 # make method-figures   the figures of docs/diagnosis-method.md
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
 # make laws   print the force laws anew, for Python and for C, after a change of rotor/model/force_laws.py
+# make thresholds   docs/thresholds.md, after a change of gap/verdict/thresholds.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
 PYTHON3 ?= python3
@@ -22,7 +23,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-blind method-figures paper-rig laws effect-pages clean
+.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-blind method-figures paper-rig laws thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -89,6 +90,9 @@ paper-rig: $(VENV)/installed
 
 laws: $(VENV)/installed
 	$(PYTHON) build_laws.py
+
+thresholds: $(VENV)/installed
+	$(PYTHON) -m benchmarks.thresholds
 
 effect-pages: $(VENV)/installed
 	$(PYTHON) -m benchmarks.effect_pages

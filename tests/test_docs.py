@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import thresholds
 from rigtwin.blind.judge.page import page
 from rigtwin.blind.judge.results import from_row
 from rigtwin.estimator.runtime import StiffnessEstimator
@@ -73,3 +74,7 @@ def test_the_page_of_the_blind_benchmark_is_the_one_of_its_results():
     results = json.loads((ROOT / "docs" / "blind.json").read_text(encoding="utf-8"))
     made = page([from_row(row) for row in results["campaigns"]], results["facts"])
     assert made == (ROOT / "docs" / "blind.md").read_text(encoding="utf-8")
+
+
+def test_the_page_of_thresholds_is_printed_from_them():
+    assert thresholds.PAGE.read_text(encoding="utf-8") == thresholds.page()

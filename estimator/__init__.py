@@ -11,7 +11,6 @@ module                  what it holds                                           
 ``runtime``             the ONNX file in use: numpy and onnxruntime only         ``StiffnessEstimator``
 ``validity``            why an estimate is not valid, in sentences              ``objections``
 ``root_finding``        the same question answered on the finite-element model   ``StiffnessFinder``
-``paper_networks``      the paper's own back-propagation networks                ``train``
 ======================  =======================================================  =======================
 
 torch is imported by ``network`` and ``training`` only.

@@ -150,11 +150,7 @@ def _add_frame(root: Element, model: Model) -> None:
 
 
 def _said(variable: Variable) -> dict[str, str]:
-    return {
-        "causality": variable.causality,
-        "variability": variability(variable),
-        "description": variable.description,
-    }
+    return {"causality": variable.causality, "variability": variability(variable), "description": variable.description}
 
 
 def _type_of(variable: Variable) -> dict[str, str]:
@@ -185,7 +181,4 @@ def _named(model: Model, name: str) -> Variable:
 
 
 def _dependencies(known: Sequence[int]) -> dict[str, str]:
-    return {
-        "dependencies": " ".join(map(str, known)),
-        "dependenciesKind": " ".join("dependent" for _ in known),
-    }
+    return {"dependencies": " ".join(map(str, known)), "dependenciesKind": " ".join("dependent" for _ in known)}

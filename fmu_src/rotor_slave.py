@@ -29,12 +29,7 @@ class RotorRig(TableSlave):
         with np.load(resources / "structure.npz", allow_pickle=False) as arrays:
             structure = from_arrays(arrays)
         facts = RotorFacts(**read_manifest(resources)["facts"])
-        super().__init__(
-            rotor_variables(facts),
-            description=ROTOR_MEANING,
-            step_size=ROTOR_STEP,
-            **kwargs,
-        )
+        super().__init__(rotor_variables(facts), description=ROTOR_MEANING, step_size=ROTOR_STEP, **kwargs)
         self._simulator = RotorSimulator(structure, self._condition(), self._effects())
         self.accept_settings(self._table)
 

@@ -228,12 +228,7 @@ class TableSlave(Fmi2Slave):
     # -- state ---------------------------------------------------------------------------------
 
     def _get_fmu_state(self) -> dict[str, Any]:
-        return {
-            "guid": str(self.guid),
-            "values": list(self._values),
-            "phase": self._phase,
-            "state": self.save_state(),
-        }
+        return {"guid": str(self.guid), "values": list(self._values), "phase": self._phase, "state": self.save_state()}
 
     def _set_fmu_state(self, state: dict[str, Any] | None) -> None:
         if state is None or state.get("guid") != str(self.guid):

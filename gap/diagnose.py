@@ -12,6 +12,7 @@ from rigtwin.gap.answer.report import Answer, Outcome, report
 from rigtwin.gap.audit.findings import amplitude_dependent, audit, usable
 from rigtwin.gap.clock import Clock
 from rigtwin.gap.explain import Explained, Task, explain, library_of
+from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import nonlinear
 from rigtwin.gap.peaks.diagnosis import diagnose_peaks
 from rigtwin.gap.prepare import prepared, without_odd_lines
@@ -20,7 +21,6 @@ from rigtwin.gap.search.race import Progress
 from rigtwin.gap.search.workers import helped_by
 from rigtwin.gap.verdict.ranking import decide
 from rigtwin.gap.verdict.standing import scale_of
-from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign import Campaign
 
@@ -59,16 +59,18 @@ def diagnose(
     campaign, whole, nominal, odd = without_odd_lines(campaign, *prepared(campaign))
     findings += odd
     clock.lap("recalibration")
-    enough = nominal.n_data >= THRESHOLDS.least_data
-    found = Explained(whole, nominal, [nominal])
-    if enough:
-        task = Task(whole, nominal, library_of(whole, exclude), amplitude_dependent(findings), progress, clock)
-        with helped_by(helpers):
-            found = explain(task)
-    decision = decide(found.problem, found.nominal, found.fits, enough)
+    task = Task(whole, nominal, library_of(whole, exclude), amplitude_dependent(findings), progress, clock)
+    with helped_by(helpers):
+        found = explain(task)
+    answer = _judge(whole, found, clock)
+    return report(campaign, answer, findings, exclude, confirm, clock)
+
+
+def _judge(whole: Problem, found: Explained, clock: Clock) -> Answer:
+    """The verdict, and the nominal model that is shown beside it."""
+    problem, nominal = found.problem, found.nominal
+    decision = decide(problem, nominal, found.fits, found.enough)
     clock.lap("verdict")
     robust = any(nonlinear(fit.effects) for fit in found.fits)  # and so is the nominal model
-    scale = scale_of(decision.standing.quality)
-    shown = found.nominal if robust else fit_lines_alike(found.problem, found.nominal, scale)
-    answer = Answer(whole, found.problem, found.nominal, shown, decision.ranked, decision.standing, decision.verdict)
-    return report(campaign, answer, findings, exclude, confirm, clock)
+    shown = nominal if robust else fit_lines_alike(problem, nominal, scale_of(decision.standing.quality))
+    return Answer(whole, problem, nominal, shown, decision.ranked, decision.standing, decision.verdict)

@@ -67,6 +67,7 @@ class Explained:
     problem: Problem
     nominal: Fit
     fits: Sequence[Fit]
+    enough: bool = True  # whether there are data to conclude from
 
 
 def library_of(problem: Problem, exclude: Sequence[str]) -> Library:
@@ -81,7 +82,10 @@ def library_of(problem: Problem, exclude: Sequence[str]) -> Library:
 
 
 def explain(task: Task) -> Explained:
-    """Fit what may explain the runs, beginning anew where the problem turns out to be badly posed."""
+    """Fit what may explain the runs, beginning anew where the problem turns out to be badly posed; of hardly any data
+    the nominal model alone."""
+    if task.nominal.n_data < THRESHOLDS.least_data:
+        return Explained(task.problem, task.nominal, [task.nominal], enough=False)
     outcome: Task | Explained = task
     while isinstance(outcome, Task):
         outcome = _attempt(outcome)

@@ -137,8 +137,7 @@ def test_nothing_is_imported_by_the_name_of_its_folder():
 
 
 @pytest.mark.parametrize(
-    "source",
-    ["import rigtwin.fmu_src.slave", "def f():\n    from rigtwin.fmu_src import slave", "from ..x import y"],
+    "source", ["import rigtwin.fmu_src.slave", "def f():\n    from rigtwin.fmu_src import slave", "from ..x import y"]
 )
 def test_the_check_sees_imports_in_any_form(source):
     """A guard that sees nothing guards nothing."""
@@ -181,10 +180,7 @@ def test_every_package_is_installed():
 # -- effects are known by name in two places ---------------------------------------------------------------
 
 # Words that are ids of effects, too.
-OTHER_MEANINGS = {
-    "disk_mass": "the masses of a Structure",
-    "sensor_gain": "a key of the calibration in diagnosis.json",
-}
+OTHER_MEANINGS = {"disk_mass": "the masses of a Structure", "sensor_gain": "a key of the calibration in diagnosis.json"}
 KNOWS_EFFECTS = (ROOT / "rotor" / "effects", ROOT / "gap" / "search" / "strategies", ROOT / "blind")
 
 

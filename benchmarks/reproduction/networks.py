@@ -20,7 +20,7 @@ from scipy.interpolate import PchipInterpolator
 from benchmarks.page import COLOURS, save_figure, table
 from benchmarks.reproduction.amplitudes import acceleration, amplitude_ratio
 from benchmarks.reproduction.nominal import RIGID_ABOVE, paper, system, two_frequencies_hz
-from rigtwin.estimator.paper_networks import (
+from benchmarks.reproduction.paper_networks import (
     LINEAR,
     LOGISTIC,
     TRAINLM,

@@ -8,16 +8,7 @@ in x: strong). Both are hinges with a rotational spring.
 from __future__ import annotations
 
 import numpy as np
-from model import (
-    DIAMETER_M,
-    YOUNGS_MODULUS_PA,
-    Case,
-    Lateral,
-    Options,
-    build,
-    nearest,
-    plane_frequencies_hz,
-)
+from model import DIAMETER_M, YOUNGS_MODULUS_PA, Case, Lateral, Options, build, nearest, plane_frequencies_hz
 from ross.faults.crack import Crack
 from scipy.linalg import eigh
 from standing import K_B, both

@@ -183,12 +183,7 @@ def harmonic_balance() -> Case:
         speed=spin,
         t=np.linspace(0, 0.1, 101),
         harmonic_forces=[
-            {
-                "node": int(system.stations[node - 1]),
-                "magnitudes": amplitudes,
-                "phases": phases,
-                "harmonics": harmonics,
-            }
+            {"node": int(system.stations[node - 1]), "magnitudes": amplitudes, "phases": phases, "harmonics": harmonics}
         ],
         n_harmonics=3,
     )

@@ -132,12 +132,7 @@ def bearing_tilt_stiffness() -> Case:
             if k == K_B[0]:
                 responses.append(frf(system, K=K))
         f_hz.append(rows)
-    return {
-        "tilt_stiffness_Nm_per_rad": tilt_stiffnesses,
-        "k_b_N_per_m": K_B,
-        "f_hz": f_hz,
-        "receptance": responses,
-    }
+    return {"tilt_stiffness_Nm_per_rad": tilt_stiffnesses, "k_b_N_per_m": K_B, "f_hz": f_hz, "receptance": responses}
 
 
 def with_tilt(system: Lateral, tilt_stiffness: float) -> np.ndarray:

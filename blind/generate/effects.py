@@ -65,9 +65,7 @@ ANYWHERE = (0.04, 0.96)  # of the shaft's length: where a crack may be
 KINDS: dict[str, Kind] = {
     "attached_mass": Kind("structure", "node", {"mass": Range(0.02, 0.5, least=0.02)}, INNER),
     "exciter_suspension": Kind(
-        "structure",
-        "exciter",
-        {"stiffness": Range(3e3, 5e5, least=3e3), "damping": Range(0, 20, even=True)},
+        "structure", "exciter", {"stiffness": Range(3e3, 5e5, least=3e3), "damping": Range(0, 20, even=True)}
     ),
     "disk_mass": Kind("structure", "disks", {"change": Range(0.003, 0.08, signed=True)}),
     "disk_inertia": Kind("structure", "disks", {"factor": Range(0.02, 2)}),

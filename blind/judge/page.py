@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -11,67 +12,9 @@ from rigtwin.blind.judge.bars import bars, detection_curve
 from rigtwin.blind.judge.score import Outcome, group_table, shuffled
 from rigtwin.blind.judge.statistics import rate
 
-_INTRODUCTION = """# The blind benchmark
-
-`rigtwin blind` makes campaigns with a hidden cause, diagnoses them, and scores the answers; it also writes this page.
-The generator of the campaigns is in `blind/`. It is a separate implementation with other elements and another solver,
-and it imports neither the rotor model nor the diagnosis.
-
-Besides the hidden effect, every rig differs from its drawing in the ways in which real rigs do:
-
-- The modulus, the span and the masses of the disks differ from the drawing by up to 0.1 %.
-- The resonances drift by 0.01 % from run to run.
-- The force gains are wrong by 2 % and the sensor gains by 1 %.
-- The noise is 0.5 to 1 %.
-
-The labels, which say what each campaign hides, are sealed by a SHA-256 checksum before anything is diagnosed.
-
-| set | what its campaigns hide |
-| --- | --- |
-| W1 | one effect of the library; a third of the campaigns have only one accelerometer |
-| W2 | one effect of the library that the diagnosis is not allowed to use |
-| W3 | nothing |
-| W4 | two effects |
-| W5 | an error of the measurement chain |
-| W6 | an effect in another functional form, solved in time, or made by another code |
-| W7 | an effect at 0.3 to 10 times its detection limit |
-| W8 | a mechanism that is in no library |
-
-The tables use these words:
-
-- **Detection limit**: the size of an effect at which its campaign lies three standard deviations from the nearest
-  campaign without the effect. An effect is *large* from 30 times its detection limit on, and *small* from 3 to 30
-  times.
-- **First answer** and **answered set**: the effect that the diagnosis names first, and all effects that it names as
-  possible.
-- **Gap**: √(Σ|H − Ĥ|²/Σ|H|²), averaged over channels and runs.
-- **Held-out transfer**: runs that the diagnosis does not see. In them the force acts at node 4 instead of node 2.
-- **Explainable shrink**: how much the correction reduces the gap, divided by how much it could at most. The floor is
-  the gap that a repeat run would leave, with its own gains, drift and noise.
-- **Wrong blame**: naming an effect of the library for one that is outside it. It does not count where the answer is
-  "unknown" or "not enough data". Nor does it count where the answered effect, or the answer "no gap", predicts the
-  transfer with at most twice the gap that a repeat run leaves.
-
-A campaign whose diagnosis fails counts as answered wrongly.
-"""
-
-_BARS = """A bar is a value that the benchmark has to reach. Shares have Wilson 95 % intervals; the column "of" is the
-number of campaigns, or of values, that a share rests on. AUROC is the probability that an effect outside the library
-has a higher score than one inside it or none."""
-
-_GROUPS = """Each row is a group of campaigns. The columns mean:
-
-- "top-1", "set" and "place": how often the first answer, the answered set and the place are right.
-- "set size (largest)": the mean and the largest number of effects in the answered set.
-- "coverage": how often the 90 % intervals of the parameters contain the true value.
-- "parameter error" and "k_b error": medians of the relative errors.
-- "k_b gain": the error of k_b in the nominal model divided by that after the diagnosis, as a median over the campaigns
-  in which the nominal model misses k_b by more than five standard errors.
-- "unknown", "not blamed", "false alarms": how often the answer is "unknown", how often an effect outside the library is
-  not blamed on a wrong one, and how often a campaign without an effect gets one.
-- "Brier" and "ECE": the Brier score and the expected calibration error of the probabilities.
-- "shrink median (worst)" and "shrink covered": the explainable shrink where the first answer is right, and how often
-  its 90 % interval contains the true one."""
+# What the page says whatever the results are.
+_PROSE = Path(__file__).with_name("prose.md").read_text(encoding="utf-8").removesuffix("\n")
+_INTRODUCTION, _BARS, _GROUPS = _PROSE.split("\n<!-- next -->\n")
 
 
 def page(outcomes: Sequence[Outcome], facts: Mapping[str, str]) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rigtwin.gap.document import Cause, Diagnosis, Finding, Shrink, explainable
 from rigtwin.gap.phrases import effects_at, listed, lowered, part, place
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
+from rigtwin.rotor.effects.library import EFFECTS
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
         return "The data are too few to tell one cause from another."
     if diagnosis.verdict == "unknown":
         return "There is a gap, and none of the known effects explains it" + _acts_like(diagnosis)
-    if diagnosis.causes[0].location.kind == "raster":
+    if "step_hz" in EFFECTS[diagnosis.causes[0].effects[0]]().sweep_changes():
         surely = part(diagnosis.causes[0].probability)
         return (
             f"Model and measurement agree line by line, but the lines are too far apart to show the peaks ({surely})."

@@ -104,12 +104,7 @@ class Drive:
         return self.read_out(balance) @ states, balance.left @ states
 
     def solve(
-        self,
-        balance: Balance,
-        start: ComplexArray,
-        iterations: int,
-        lines: IntArray | None = None,
-        tells: float = 1e-3,
+        self, balance: Balance, start: ComplexArray, iterations: int, lines: IntArray | None = None, tells: float = 1e-3
     ) -> Solved:
         """Motions at all lines, or some, by Newton's method.
 

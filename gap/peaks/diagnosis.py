@@ -27,11 +27,7 @@ def diagnose_peaks(campaign: Campaign, exclude: Sequence[str], findings: tuple[F
 
 
 def diagnosis_of(
-    campaign: Campaign,
-    lists: Lists,
-    ranking: Ranking,
-    exclude: Sequence[str] = (),
-    findings: tuple[Finding, ...] = (),
+    campaign: Campaign, lists: Lists, ranking: Ranking, exclude: Sequence[str] = (), findings: tuple[Finding, ...] = ()
 ) -> Diagnosis:
     """What a ranking says, in the form of every diagnosis."""
     nominal = ranking.nominal

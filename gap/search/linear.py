@@ -25,9 +25,6 @@ from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.workers import each
 from rigtwin.rotor.model.structure import FloatArray
 
-# At least so many candidates are raced.
-AT_LEAST = 12
-
 
 @dataclass(frozen=True)
 class NearSearch:
@@ -55,14 +52,12 @@ class FarSearch:
     long_way: int = 24  # steps along the long valleys of laws that are bent
 
 
-NEAR_SEARCH, FAR_SEARCH = NearSearch(), FarSearch()
+NEAR_SEARCH = NearSearch()
+FAR_SEARCH = FarSearch()
 
 
 def search(
-    problem: Problem,
-    hypotheses: Sequence[Hypothesis],
-    nominal: Fit | None = None,
-    progress: Progress | None = None,
+    problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit | None = None, progress: Progress | None = None
 ) -> Search:
     """Fit all candidates that are worth it.
 
@@ -166,11 +161,11 @@ def _rough_starts(
     rough = [_Rough(h, found.get(h, []), weak[h], on_grid[h]) for h in hypotheses]
     rough.sort(key=lambda entry: (entry.cost, -entry.weak.gain))
     limit = FAR_SEARCH.worth_factor * rough[0].cost + FAR_SEARCH.worth if rough else 0.0
-    told = sorted((entry.weak.gain for entry in rough), reverse=True)[:AT_LEAST]
+    told = sorted((entry.weak.gain for entry in rough), reverse=True)[: RACE.at_least]
     worth = [
         entry
         for place, entry in enumerate(rough)
-        if place < AT_LEAST or entry.cost < limit or entry.weak.gain >= told[-1] or entry.on_grid
+        if place < RACE.at_least or entry.cost < limit or entry.weak.gain >= told[-1] or entry.on_grid
     ]
     first = {entry.hypothesis.ids: entry for entry in reversed(rough) if entry.found}
     best = sorted(first.values(), key=lambda entry: entry.cost)
@@ -252,5 +247,5 @@ def weak_starts(
         start
         for place, (gain, starts) in enumerate(found)
         for start in starts
-        if place < AT_LEAST or gain >= limit or several(start.hypothesis)
+        if place < RACE.at_least or gain >= limit or several(start.hypothesis)
     ]

@@ -13,26 +13,18 @@ from rigtwin.gap.inference.problem import Problem
 
 
 @dataclass(frozen=True)
-class Recalibration:
-    """Where the bearing stiffness is looked for first."""
+class NominalFits:
+    """How the nominal model is fitted."""
 
-    starts: int = 15  # values along its range
-    steps: int = 8  # of a rough descent from each
-    every: int = 3  # lines: every third tells enough to start from
-
-
-@dataclass(frozen=True)
-class Alike:
-    """How lines are made to count alike."""
-
-    added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors, one after the other
-    within: float = 1.1  # mean square misfit that is within them
+    starts: int = 15  # values of the bearing stiffness along its range,
+    steps: int = 8  # of a rough descent from each,
+    every: int = 3  # on every third line, which tell enough to start from
+    added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors that make lines alike,
+    within: float = 1.1  # and the mean square misfit that is within them
+    strain: tuple[float, ...] = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # factors of the nuisances' priors, in turn
 
 
-RECALIBRATION, ALIKE = Recalibration(), Alike()
-
-# Factors of the nuisances' priors, one after the other.
-STRAIN = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)
+NOMINAL_FITS = NominalFits()
 
 
 def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
@@ -41,9 +33,9 @@ def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
         return problem.fit(NOMINAL, start.u, start.nu, anneal=(0.0,))
     if not problem.with_k_b:
         return problem.fit(NOMINAL, np.array([np.log(1e7)]))
-    starts = np.geomspace(*K_B_RANGE, RECALIBRATION.starts)
-    few = problem.thinned(RECALIBRATION.every)
-    rough = [few.rough(NOMINAL, np.array([np.log(start)]), RECALIBRATION.steps) for start in starts]
+    starts = np.geomspace(*K_B_RANGE, NOMINAL_FITS.starts)
+    few = problem.thinned(NOMINAL_FITS.every)
+    rough = [few.rough(NOMINAL, np.array([np.log(start)]), NOMINAL_FITS.steps) for start in starts]
     best = min(rough, key=itemgetter(1))[0]
     return problem.fit(NOMINAL, best)
 
@@ -59,12 +51,12 @@ def fit_lines_alike(problem: Problem, nominal: Fit, scale: float = 1.0) -> Fit:
     nominal : its fit by the data's own errors
     scale : true over believed standard error
     """
-    if nominal.chi2 <= ALIKE.within * nominal.n_data * scale**2:
+    if nominal.chi2 <= NOMINAL_FITS.within * nominal.n_data * scale**2:
         return nominal
-    best = problem.fit(NOMINAL, nominal.u, anneal=ALIKE.added[:1])
-    for added in ALIKE.added[1:]:
+    best = problem.fit(NOMINAL, nominal.u, anneal=NOMINAL_FITS.added[:1])
+    for added in NOMINAL_FITS.added[1:]:
         fit = problem.fit(NOMINAL, best.u, best.nu, anneal=(added,))
-        if fit.chi2 > ALIKE.within * fit.n_data:
+        if fit.chi2 > NOMINAL_FITS.within * fit.n_data:
             break
         best = fit
     return best
@@ -80,7 +72,7 @@ def strain_towards(problem: Problem, cause: Fit) -> Fit:
     for modal, plain, drift in zip(there, here, problem.nuisances.drift, strict=True):
         n = min(len(modal.frequencies_hz), len(plain.frequencies_hz))
         nu[drift][:n] += modal.frequencies_hz[:n] / plain.frequencies_hz[:n] - 1
-    made = problem.loosened(STRAIN[0]).fit(NOMINAL, u, nu, anneal=(0.1, 0.02, 0.0))
-    for factor in STRAIN[1:]:
+    made = problem.loosened(NOMINAL_FITS.strain[0]).fit(NOMINAL, u, nu, anneal=(0.1, 0.02, 0.0))
+    for factor in NOMINAL_FITS.strain[1:]:
         made = problem.loosened(factor).fit(NOMINAL, made.u, made.nu, anneal=(0.0,))
     return made

@@ -37,6 +37,7 @@ BENT = (Stage(0.1, 60, 12), Stage(0.02, 60, 8), Stage(0.0, 60, 4))
 class RaceRules:
     """What all races share."""
 
+    at_least: int = 12  # candidates that are raced
     rivals: int = 2  # starts of one candidate that run on
     polished: int = 4  # leading candidates that are fitted to the end,
     patience: int = 60  # in so many steps: valleys of several numbers are long

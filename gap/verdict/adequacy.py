@@ -40,7 +40,8 @@ class OddLines:
     near: float = 0.01  # of a resonance's frequency: there a line is not odd
 
 
-SCATTER, ODD = Scatter(), OddLines()
+SCATTER = Scatter()
+ODD = OddLines()
 
 
 @dataclass(frozen=True)

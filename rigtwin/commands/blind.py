@@ -222,10 +222,7 @@ def control_diagnosis(measured: Any, hypotheses: Sequence[Any]) -> Any:
     numbers = {
         f"{term.effect.id}.{name}": value
         for term, own in zip(best.hypothesis.terms, values, strict=True)
-        for name, value in (
-            *term.fixed,
-            *((free.name, free.value(u)) for free, u in zip(term.free, own, strict=True)),
-        )
+        for name, value in (*term.fixed, *((free.name, free.value(u)) for free, u in zip(term.free, own, strict=True)))
     }
     cause = Cause(best.hypothesis.ids, Location("node"), math.nan, {}, Estimate(best.k_b, math.nan), places=numbers)
     return Diagnosis(

@@ -158,11 +158,7 @@ def _confirmed_if_possible(
 
 
 def measured_on_the_virtual_rig(
-    campaign: Campaign,
-    runs: Sequence[Run],
-    effects: Sequence[Effect],
-    k_b: float,
-    progress: Progress | None = None,
+    campaign: Campaign, runs: Sequence[Run], effects: Sequence[Effect], k_b: float, progress: Progress | None = None
 ) -> tuple[list[ComplexArray], str]:
     """Each run measured again without noise, with the effects, on an FMU of the rig with the diagnosis' mesh.
 

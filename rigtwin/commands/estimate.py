@@ -54,12 +54,7 @@ class Answer:
 
     def record(self) -> dict[str, Any]:
         """For a machine."""
-        return {
-            "test": self.test,
-            **asdict(self.features),
-            **asdict(self.estimate),
-            "why_not_valid": self.objections,
-        }
+        return {"test": self.test, **asdict(self.features), **asdict(self.estimate), "why_not_valid": self.objections}
 
 
 def estimate(paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any], estimator: Path | None) -> list[Answer]:

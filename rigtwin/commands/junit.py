@@ -43,11 +43,7 @@ def write_junit(fmu: Path, gates: Sequence[Gate], path: Path) -> None:
     )
     for gate in gates:
         case = SubElement(
-            suite,
-            "testcase",
-            classname=f"rigtwin.check.{_text(fmu.stem)}",
-            name=gate.name,
-            time=f"{gate.seconds:.3f}",
+            suite, "testcase", classname=f"rigtwin.check.{_text(fmu.stem)}", name=gate.name, time=f"{gate.seconds:.3f}"
         )
         if gate.outcome in _TAG:
             SubElement(case, _TAG[gate.outcome], message=_text(gate.message)).text = _text(gate.message)

@@ -263,10 +263,7 @@ def _print(rig: Rig, result: Sweep, modes: tuple[Mode, ...], why_none: str, out:
     for effect in rig.effects:
         say(f"with {effect.id}: " + ", ".join(f"{name} = {value:g}" for name, value in asdict(effect).items()))
     if modes:
-        table(
-            MODE_HEADER,
-            [(str(place), *mode_row(run, mode)) for place, mode in enumerate(modes, start=1)],
-        )
+        table(MODE_HEADER, [(str(place), *mode_row(run, mode)) for place, mode in enumerate(modes, start=1)])
     else:
         say(f"no mode fitted: {why_none}")
     for remark in result.remarks[:_REMARKS]:

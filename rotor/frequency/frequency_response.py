@@ -53,12 +53,7 @@ def receptance(D: ComplexArray, inputs: FloatArray, outputs: FloatArray) -> Comp
 
 
 def accelerance(
-    system: LinearSystem,
-    frequency_hz: FloatArray,
-    *,
-    excitation_node: int = 2,
-    plane: int = 1,
-    spin_speed: float = 0.0,
+    system: LinearSystem, frequency_hz: FloatArray, *, excitation_node: int = 2, plane: int = 1, spin_speed: float = 0.0
 ) -> ComplexArray:
     """Acceleration of every node in the plane of the exciting force, per unit force.
 

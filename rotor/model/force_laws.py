@@ -48,11 +48,7 @@ CUBIC = ForceLaw("cubic", "k3*x**3", ("k3",), radial=True)
 
 # Dead band: no force within the gap, stiffness k beyond it; the linear k x of the model is subtracted.
 CLEARANCE = ForceLaw(
-    "clearance",
-    "k*(pos(x - gap) - pos(-x - gap)) - k*x",
-    ("k", "gap", "corner"),
-    radial=True,
-    in_place=True,
+    "clearance", "k*(pos(x - gap) - pos(-x - gap)) - k*x", ("k", "gap", "corner"), radial=True, in_place=True
 )
 
 # Two Hertzian contacts pressed against each other by d0; k is their stiffness at x = 0.

@@ -14,17 +14,7 @@ from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from rigtwin.sim.campaign import Channel
-from tests.gap.conftest import (
-    BELIEF,
-    K_B,
-    STRUCTURE,
-    all_but,
-    blank,
-    both_supports,
-    candidate,
-    lines,
-    problem_of,
-)
+from tests.gap.conftest import BELIEF, K_B, STRUCTURE, all_but, blank, both_supports, candidate, lines, problem_of
 
 
 @pytest.fixture(scope="module")

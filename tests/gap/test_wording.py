@@ -74,3 +74,13 @@ def test_no_joint_is_named_where_names_are_wrong(severity, said):
 def test_of_a_gap_like_the_noise_no_share_is_said():
     small = Shrink("stretches", 0.0101, 0.02, 0.01, -1.0, -94.0, (-1.0, 0.5), "model")
     assert sentence(ambiguous(0.0, small)).endswith("at the disks.")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("name", "coarse"), [("coarse_grid", True), ("fast_sweep", False)])
+def test_only_a_coarse_raster_hides_peaks_between_its_lines(name, coarse):
+    """A sweep that is too fast belongs to the raster as well, and yet model and measurement differ there."""
+    cause = Cause((name,), Location("raster"), 0.99, {}, None, 0.0)
+    diagnosis = SimpleNamespace(verdict="cause", causes=(cause,), equivalent=(), shrink=None, audit=())
+    words = sentence(diagnosis)  # type: ignore[arg-type]
+    assert ("too far apart to show the peaks" in words) == coarse
+    assert coarse or words.startswith("The gap comes from")

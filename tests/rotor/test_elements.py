@@ -156,11 +156,7 @@ def test_stiffness_is_the_strain_energy_of_the_shape_functions(section, length):
 @given(section=sections, length=lengths)
 def test_a_shear_stiff_timoshenko_element_is_euler_bernoulli(section, length):
     stiff = Section(section.area, section.second_moment, section.density, section.youngs_modulus, 1e30, 1.0)
-    assert_allclose(
-        timoshenko(stiff, length).stiffness,
-        euler_bernoulli(section, length).stiffness,
-        rtol=ROUND_OFF,
-    )
+    assert_allclose(timoshenko(stiff, length).stiffness, euler_bernoulli(section, length).stiffness, rtol=ROUND_OFF)
 
 
 @given(section=sections, length=lengths, force=st.floats(-1, 1), moment=st.floats(-1, 1))

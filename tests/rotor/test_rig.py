@@ -133,10 +133,7 @@ def test_two_supports_at_one_node_are_refused():
             | {"diametral_inertia_kg_m2": 1.0},
             "diametral_inertia_kg_m2",
         ),
-        (
-            {"mass_kg": None, "diameter_m": 0.1, "thickness_m": 0.01, "density_kg_per_m3": 1e3, "bore_m": 0.1},
-            "bore_m",
-        ),
+        ({"mass_kg": None, "diameter_m": 0.1, "thickness_m": 0.01, "density_kg_per_m3": 1e3, "bore_m": 0.1}, "bore_m"),
     ],
 )
 def test_a_disk_is_given_by_mass_or_by_dimensions(keys, word):

@@ -21,10 +21,7 @@ ON_ROSS_MESH = [name for name in ross.CASES if name not in ross.OWN_MESH_NODES]
 SHARP = {"nominal": SHARP_RESONANCE}  # bearings of 1e9 N/m
 
 RUBS = tuple(ross.case("rub")["tests"])
-RUB_TOLERANCES = {
-    "harmonic balance": (ROUNDED_RUB, ROUNDED_RUB_THIRD),
-    "time stepping": (ROSS_RUB, ROSS_RUB_THIRD),
-}
+RUB_TOLERANCES = {"harmonic balance": (ROUNDED_RUB, ROUNDED_RUB_THIRD), "time stepping": (ROSS_RUB, ROSS_RUB_THIRD)}
 
 
 def test_no_golden_case_is_left_out():

@@ -50,9 +50,7 @@ def session(rotor_fmu) -> Iterator[FmuSession]:
 def reported(rig: Rig, frequency_hz: np.ndarray) -> np.ndarray:
     """(n_freq, 7) what this rig should report, by the formulas."""
     condition = Condition(
-        rigid_support=rig.support == "rigid",
-        excitation_node=rig.excitation_node,
-        spin_speed=rig.spin_rpm * np.pi / 30,
+        rigid_support=rig.support == "rigid", excitation_node=rig.excitation_node, spin_speed=rig.spin_rpm * np.pi / 30
     )
     condition = replace(condition, **rig.parameters)
     return measured_response(STRUCTURE, condition, rig.effects, frequency_hz, referred_to="nominal_force")

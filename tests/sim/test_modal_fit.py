@@ -59,11 +59,7 @@ def raster(modes: Sequence[Truth], inner: int = 8) -> np.ndarray:
 
 
 def measured(
-    modes: Sequence[Truth],
-    quantity: str = "accelerance",
-    *,
-    rest: complex = 0.0,
-    lines: np.ndarray | None = None,
+    modes: Sequence[Truth], quantity: str = "accelerance", *, rest: complex = 0.0, lines: np.ndarray | None = None
 ) -> Run:
     """Exact data: the modes and a constant receptance, the sum of all modes far above."""
     f = raster(modes) if lines is None else lines

@@ -84,7 +84,9 @@ class UnevenSearch:
     alike: float = 0.05
 
 
-EVERY, LAWS, UNEVEN = Thinning(), LawSearch(), UnevenSearch()
+EVERY = Thinning()
+LAWS = LawSearch()
+UNEVEN = UnevenSearch()
 
 # How finely all laws are fitted first, and an uneven support is followed.
 SEVERAL = Resolution(9, 256, 15, bends=True)

@@ -26,26 +26,21 @@ class Dwells(Strategy):
         return gains_of(problem, [Start(hypothesis, fit.u, fit.nu) for fit in fits], nominal)
 
 
-LINEAR: dict[str, Strategy] = {
-    "plane_anisotropy": TwoPlanes(),
-    "open_crack": AlongShaft(),
-    "fast_sweep": Dwells(),
-}
+LINEAR: dict[str, Strategy] = {"plane_anisotropy": TwoPlanes(), "open_crack": AlongShaft(), "fast_sweep": Dwells()}
 LAWS: dict[str, LawStrategy] = {
     "rub": Contact(),
     "bearing_clearance": Clearance(),
     "bearing_friction": Sliding(),
     "bilinear_support": Uneven(),
 }
-_LINEAR_DEFAULT, _LAW_DEFAULT = Strategy(), LawStrategy()
 
 
 def strategy_of(hypothesis: Hypothesis) -> Strategy:
     """The strategy of a linear effect; several effects together have the default."""
     ids = hypothesis.ids
-    return LINEAR.get(ids[0], _LINEAR_DEFAULT) if len(ids) == 1 else _LINEAR_DEFAULT
+    return LINEAR.get(ids[0], Strategy()) if len(ids) == 1 else Strategy()
 
 
 def law_strategy_of(hypothesis: Hypothesis) -> LawStrategy:
     """The strategy of a nonlinear effect."""
-    return LAWS.get(hypothesis.ids[0], _LAW_DEFAULT)
+    return LAWS.get(hypothesis.ids[0], LawStrategy())

@@ -37,10 +37,7 @@ SINE = {"force_amplitude": 20.0, "force_frequency": 60.0, "shaft_damping_ratio":
 LARGEST = {"RotorRig": 1e-9, "StiffnessEstimator": 1e-6}
 
 # The command that runs a program of another platform.
-RUNNERS = {
-    "x86_64-windows": ("wine",),
-    "aarch64-linux": ("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"),
-}
+RUNNERS = {"x86_64-windows": ("wine",), "aarch64-linux": ("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu")}
 
 
 def rotor_script(fmu: Path, starts: dict[str, float]) -> str:

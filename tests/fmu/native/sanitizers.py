@@ -58,11 +58,7 @@ def suite() -> None:
     names = ("libasan.so", "libstdc++.so")  # the second, so that the first finds what throws
     ask = [["gcc", f"-print-file-name={name}"] for name in names]
     runtimes = [subprocess.run(one, capture_output=True, text=True, check=True).stdout.strip() for one in ask]
-    watched = {
-        "LD_PRELOAD": " ".join(runtimes),
-        "ASAN_OPTIONS": "detect_leaks=0:quarantine_size_mb=1",
-        SANITIZED: "1",
-    }
+    watched = {"LD_PRELOAD": " ".join(runtimes), "ASAN_OPTIONS": "detect_leaks=0:quarantine_size_mb=1", SANITIZED: "1"}
     tests = [str(HERE / f"{name}.py") for name in ("test_core", "test_fmi3", "test_all_again")]
     subprocess.run([sys.executable, "-m", "pytest", "-x", *tests], env=os.environ | watched, check=True)
     print("the tests of the FMUs, with sanitizers: nothing found", flush=True)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import least_squares
 
-from rigtwin.estimator.paper_networks import (
+from benchmarks.reproduction.paper_networks import (
     LINEAR,
     LOGISTIC,
     LevenbergMarquardt,

@@ -29,24 +29,28 @@ from PIL import Image
 from benchmarks.page import COLOURS, DOCS
 from rigtwin.gap.answer.held_out import measure_shrink
 from rigtwin.gap.answer.where import locate
-from rigtwin.gap.audit.checked_run import prepare
+from rigtwin.gap.audit.checked_run import checked_runs
 from rigtwin.gap.audit.findings import audit, usable
 from rigtwin.gap.audit.noise import estimate_noise
-from rigtwin.gap.audit.wild import WILD, wild_lines
+from rigtwin.gap.audit.wild import LIMITS, wild_lines
 from rigtwin.gap.curves import nrmse
 from rigtwin.gap.document import Shrink, Where
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import NO_GAP_PRIOR, candidates
+from rigtwin.gap.inference.hypotheses import PRIORS, candidates
 from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.campaign_model import forward_of
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.model.linear import MODES, TOLERANCES, Modal
-from rigtwin.gap.model.nonlinear import FINE, NonlinearModal
-from rigtwin.gap.prepare import forward_of, prepared
-from rigtwin.gap.search import linear
-from rigtwin.gap.search.linear import Search, Stage
+from rigtwin.gap.model.motions import FINE
+from rigtwin.gap.model.nonlinear import NonlinearModal
+from rigtwin.gap.prepare import prepared
+from rigtwin.gap.search import linear, race
+from rigtwin.gap.search.nominal import fit_lines_alike
+from rigtwin.gap.search.race import Search, Stage
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.verdict.adequacy import judge, whitened
-from rigtwin.gap.verdict.standing import ADEQUATE_CORRELATION, ADEQUATE_MISFIT, ADEQUATE_NUISANCE, nuisance_size
+from rigtwin.gap.verdict.standing import nuisance_size
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects import BearingCubic
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign import Campaign, Channel, FloatArray, NominalBelief, Run
@@ -97,7 +101,7 @@ class Example:
     @cached_property
     def said(self) -> Fit:
         """The nominal model that the answer speaks of."""
-        return linear.matched(self.problem, self.nominal)
+        return fit_lines_alike(self.problem, self.nominal)
 
     @property
     def bearing_run(self) -> int:
@@ -128,14 +132,14 @@ def searched(name: str) -> Example:
     campaign = usable(load_campaign(STORED / name / "measured"))
     problem, nominal = prepared(campaign)
     steps: list[Step] = []
-    fit_of = linear.fitted
+    fit_of = race.fitted
 
     def recorded(problem: Problem, stage: Stage, start: Start) -> Fit | None:
         fit = fit_of(problem, stage, start)
         steps.append(Step(stage, start, fit))
         return fit
 
-    with mock.patch.object(linear, "fitted", recorded):
+    with mock.patch.object(race, "fitted", recorded):
         found = linear.search(problem, candidates(problem.runs, problem.forward.structure), nominal)
     return Example(name, campaign, problem, nominal, found, tuple(steps))
 
@@ -192,7 +196,7 @@ def draw_coarse_raster(axes: Axes, example: Example) -> None:
     coarse = np.arange(run.frequency_hz[0], run.frequency_hz[-1], COARSE_STEP_HZ)
     on_fine, on_coarse = (settled(example, run, best, lines) for lines in (fine, coarse))
     finding = next(f for f in audit(replace(example.campaign, runs=(on_coarse,))) if f.check == "raster")
-    (p,) = prepare((on_coarse,))
+    (p,) = checked_runs((on_coarse,))
     width = p.half_power_hz(p.resonances[0], example.campaign.nominal)
     axes.axvspan(peak - width / 2, peak + width / 2, color=ORANGE, alpha=0.35, label="half-power band", linewidth=0)
     axes.plot(fine, np.abs(on_fine.H[:, example.channel]), color=GREY, label="what the rotor does")
@@ -229,7 +233,7 @@ def draw_wild_line(axes: Axes, example: Example) -> None:
         error = np.nanmax(noise.draws / noise.std, axis=1)
     axes.plot(run.frequency_hz[~wild], error[~wild], ".", color=BLUE, label="lines")
     axes.plot(run.frequency_hz[wild], error[wild], "X", color=RED, markersize=9, label="left out")
-    axes.axhline(WILD, color=RED, linestyle="--", linewidth=1, label="threshold of a wild line")
+    axes.axhline(LIMITS.errors, color=RED, linestyle="--", linewidth=1, label="threshold of a wild line")
     axes.set(xlabel="frequency, Hz", ylabel="distance to the local curve, std errors", yscale="log")
     axes.set_ylim(0.4, 150)
     plain_ticks(axes.yaxis)
@@ -356,7 +360,7 @@ def told(forward: Forward, run: Run) -> tuple[FloatArray, FloatArray]:
 def evidence_figure(example: Example) -> None:
     """Of a campaign without a gap: what rivals gain by fitting and lose by their numbers and their priors."""
     figure, (axes,) = panels(1, 4.5)
-    first = linear.first_of_each(example.found.fits, lambda fit: fit.hypothesis.ids)[:9][::-1]
+    first = race.first_of_each(example.found.fits, lambda fit: fit.hypothesis.ids)[:9][::-1]
     rows = np.arange(len(first))
     own = terms(example.nominal)
     gains = np.array([np.subtract(terms(fit), own) for fit in first])
@@ -383,7 +387,7 @@ def evidence_figure(example: Example) -> None:
 def terms(fit: Fit) -> tuple[float, float, float]:
     """Parts of the logarithm of a candidate's weight: fit, Occam's, prior."""
     by_fit = -fit.cost / 2
-    prior = np.log(fit.hypothesis.prior * (1 - NO_GAP_PRIOR)) if fit.hypothesis.terms else np.log(NO_GAP_PRIOR)
+    prior = np.log(fit.hypothesis.prior * (1 - PRIORS.no_gap)) if fit.hypothesis.terms else np.log(PRIORS.no_gap)
     return by_fit, fit.log_evidence() - by_fit, float(prior)
 
 
@@ -430,7 +434,7 @@ def _begin(example: Example, stage: Stage) -> list[tuple[Step, float]]:
 def _best_of_each(steps: Sequence[tuple[Step, Fit]], best: float, count: int) -> list[tuple[str, float]]:
     """The best fit of each candidate by name, with its misfit over the best one's."""
     ordered = sorted((fit for _, fit in steps), key=lambda fit: fit.cost)
-    return [(title_of(fit), fit.cost / best) for fit in linear.first_of_each(ordered, title_of)[:count]]
+    return [(title_of(fit), fit.cost / best) for fit in race.first_of_each(ordered, title_of)[:count]]
 
 
 def _error(stage: Stage) -> str:
@@ -471,9 +475,9 @@ def draw_criteria(axes: Axes, example: Example, fits: Sequence[tuple[str, Fit, s
     for row, (_, fit, colour) in enumerate(fits):
         quality = judge(example.problem, fit)
         values = (
-            (quality.misfit - 1) / (ADEQUATE_MISFIT - 1),
-            quality.correlation / ADEQUATE_CORRELATION,
-            nuisance_size(example.problem, fit) / ADEQUATE_NUISANCE,
+            (quality.misfit - 1) / (THRESHOLDS.adequate_misfit - 1),
+            quality.correlation / THRESHOLDS.adequate_correlation,
+            nuisance_size(example.problem, fit) / THRESHOLDS.adequate_nuisance,
         )
         places = np.arange(3) + 0.25 * (row - 1)
         axes.barh(places, np.maximum(values, _LEAST_SHOWN), 0.22, color=colour)

@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 from benchmarks.page import COLOURS, DOCS, new_figure, save_figure, table
 from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.model.forward import Forward
-from rigtwin.gap.peaks.lists import Lists, Ranking, Reading, Scored, diagnosis_of
+from rigtwin.gap.peaks.diagnosis import diagnosis_of
+from rigtwin.gap.peaks.lists import Lists, Reading
+from rigtwin.gap.peaks.ranking import Ranking, Scored, polish, rank
 from rigtwin.gap.phrases import part
 from rigtwin.pages.diagnosis_words import at_edge, cause_title, k_b_words, parameters, places
 from rigtwin.rotor.effects.library import EFFECTS
@@ -48,9 +50,9 @@ def main() -> None:
     """Rank, fit pairs, write the page, print its conclusions."""
     campaign = load_campaign(CAMPAIGN)
     lists = Lists(campaign)
-    ranking = lists.rank()
+    ranking = rank(lists)
     pairs = _pairs(lists, ranking)
-    readings = {words: lists.read_as(reading).rank() for words, reading in READINGS.items()}
+    readings = {words: rank(lists.read_as(reading)) for words, reading in READINGS.items()}
     parts = [
         _introduction(),
         _peaks(ranking),
@@ -208,7 +210,7 @@ def _pairs(lists: Lists, ranking: Ranking) -> list[Pair]:
             hypothesis = Hypothesis((*first.hypothesis.terms, *second.hypothesis.terms))
             u = np.concatenate([first.u, second.u[1:]])
             start = Scored(hypothesis, np.nan, u, np.zeros(len(u)), np.nan, lists.with_k_b)
-            fitted = lists.polished(start)
+            fitted = polish(lists, start)
             made.append(Pair(fitted, " + ".join(EFFECTS[name].title for name in hypothesis.ids)))
     return sorted(made, key=lambda pair: (pair.scored.n_foreign, pair.scored.chi2))
 

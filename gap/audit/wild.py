@@ -33,7 +33,7 @@ class WildLimits:
     lifted: float = 1.05  # a peak lifts the lines beside it over those beyond by this factor; a wild line does not
 
 
-_LIMITS = WildLimits()
+LIMITS = WildLimits()
 
 
 def wild_lines(run: Run) -> NDArray[np.bool_]:
@@ -41,9 +41,9 @@ def wild_lines(run: Run) -> NDArray[np.bool_]:
     n = len(run.frequency_hz)
     wild, none = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     error = _errors(run)
-    while error.max(initial=0.0) > _LIMITS.errors:
+    while error.max(initial=0.0) > LIMITS.errors:
         wild[np.flatnonzero(~wild)[np.argmax(error)]] = True
-        if wild.sum() > max(_LIMITS.few, _LIMITS.share * n):
+        if wild.sum() > max(LIMITS.few, LIMITS.share * n):
             return none
         error = _errors(run.on_lines(~wild))
     return none if _are_crowded(np.flatnonzero(wild)) else wild
@@ -89,7 +89,7 @@ def _errors(run: Run) -> FloatArray:
         if run.magnitude_only:  # whose fits are of squares: between larger ones, an error of a small one is larger
             draws = draws * own / size
         error = draws / noise.std
-    plain = np.isfinite(error) & (draws > _LIMITS.plain * size) & (len(own) >= _LIMITS.fewest)
+    plain = np.isfinite(error) & (draws > LIMITS.plain * size) & (len(own) >= LIMITS.fewest)
     if run.magnitude_only:
         plain[_beside_peaks(np.linalg.norm(own, axis=1))] = False
     return np.max(np.where(plain, error, 0.0), axis=1, initial=0.0)
@@ -97,7 +97,7 @@ def _errors(run: Run) -> FloatArray:
 
 def _beside_peaks(size: FloatArray) -> NDArray[np.bool_]:
     """(n_freq,) lines of a peak. A sharp peak of magnitudes is no smooth curve either, but it lifts its neighbours."""
-    rises, falls = _LIMITS.lifted * size[:-1] < size[1:], size[:-1] > _LIMITS.lifted * size[1:]  # (n_freq - 1,)
+    rises, falls = LIMITS.lifted * size[:-1] < size[1:], size[:-1] > LIMITS.lifted * size[1:]  # (n_freq - 1,)
     tops = 2 + np.flatnonzero(rises[:-3] & rises[1:-2] & falls[2:-1] & falls[3:])
     near = np.zeros(len(size), dtype=bool)
     for shift in range(-2, 3):
@@ -106,4 +106,4 @@ def _beside_peaks(size: FloatArray) -> NDArray[np.bool_]:
 
 
 def _are_crowded(places: NDArray[np.intp]) -> bool:
-    return bool(np.any(places[_LIMITS.crowd - 1 :] - places[: len(places) - _LIMITS.crowd + 1] < _LIMITS.within))
+    return bool(np.any(places[LIMITS.crowd - 1 :] - places[: len(places) - LIMITS.crowd + 1] < LIMITS.within))

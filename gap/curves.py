@@ -28,6 +28,9 @@ def nrmse(measured: ComplexArray, model: ComplexArray) -> float:
     Parameters
     ----------
     measured, model : (n_freq, n_channels); real and not negative for magnitudes; lines without a value are left out
+
+    >>> nrmse(np.array([[3.0], [4.0]]), np.array([[3.0], [4.5]]))
+    0.1
     """
     measured, model = _where_measured(measured, model)
     size = np.sqrt(np.sum(np.abs(measured) ** 2, axis=0))

@@ -141,7 +141,11 @@ class DocumentError(ValueError):
 
 
 def explainable(before: float, after: float, floor: float) -> float:
-    """Share of a gap above the floor that goes away; nan where there is none."""
+    """Share of a gap above the floor that goes away; nan where there is none.
+
+    >>> explainable(before=0.5, after=0.11, floor=0.1)
+    0.975
+    """
     return (before - after) / (before - floor) if before > floor else float("nan")
 
 

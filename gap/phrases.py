@@ -41,7 +41,11 @@ def supports(support: SupportKind) -> str:
 
 
 def part(value: float) -> str:
-    """'88 %', '3.1 %', '99.2 %', 'under 0.1 %', 'over 99.9 %', '−20 %': a part of the whole, a probability."""
+    """'88 %', '3.1 %', '99.2 %', 'under 0.1 %', 'over 99.9 %', '−20 %': a part of the whole, a probability.
+
+    >>> part(0.4567)
+    '46 %'
+    """
     if not math.isfinite(value):
         return "unknown"
     if value > 0.999:
@@ -58,7 +62,11 @@ def lowered(words: str) -> str:
 
 
 def listed(names: Iterable[object]) -> str:
-    """'a', 'a and b', 'a, b and c'; 'none' without any."""
+    """Names in a row; 'none' without any.
+
+    >>> listed(["node 2", "node 3", "node 5"])
+    'node 2, node 3 and node 5'
+    """
     *first, last = list(map(str, names)) or ["none"]
     return f"{', '.join(first)} and {last}" if first else last
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import random
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,33 @@ from hypothesis import settings
 # pytest --hypothesis-profile=default --hypothesis-seed=random
 settings.register_profile("rigtwin", deadline=None, derandomize=True)
 settings.load_profile("rigtwin")
+
+
+# What the Python packages do not bring: a program or a library, its Debian package, and the tests that need it.
+TOOLS = (
+    ("cc", "gcc libc6-dev", "the printed force laws in C, sanitizers, FMI calls in random order"),
+    ("libtbb.so.12", "libtbb12", "the ecos command as an importer (tests/fmu/native/test_importers.py)"),
+    ("chromium", "chromium", "rendered HTML pages (tests/rigtwin/test_report.py, test_diagnose_page.py)"),
+)
+
+
+def _is_there(tool: str) -> bool:
+    if ".so" not in tool:
+        return shutil.which(tool) is not None
+    try:
+        ctypes.CDLL(tool)
+    except OSError:
+        return False
+    return True
+
+
+def pytest_report_header() -> list[str]:
+    """What is missing on this machine, which tests fail or are left out for it, and how to get it."""
+    return [
+        f"{tool} is missing ({tests} cannot run): apt-get install {package}"
+        for tool, package, tests in TOOLS
+        if not _is_there(tool)
+    ]
 
 
 def process_state() -> dict[str, Any]:

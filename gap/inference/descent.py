@@ -13,7 +13,11 @@ Residual = Callable[[FloatArray], FloatArray | None]  # of a point; None where i
 
 
 def soften(residual: FloatArray) -> FloatArray:
-    """Let large residuals grow like their root only: what is far off should not decide a descent."""
+    """Let large residuals grow like their root only: what is far off should not decide a descent.
+
+    >>> soften(np.array([0.0, 3.0, 99.0]))
+    array([0. , 1.5, 9.9])
+    """
     return residual / np.sqrt(1 + np.abs(residual))
 
 

@@ -118,7 +118,11 @@ def polish_all(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
 
 
 def first_of_each(items: Iterable[T], key: Callable[[T], Hashable], count: int = 1) -> list[T]:
-    """The first so many items of every key, in their order."""
+    """The first so many items of every key, in their order.
+
+    >>> first_of_each(["mass 3", "crack 1", "mass 5"], key=lambda name: name.split()[0])
+    ['mass 3', 'crack 1']
+    """
     seen: Counter[Hashable] = Counter()
     kept = []
     for item in items:

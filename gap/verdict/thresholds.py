@@ -30,7 +30,11 @@ def _number(value: float, *meaning: str) -> Any:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """The numbers that decide an answer."""
+    """The numbers that decide an answer.
+
+    >>> THRESHOLDS.sure
+    0.9
+    """
 
     # fmt: off
     least_data: int = _number(20, "data", "real numbers", "Fewer measured numbers than this conclude nothing.", CHOICE)

@@ -7,12 +7,10 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+if TYPE_CHECKING:  # what rich loads is loaded when something is printed: --help has no need of it
+    from rich.console import Console
 
 # Where the output is not a terminal, its width is nobody's business; tables then get this.
 _WIDTH = 160
@@ -20,6 +18,8 @@ _WIDTH = 160
 
 def output() -> Console:
     """The console on stdout."""
+    from rich.console import Console
+
     return Console(highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else _WIDTH)
 
 
@@ -35,6 +35,9 @@ def note(text: str) -> None:
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> None:
     """Print a table; the first column is left-aligned, the others right-aligned."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
     grid = Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     for place, name in enumerate(header):
         grid.add_column(name, justify="right" if place else "left")
@@ -67,6 +70,9 @@ def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
 
     Nothing is drawn where stderr is not a terminal. A count may pass ``total``, which then grows.
     """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:

@@ -50,7 +50,7 @@ LIGHT_PACKAGES = {
     "rigtwin.rotor": HEAVY,
     "rigtwin.estimator.runtime": HEAVY - {"onnxruntime"},
     "rigtwin.sim": HEAVY - {"fmpy"},
-    "rigtwin.cli": HEAVY | {"scipy", "pydantic"},
+    "rigtwin.cli": HEAVY | {"scipy", "numpy", "pydantic", "rich"},
 }
 
 

@@ -11,6 +11,7 @@
 # make method-figures   the figures of docs/diagnosis-method.md
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
 # make laws   print the force laws anew, for Python and for C, after a change of rotor/model/force_laws.py
+# make frozen-answers   the same answers as before? after a change that means to change none
 # make thresholds   docs/thresholds.md, after a change of gap/verdict/thresholds.py
 # make effect-pages   docs/effects anew, text and figures, after a change of rotor/effects
 VENV := .venv
@@ -23,7 +24,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-blind method-figures paper-rig laws thresholds effect-pages clean
+.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-blind method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -31,7 +32,11 @@ demo: $(VENV)/installed
 test: $(VENV)/installed
 	$(PYTHON) -m pytest -n 2 --dist loadfile
 
+PACKAGES := rotor sim estimator fmu_src gap blind
+
 lint: $(VENV)/installed
+	mkdir -p build/lint/rigtwin
+	for each in $(PACKAGES) $(wildcard rigtwin/*); do ln -sfn ../../../$$each build/lint/rigtwin/$$(basename $$each); done
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright
@@ -90,6 +95,9 @@ paper-rig: $(VENV)/installed
 
 laws: $(VENV)/installed
 	$(PYTHON) build_laws.py
+
+frozen-answers: $(VENV)/installed
+	$(PYTHON) -m benchmarks.frozen_answers
 
 thresholds: $(VENV)/installed
 	$(PYTHON) -m benchmarks.thresholds

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -163,9 +163,10 @@ class Modal(RunModel):
 
         A plain difference is no derivative where a resonance shifts by more than a small part of its width.
         """
-        if other.as_linear is None:
+        linear: Any = other.as_linear
+        if linear is None:
             return super().change_to(other, drift, tolerance, level)
-        return self._change_to(other.as_linear, drift, tolerance)
+        return self._change_to(linear, drift, tolerance)
 
     def _change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
         change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,9 +106,7 @@ def train_from_data(out: Path) -> Trained:
 
 def shipped_data(name: str) -> Path:
     """A data set that comes with rigtwin. Raises UserError where it was left out."""
-    from rigtwin import estimator
-
-    path = Path(estimator.__path__[0]) / "data" / name
+    path = Path(str(files("rigtwin.estimator"))) / "data" / name
     if not path.is_file():
         raise UserError(f"{path}: the shipped data set is missing; measure one: rigtwin train without --from-data")
     return path

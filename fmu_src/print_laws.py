@@ -1,6 +1,6 @@
 """Code of the force laws: ``rotor/printed_laws.py`` and ``fmu_src/native/laws.[hc]``, written by ``build_laws.py``.
 
-Each law of ``rotor/force_laws.py`` is an expression; sympy differentiates it and prints force and
+Each law of ``rotor/model/force_laws.py`` is an expression; sympy differentiates it and prints force and
 derivatives together, with common subexpressions computed once, for Python floats, for numpy arrays
 and for C.
 """
@@ -97,7 +97,7 @@ def print_c(law: ForceLaw) -> str:
     return "\n".join([*lines, f"    return {printer.doprint(results[0])};", "}"])
 
 
-_C_REMARK = "/* Printed by python build_laws.py from rotor/force_laws.py; do not edit. */"
+_C_REMARK = "/* Printed by python build_laws.py from rotor/model/force_laws.py; do not edit. */"
 
 
 def print_c_header() -> str:

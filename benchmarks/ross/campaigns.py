@@ -1,4 +1,4 @@
-"""Blind campaigns whose rotor is ROSS': gap/blind/data.
+"""Blind campaigns whose rotor is ROSS': benchmarks/stored_campaigns.
 
     OPENBLAS_NUM_THREADS=1 ~/ross-environment/bin/python benchmarks/ross/campaigns.py
 
@@ -34,7 +34,7 @@ from rigtwin.blind.generate.response import N_DRIFTING  # noqa: E402
 from rigtwin.blind.generate.rig import read_rig  # noqa: E402
 from rigtwin.blind.generate.sizes import size_ratio  # noqa: E402
 
-OUT = ROOT / "gap" / "blind" / "data"
+OUT = ROOT / "benchmarks" / "stored_campaigns"
 RIG = "nit-rourkela"
 LINES = 180
 DIGITS = 5

@@ -1,4 +1,4 @@
-/* Printed by python build_laws.py from rotor/force_laws.py; do not edit. */
+/* Printed by python build_laws.py from rotor/model/force_laws.py; do not edit. */
 #include "laws.h"
 
 #include <math.h>

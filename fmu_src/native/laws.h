@@ -1,4 +1,4 @@
-/* Printed by python build_laws.py from rotor/force_laws.py; do not edit. */
+/* Printed by python build_laws.py from rotor/model/force_laws.py; do not edit. */
 #ifndef RIGTWIN_LAWS_H
 #define RIGTWIN_LAWS_H
 

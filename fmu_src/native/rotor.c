@@ -420,7 +420,7 @@ static void scaled(const double in[4], double factor, double out[4])
         out[k] = factor * in[k];
 }
 
-/* Share of a bearing's deflection that is its own, where the element below it yields; see rotor/model.py. */
+/* Share of a bearing's deflection that is its own, where the element below it yields; see rotor/model/rotor_model.py. */
 static void own_share(const Assembly *a, double x, double stiffness[4], double shared_damping[4], double damping)
 {
     const double soft = 1 / a->d->shaft_modulus.factor;

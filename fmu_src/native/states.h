@@ -1,4 +1,4 @@
-/* The linear rotor as x' = A x + B f in scaled modal coordinates. Mirrors rotor/system.py and rotor/state_space.py.
+/* The linear rotor as x' = A x + B f in scaled modal coordinates. Mirrors system.py and state_space.py of rotor/model.
 
    x = (s eta, eta', w): modal coordinates scaled by s = omega, so that the undamped part is skew; modal velocities;
    what the massless degrees of freedom deviate from their static position. */

@@ -1,6 +1,6 @@
 """``rigtwin blind``: make sealed campaigns, diagnose them, score the answers.
 
-The generator and the scorer are ``gap.blind``; nothing that is diagnosed here has seen a label. Every campaign is
+The generator and the scorer are ``rigtwin.blind``; nothing that is diagnosed here has seen a label. Every campaign is
 diagnosed in a process of its own, so that one that dies takes no other along.
 """
 

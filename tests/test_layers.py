@@ -235,6 +235,48 @@ def test_every_effect_has_a_search_strategy():
             assert isinstance(strategy_of(hypothesis), Strategy)
 
 
+# -- the diagnosis stays a house of few rooms -------------------------------------------------------------
+
+
+def gap_rooms() -> tuple[set[str], set[tuple[str, str]]]:
+    """Rooms of the diagnosis, and the arrows between them: who imports whom."""
+    rooms, arrows = set(), set()
+    for path in sources("rigtwin.gap"):
+        if path == folder_of("rigtwin.gap") / "__init__.py":
+            continue
+        here = module_name(path).split(".")[2]
+        rooms.add(here)
+        there = {module.split(".")[2] for _, module in imports_of(path) if is_inside(module, "rigtwin.gap")}
+        arrows |= {(here, room) for room in there - {here}}
+    return rooms, arrows
+
+
+def test_the_diagnosis_has_few_rooms_floors_and_arrows_and_no_circle():
+    rooms, arrows = gap_rooms()
+
+    def floor(room: str, above: tuple[str, ...] = ()) -> int:
+        assert room not in above, f"a circle: {' -> '.join((*above, room))}"
+        return 1 + max((floor(there, (*above, room)) for here, there in arrows if here == room), default=0)
+
+    assert len(rooms) <= 16
+    assert max(map(floor, rooms)) <= 8
+    assert len(arrows) <= 60
+
+
+def test_the_diagnosis_has_short_functions_and_few_constants_each_on_its_line():
+    constants = 0
+    for path in sources("rigtwin.gap"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in tree.body:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target] if hasattr(node, "target") else []
+            constants += len(targets)
+            assert not any(isinstance(target, ast.Tuple) for target in targets), f"{path.name}:{node.lineno}"
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef) and node.end_lineno:
+                assert node.end_lineno - node.lineno < 40, f"{path.name}: {node.name}"
+    assert constants <= 120
+
+
 # -- the wheel ---------------------------------------------------------------------------------------------
 
 

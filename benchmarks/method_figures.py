@@ -53,7 +53,8 @@ from rigtwin.gap.verdict.standing import nuisance_size
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects import BearingCubic
 from rigtwin.rotor.effects.library import EFFECTS
-from rigtwin.sim.campaign import Campaign, Channel, FloatArray, NominalBelief, Run
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, Run
 from rigtwin.sim.campaign_folder import load_campaign
 
 STORED = Path(__file__).resolve().parent / "stored_campaigns"

@@ -26,7 +26,7 @@ from rigtwin.gap.document import Location
 from rigtwin.gap.model.linear import TOLERANCES
 from rigtwin.gap.phrases import effects_at, place
 from rigtwin.gap.predict import predict
-from rigtwin.rotor.model.structure import ComplexArray
+from rigtwin.rotor.model.arrays import ComplexArray
 from rigtwin.sim.campaign_folder import load_campaign
 
 # The worst shrinks of large effects in W1 of the draw that docs/blind.md shows.

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.sim.campaign import ComplexArray, FloatArray, Run
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Run
 
 # Channels below this share of the largest are left out of the gap: a rigid support's own node, for example.
 SILENT = 1e-4

@@ -15,8 +15,8 @@ from rigtwin.gap.model.motions import FINAL
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Campaign, MeasurementError, Run
 
 

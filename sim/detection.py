@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rigtwin.sim.campaign import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 HARMONICS = (1, 2, 3)
 

@@ -18,7 +18,7 @@ from fmpy.fmi2 import (
 from fmpy.fmi3 import FMU3Slave, fmi3Boolean, fmi3Float64, fmi3ValueReference
 from fmpy.model_description import ModelDescription
 
-from rigtwin.sim.campaign import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 # FMI 2.0's words for the types of FMI 3.0 that have one.
 KINDS = {"Float64": "Real", "Int32": "Integer"}

@@ -12,7 +12,8 @@ import numpy as np
 
 from rigtwin.rotor.effects.effect import SWITCH
 from rigtwin.rotor.frequency.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
-from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Channel
 from rigtwin.sim.detection import HARMONICS, Phasors, detect, harmonics
 from rigtwin.sim.session import FmuSession, SavedState
 from rigtwin.sim.setup import Rig, SetupError, SweepPlan

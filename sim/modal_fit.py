@@ -20,7 +20,8 @@ from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
-from rigtwin.sim.campaign import ComplexArray, FloatArray, MeasurementError, Plane, Run
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.sim.campaign import MeasurementError, Plane, Run
 
 # A resonance is higher than its surroundings by at least this factor.
 _PROMINENCE = 1.5

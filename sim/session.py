@@ -20,7 +20,7 @@ from fmpy import extract, read_model_description
 from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription
 
-from rigtwin.sim.campaign import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.instances import FAILED, KINDS, Instance, instance
 
 # pythonfmu's loader reads its resources from a file URI of which it decodes only %20; any other

@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 
 from rigtwin.rotor.effects.effect import SWITCH, Effect
-from rigtwin.sim.campaign import FloatArray, Plane, SupportKind, SweepDirection
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.sim.campaign import Plane, SupportKind, SweepDirection
 from rigtwin.sim.sensors import SensorNoise
 
 # What a rotor with a nonlinear effect needs: samples that keep harmonics from folding back (a law

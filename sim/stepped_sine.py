@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigtwin.rotor.frequency.measured import ChannelGroup, channel_groups, check_nodes
-from rigtwin.sim.campaign import Channel, FloatArray, Run
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.sim.campaign import Channel, Run
 from rigtwin.sim.detection import HARMONICS
 from rigtwin.sim.lines import Line, LineReader, NotSettledError, ReaderState, channels_of
 from rigtwin.sim.modal_fit import half_power_band, resonances

@@ -64,9 +64,9 @@ from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.frequency.whirl import campbell, unbalance_response
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.printed_laws import SCALAR
 from rigtwin.rotor.model.rotor_model import build_model, build_system
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.rotor.time.simulator import RotorSimulator
 
 

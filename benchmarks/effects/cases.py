@@ -17,8 +17,9 @@ from rigtwin.rotor.effects import (
 )
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.structure import Structure
 
 K_B, BEARING_DAMPING, SHAFT_DAMPING = 1.3e6, 50.0, 0.005
 

@@ -22,8 +22,8 @@ from rigtwin.rotor.frequency.continuation import Curve, Sweep, trace
 from rigtwin.rotor.frequency.harmonic_balance import CORNER, SAMPLES, SAMPLES_OF_CORNERS, Balance
 from rigtwin.rotor.frequency.periodic_force import TRAVEL
 from rigtwin.rotor.frequency.stability import floquet_multipliers
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.rotor_model import build_model
-from rigtwin.rotor.model.structure import FloatArray
 
 LINES_HZ: FloatArray = np.linspace(40.0, 320.0, 280)
 HARMONICS, RUNS = 7, 3

@@ -20,9 +20,10 @@ from rigtwin.rotor.frequency.measured import channel_groups, measured_response
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
-from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import SupportKind
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines

@@ -35,10 +35,11 @@ from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.frequency.whirl import campbell, critical_speeds, unbalance_response
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.design import CRACK_LENGTH
 from rigtwin.rotor.model.rotor_model import RotorModel, build_model
-from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.rotor.time.drive import Drive, Tone
 from rigtwin.rotor.time.nonlinear_stepper import NonlinearStepper

@@ -7,7 +7,8 @@ import numpy as np
 from benchmarks.page import COLOURS, bar, new_figure, save_figure, table
 from benchmarks.reproduction.nominal import condition, structure
 from rigtwin.rotor.geometry.rig import load_rig
-from rigtwin.rotor.model.elements import ElementType, FloatArray, euler_bernoulli, timoshenko
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.rotor.model.elements import ElementType, euler_bernoulli, timoshenko
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import DOF_PER_NODE
 from rigtwin.rotor.model.system import LinearSystem, undamped_modes

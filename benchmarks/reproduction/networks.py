@@ -14,7 +14,6 @@ from itertools import combinations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from benchmarks.page import COLOURS, save_figure, table
@@ -25,16 +24,14 @@ from benchmarks.reproduction.paper_networks import (
     LOGISTIC,
     TRAINLM,
     Activation,
-    FloatArray,
-    IntArray,
     LevenbergMarquardt,
     MinMax,
     Network,
     outputs,
     train,
 )
+from rigtwin.rotor.model.arrays import BoolArray, FloatArray, IntArray
 
-BoolArray = NDArray[np.bool_]
 Studies = dict[tuple[str, str, int], "Study"]  # (table, target, hidden units)
 
 SEED = 2012

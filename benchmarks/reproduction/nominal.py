@@ -10,8 +10,9 @@ from typing import Any
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.elements import ElementType, FloatArray, timoshenko
+from rigtwin.rotor.model.elements import ElementType, timoshenko
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem

@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from rigtwin.rotor.model.arrays import FloatArray, IntArray
 
 # (parameters (m, p), which problems they belong to (m,)) -> residuals (m, n_rows), Jacobian (m, n_rows, p)
 ResidualFunction = Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]

@@ -13,7 +13,7 @@ from benchmarks.reproduction.nominal import condition, percent
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
-from rigtwin.rotor.model.elements import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure
 

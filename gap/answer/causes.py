@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rigtwin.gap.document import Cause, Estimate, Location
 from rigtwin.gap.inference.hypotheses import Hypothesis
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 
 def locations(hypothesis: Hypothesis, u: FloatArray) -> tuple[Location, ...]:

@@ -13,10 +13,9 @@ from rigtwin.gap.document import Shrink, explainable
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import acting, nonlinear
-from rigtwin.gap.model.nonlinear import BoolArray
 from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.model.structure import ComplexArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray
 from rigtwin.sim.campaign import Run
 from rigtwin.sim.lines import NotSettledError
 from rigtwin.sim.setup import SetupError

@@ -29,7 +29,8 @@ from rigtwin.gap.model.forward import Forward, acting, nonlinear
 from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.phrases import effects_at, supports
 from rigtwin.rotor.effects import Effect, known_mass
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Channel, Run, SupportKind
 
 

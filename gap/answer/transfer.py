@@ -23,7 +23,7 @@ from rigtwin.gap.inference.problem import Problem, middle_level
 from rigtwin.gap.model.forward import acting, nonlinear
 from rigtwin.gap.model.motions import FINE
 from rigtwin.gap.model.run_model import RunModel
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 

@@ -23,7 +23,7 @@ from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.phrases import ten_to
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 # Laws a joint stiffness is compared with: name, unit of its size, what it looks like, and shape over omega.

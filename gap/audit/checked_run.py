@@ -12,7 +12,8 @@ from rigtwin.gap.audit.noise import GIVEN_ERRORS, NoiseEstimate, estimate_noise,
 from rigtwin.gap.audit.resonances import Resonance, find_resonances
 from rigtwin.gap.document import Finding
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
-from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 Severity = Literal["ok", "note", "warning", "error"]
 

@@ -11,10 +11,11 @@ from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
-from rigtwin.rotor.model.structure import ComplexArray, Structure
-from rigtwin.sim.campaign import FloatArray, Run
+from rigtwin.rotor.model.structure import Structure
+from rigtwin.sim.campaign import Run
 
 # Bearing stiffnesses [N/m] from far softer to far stiffer than any shaft of a test rig.
 _STIFFNESSES = (1e5, 1e6, 1e7, 1e9)

@@ -21,7 +21,7 @@ from rigtwin.gap.audit.one_run import is_only_noise
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.rotor.frequency.measured import Quantity
-from rigtwin.sim.campaign import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from rigtwin.gap.curves import SILENT
-from rigtwin.sim.campaign import FloatArray, Run
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.sim.campaign import Run
 
 
 @dataclass(frozen=True)

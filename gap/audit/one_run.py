@@ -21,7 +21,8 @@ from rigtwin.gap.audit.noise import (
 from rigtwin.gap.audit.resonances import Resonance
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
-from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, NominalBelief, Run
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.noise import mean_square
 from rigtwin.gap.audit.resonances import Resonance
 from rigtwin.gap.document import Finding
-from rigtwin.sim.campaign import Channel, FloatArray, NominalBelief, Run
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 
 @dataclass(frozen=True)

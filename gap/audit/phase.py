@@ -12,7 +12,7 @@ from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
-from rigtwin.sim.campaign import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)

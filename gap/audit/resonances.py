@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
-from rigtwin.sim.campaign import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

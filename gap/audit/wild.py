@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.noise import estimate_noise, responses
 from rigtwin.gap.document import Finding
-from rigtwin.sim.campaign import FloatArray, Run
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.sim.campaign import Run
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rigtwin.gap.model.nonlinear import BoolArray
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import BoolArray, FloatArray
 
 Residual = Callable[[FloatArray], FloatArray | None]  # of a point; None where it has no model
 

@@ -15,7 +15,7 @@ import numpy as np
 from rigtwin.gap.inference.fit import Fit, Sampled
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import nonlinear
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 # Numbers of draws, tried in turn as long as too few count: most then lie outside the ranges, and cost nothing.
 DRAWS = (64, 256, 1024)

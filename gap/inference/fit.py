@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
-from rigtwin.gap.model.nonlinear import BoolArray
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)

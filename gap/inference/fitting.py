@@ -16,8 +16,8 @@ from rigtwin.gap.inference.descent import damped_step, minimise, shorten_logarit
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
 from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weights_and_residuals
-from rigtwin.gap.model.run_model import BoolArray, RunModel
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.gap.model.run_model import RunModel
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from rigtwin.gap.inference.problem import Problem

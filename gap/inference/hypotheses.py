@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.effect import Parameter
 from rigtwin.rotor.effects.library import EFFECTS
-from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Run
 
 # Prior range of the bearing stiffness [N/m], even in its logarithm.

@@ -19,7 +19,7 @@ import numpy as np
 
 from rigtwin.gap.model.linear import MODES, TOLERANCE, TOLERANCES
 from rigtwin.gap.model.run_model import RunModel
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import i0e, i1e
 
-from rigtwin.gap.model.nonlinear import BoolArray
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 Values = ComplexArray | FloatArray  # responses, or magnitudes alone

@@ -21,7 +21,7 @@ from rigtwin.gap.model.forward import Forward, acting, nonlinear, on_the_rotor
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.geometry.rig import Rig
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 # What a linear model itself leaves at sharp places, relative to the response.

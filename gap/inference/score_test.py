@@ -11,8 +11,8 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import derivatives, weights_and_residuals
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Share of an effect's change below which it counts as one that the nuisances make, too.
 INDISTINCT = 1e-9

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigtwin.gap.model.motions import Drive, Resolution, Solved
-from rigtwin.gap.model.run_model import BoolArray
 from rigtwin.rotor.frequency.harmonic_balance import Balance
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -25,10 +25,11 @@ from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import channel_groups
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model
 from rigtwin.rotor.model.state_space import StateSpace, UpperResidual
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 T = TypeVar("T")

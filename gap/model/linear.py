@@ -20,7 +20,7 @@ from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.transients import as_read, transients
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER, channel_factor, force_factor
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Run
 
 # Resonances of a run that may drift, at most.

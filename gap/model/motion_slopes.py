@@ -10,7 +10,7 @@ import numpy as np
 from rigtwin.gap.model.motions import Drive, Solved
 from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.periodic_force import real_form
-from rigtwin.rotor.model.structure import ComplexArray
+from rigtwin.rotor.model.arrays import ComplexArray
 
 
 @dataclass(frozen=True)

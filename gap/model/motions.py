@@ -7,10 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from rigtwin.gap.model.run_model import BoolArray
 from rigtwin.rotor.frequency.harmonic_balance import Balance, jacobian
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Run
 
 

@@ -17,11 +17,11 @@ import numpy as np
 from rigtwin.gap.model.branch import Branch, Known
 from rigtwin.gap.model.motion_slopes import MotionSlopes
 from rigtwin.gap.model.motions import Drive, Resolution, Solved
-from rigtwin.gap.model.run_model import BoolArray, RunModel
+from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.sweep import follow_sweep
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.harmonic_balance import Balance
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import Run
 
 # Relative step of a tolerance for a derivative.

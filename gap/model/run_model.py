@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 if TYPE_CHECKING:
     from rigtwin.gap.model.linear import Modal
     from rigtwin.gap.model.nonlinear import NonlinearModal
-
-BoolArray = NDArray[np.bool_]
 
 
 class RunModel(Protocol):

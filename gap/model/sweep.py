@@ -8,7 +8,7 @@ import numpy as np
 
 from rigtwin.gap.model.motions import Drive, Solved
 from rigtwin.rotor.frequency.harmonic_balance import Balance
-from rigtwin.rotor.model.structure import ComplexArray
+from rigtwin.rotor.model.arrays import ComplexArray
 
 
 @dataclass(frozen=True)

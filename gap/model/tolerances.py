@@ -9,7 +9,8 @@ import numpy as np
 
 from rigtwin.gap.model.linear import MODES, TOLERANCES, Group, Modal
 from rigtwin.rotor.geometry.rig import Disk, Rig
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
 
 # Relative step of a tolerance.

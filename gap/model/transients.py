@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may have an unstable pole: it is infinitely far from the data

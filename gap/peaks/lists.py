@@ -22,7 +22,7 @@ from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
 from rigtwin.gap.model.campaign_model import structure_of
 from rigtwin.gap.peaks.resonances import Resonances, Rotor
 from rigtwin.rotor.geometry.rig import load_rig
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.campaign import Campaign, Channel, PeakList, Run
 
 

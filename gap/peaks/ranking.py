@@ -16,7 +16,7 @@ from scipy.stats import chi2 as chi2_distribution
 from rigtwin.gap.document import Estimate
 from rigtwin.gap.inference.hypotheses import K_B, PRIORS, Hypothesis
 from rigtwin.gap.peaks.lists import Lists, Match
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,11 @@ import numpy as np
 
 from rigtwin.gap.model.forward import acting
 from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.sim.campaign import NominalBelief, SupportKind
 

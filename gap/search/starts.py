@@ -11,8 +11,8 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import NOMINAL, Free, Hypothesis, Term
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.structure import FloatArray
 
 
 @dataclass(frozen=True)

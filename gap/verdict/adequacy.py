@@ -11,8 +11,7 @@ from rigtwin.gap.audit.noise import CREDIBLE, live_channels, of_complex, shared_
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import Observed, residual
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.nonlinear import BoolArray
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

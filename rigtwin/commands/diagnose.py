@@ -38,9 +38,10 @@ from rigtwin.pages.diagnosis_words import (
 )
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.model.arrays import ComplexArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.scale_out import executor
-from rigtwin.sim.campaign import Campaign, ComplexArray, Run
+from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.sim.formats.atomic import check_writable, replacing
 from rigtwin.sim.formats.run_file import write_beside

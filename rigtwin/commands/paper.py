@@ -21,9 +21,9 @@ from rigtwin.exits import UserError
 from rigtwin.pages.figures import two_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import Structure
-from rigtwin.sim.campaign import FloatArray
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.wording import interval, percent, stiffness
 

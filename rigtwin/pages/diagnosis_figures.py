@@ -19,7 +19,8 @@ from rigtwin.gap.document import Band, BearingStiffness, Cause, JointStiffness, 
 from rigtwin.gap.phrases import part
 from rigtwin.pages.diagnosis_words import cause_key, cause_title, finite, places, share
 from rigtwin.pages.figures import BLUE, GREY, INK, ORANGE, PURPLE, RESPONSE_UNITS, VERMILION, styled
-from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, Run
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Channel, Run
 
 # Traces of the response figure that the page fills with the chosen run and node, in this order: row and name.
 RESPONSE_TRACES = (

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigtwin.rotor.effects.effect import MANY_STARTS, Effect, node, parameter
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.design import Design
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

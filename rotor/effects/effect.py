@@ -21,9 +21,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.design import Design
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Name, among an effect's variables in the FMU, of the one that switches it on.
 SWITCH = "enabled"

@@ -3,7 +3,6 @@
 ======================  =================================================================  ==========================
 module                  what it holds                                                      start here
 ======================  =================================================================  ==========================
-``condensation``        static (Guyan) condensation                                        ``condense_tilt``
 ``modal``               natural frequencies, damped modes                                  ``natural_frequencies_hz``
 ``whirl``               Campbell diagram, critical speeds, unbalance                       ``campbell``
 ``frequency_response``  linear receptance and accelerance                                  ``accelerance``

@@ -14,7 +14,7 @@ import numpy as np
 
 from rigtwin.rotor.frequency.harmonic_balance import Balance, Motions, jacobian
 from rigtwin.rotor.frequency.periodic_force import complex_form, real_form
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 
 Direction = Literal["up", "down"]
 Varied = Literal["omega", "force_amplitude"]

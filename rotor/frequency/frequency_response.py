@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.rotor.model.system import LinearSystem
 
 

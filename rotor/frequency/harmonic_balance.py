@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigtwin.rotor.frequency.periodic_force import PeriodicForces, complex_form, real_form
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import RotorModel
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Length over which the corners of a law with a gap are rounded, relative to the gap; what it costs
 # is measured by benchmarks/effects/curves.py.

@@ -13,9 +13,10 @@ import numpy as np
 
 from rigtwin.rotor.effects.effect import Effect
 from rigtwin.rotor.frequency.frequency_response import driven_receptance
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.model.structure import Structure
 
 Quantity = Literal["receptance", "mobility", "accelerance", "acceleration"]
 

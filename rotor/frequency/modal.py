@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.rotor.model.system import LinearSystem
 
 

@@ -19,9 +19,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.force_laws import LAWS
 from rigtwin.rotor.model.local_force import LocalForce
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 
 # Rounding of a corner, relative to the distance that the joint travels between two samples. With less, the curves of
 # lightly damped rotors show small false folds, which move when there are more samples.

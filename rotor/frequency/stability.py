@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rigtwin.rotor.frequency.harmonic_balance import Motions
 from rigtwin.rotor.frequency.periodic_force import Memory
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 # Modes with eigenvalues above this multiple of the highest harmonic's frequency follow statically.
 _STATIC = 4.0

@@ -9,8 +9,8 @@ from scipy.linalg import eigh
 
 from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness
 from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.rotor_model import RotorModel
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.rotor.model.system import LinearSystem
 
 # A mode whose orbits enclose less than this share of the area of circles has no direction: it

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from rigtwin.rotor.geometry.rig import SAME_PLACE_M, Rig
-from rigtwin.rotor.model.elements import ElementType, FloatArray, Section, euler_bernoulli, timoshenko
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.rotor.model.elements import ElementType, Section, euler_bernoulli, timoshenko
 from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 
 

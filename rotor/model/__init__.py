@@ -3,6 +3,7 @@
 ================  ==============================================  ================
 module            what it holds                                   start here
 ================  ==============================================  ================
+``arrays``        types of arrays, for all rooms
 ``condition``     how the rotor is held, driven and spun          ``Condition``
 ``elements``      beam elements from their shape functions        ``timoshenko``
 ``structure``     free-free matrices and the supports' places     ``Structure``

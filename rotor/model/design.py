@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rigtwin.rotor.model.arrays import FloatArray, IntArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.elements import shape_functions
 from rigtwin.rotor.model.force_laws import ForceLaw
-from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, FloatArray, IntArray, Structure
+from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 
 # Length of shaft, in diameters, over which a crack counts as a reduced bending stiffness.
 CRACK_LENGTH = 0.8

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.force_laws import ForceLaw
 from rigtwin.rotor.model.printed_laws import ARRAY, SCALAR
-from rigtwin.rotor.model.structure import FloatArray
 
 # Below this displacement [m] the resultant of a radial law has no direction.
 _NO_DISPLACEMENT = 1e-18

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.design import (
     Bearing,
@@ -20,7 +21,7 @@ from rigtwin.rotor.model.design import (
     shaft_stiffness,
 )
 from rigtwin.rotor.model.local_force import LocalForce
-from rigtwin.rotor.model.structure import DOF_PER_NODE, ComplexArray, FloatArray, Structure
+from rigtwin.rotor.model.structure import DOF_PER_NODE, Structure
 from rigtwin.rotor.model.system import LinearSystem
 
 

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.system import LinearSystem, Modes
 
 # Condition number of the eigenvectors (Frobenius) above which the spectral form loses over half of the digits.

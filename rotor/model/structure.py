@@ -7,14 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating[Any]]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
-IntArray = NDArray[np.int64]
+from rigtwin.rotor.model.arrays import FloatArray, IntArray
 
 DOF_PER_NODE = 4  # y, z, theta_y, theta_z
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, qr, solve_triangular
 
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray, Structure
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.structure import Structure
 
 # Largest strain energy, relative to the sum of its unsigned parts, that counts as round-off. A mode with so little
 # is a rigid-body motion; a more negative one means buckling. The first mode of a beam of n elements has 2 / n^4.

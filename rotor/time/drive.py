@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from rigtwin.rotor.model.structure import ComplexArray
+from rigtwin.rotor.model.arrays import ComplexArray
 
 
 @dataclass(frozen=True)

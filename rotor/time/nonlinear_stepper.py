@@ -45,11 +45,11 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 
+from rigtwin.rotor.model.arrays import FloatArray, IntArray
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.printed_laws import SCALAR
 from rigtwin.rotor.model.rotor_model import RotorModel
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.structure import FloatArray, IntArray
 from rigtwin.rotor.time.drive import Drive
 from rigtwin.rotor.time.stepper import CACHE_SIZE, Block, add_tone
 

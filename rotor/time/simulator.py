@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.design import Unbalance
 from rigtwin.rotor.model.rotor_model import Change, build_model
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, Structure
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.time.drive import Drive, Tone
 from rigtwin.rotor.time.nonlinear_stepper import NonlinearStepper
 from rigtwin.rotor.time.stepper import ModalStepper

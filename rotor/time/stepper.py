@@ -19,8 +19,8 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.rotor.time.drive import Drive, Tone
 

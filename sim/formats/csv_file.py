@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rigtwin.sim.campaign import ComplexArray, FloatArray, MeasurementError, Run
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.sim.campaign import MeasurementError, Run
 from rigtwin.sim.formats.csv_header import FREQUENCY, Column, Header, parse_header
 from rigtwin.sim.formats.recording import Recording, misplaced
 from rigtwin.sim.formats.settings import RunSettings

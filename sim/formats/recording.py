@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, MeasurementError, Run
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Channel, MeasurementError, Run
 from rigtwin.sim.formats.settings import RunSettings, settle
 
 

@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 import pyuff
 
-from rigtwin.sim.campaign import Channel, ComplexArray, FloatArray, MeasurementError, Plane, Quantity, Run
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.sim.campaign import Channel, MeasurementError, Plane, Quantity, Run
 from rigtwin.sim.formats.recording import Recording
 from rigtwin.sim.formats.settings import RunSettings, check_settings, stored_settings
 

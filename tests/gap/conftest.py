@@ -19,9 +19,10 @@ from rigtwin.rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
-from rigtwin.sim.campaign import Campaign, Channel, ComplexArray, FloatArray, NominalBelief, Run
+from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, Run
 
 RIG = "nit-rourkela"
 STRUCTURE = structure_of(RIG)

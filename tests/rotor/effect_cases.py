@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
 from rigtwin.rotor.frequency.frequency_response import ComplexArray, dynamic_stiffness, receptance
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import Change, build_system
-from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
 from tests.rotor import rigs
 

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from rigtwin.rotor.frequency.harmonic_balance import Balance, Motions
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, ForceLaw
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.rotor_model import RotorModel
-from rigtwin.rotor.model.structure import FloatArray
 from rigtwin.rotor.model.system import LinearSystem
 from tests.rotor.rigs import paper_structure
 

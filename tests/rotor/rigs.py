@@ -11,8 +11,9 @@ import numpy as np
 
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.elements import ElementType, FloatArray, Section, timoshenko
+from rigtwin.rotor.model.elements import ElementType, Section, timoshenko
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem

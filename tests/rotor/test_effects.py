@@ -14,12 +14,12 @@ from numpy.testing import assert_allclose
 from rigtwin.rotor.effects import EFFECTS, BearingFriction, CompliantRigidSupport, Effect, OpenCrack, PlaneAnisotropy
 from rigtwin.rotor.effects.nonlinear import SEAT_PARTS
 from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.printed_laws import SCALAR
 from rigtwin.rotor.model.rotor_model import build_model
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.structure import FloatArray
 from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.rotor.effect_cases import (

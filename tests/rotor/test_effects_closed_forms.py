@@ -37,10 +37,10 @@ from rigtwin.rotor.frequency.modal import damped_modes, natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.rotor.model import rotor_model as model
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.elements import euler_bernoulli, timoshenko
 from rigtwin.rotor.model.rotor_model import build_system
-from rigtwin.rotor.model.structure import FloatArray
 from rigtwin.rotor.model.system import LinearSystem
 from tests.rotor import rigs
 from tests.rotor.effect_cases import BEARING, OMEGA, RIGID, node_receptance, paper, paper_with, sensed

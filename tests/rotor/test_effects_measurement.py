@@ -28,8 +28,9 @@ from rigtwin.rotor.frequency.frequency_response import ComplexArray, dynamic_sti
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.elements import FloatArray, euler_bernoulli
+from rigtwin.rotor.model.elements import euler_bernoulli
 from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.rotor import rigs

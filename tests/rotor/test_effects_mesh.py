@@ -22,9 +22,9 @@ from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness, recept
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model, build_system
-from rigtwin.rotor.model.structure import FloatArray
 from tests.rotor.effect_cases import RIGID, node_receptance, paper, paper_with, sensed
 from tests.tolerances import CONVERGENCE_ORDER, FINE_MESH, ROUND_OFF
 

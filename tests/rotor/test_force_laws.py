@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from rigtwin.fmu_src import print_laws
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, LAWS, ForceLaw
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.printed_laws import ARRAY, SCALAR
-from rigtwin.rotor.model.structure import FloatArray
 from tests.tolerances import DIFFERENCE_QUOTIENT, LAW_ROUND_OFF
 
 WITHOUT_MEMORY = [law for law in LAWS if not law.memory]

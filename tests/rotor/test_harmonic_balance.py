@@ -21,12 +21,12 @@ from rigtwin.rotor.frequency.continuation import Curve, trace
 from rigtwin.rotor.frequency.frequency_response import accelerance
 from rigtwin.rotor.frequency.harmonic_balance import Balance, Motions
 from rigtwin.rotor.frequency.periodic_force import complex_form, real_form
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.force_laws import CUBIC
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.printed_laws import SCALAR
 from rigtwin.rotor.model.rotor_model import Change, build_model
-from rigtwin.rotor.model.structure import FloatArray
 from tests import tolerances as tol
 from tests.rotor.oscillators import (
     CONDITION,

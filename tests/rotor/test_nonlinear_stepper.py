@@ -25,12 +25,13 @@ from rigtwin.rotor.effects import (
     ViscoelasticSupport,
 )
 from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, JENKINS, ForceLaw
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.rotor_model import RotorModel, build_model
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.structure import FloatArray, Structure
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.rotor.time.drive import Drive, Tone
 from rigtwin.rotor.time.nonlinear_stepper import NoBalanceError, NonlinearStepper

@@ -12,9 +12,9 @@ from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingFrictio
 from rigtwin.rotor.frequency.continuation import Curve, trace
 from rigtwin.rotor.frequency.harmonic_balance import Balance, Motions
 from rigtwin.rotor.frequency.stability import floquet_multipliers, is_stable
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model
-from rigtwin.rotor.model.structure import FloatArray
 from tests import tolerances as tol
 from tests.rotor.oscillators import CONDITION, MASS, OMEGA_0, STIFFNESS, bilinear, cubic, jenkins, oscillator
 from tests.rotor.rigs import paper_structure

@@ -21,7 +21,7 @@ from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest
 from rigtwin.gap.search.strategies.registry import law_strategy_of
 from rigtwin.rotor.frequency.measured import measured_response
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 # Relative distance to the data at which a line of the grid counts half.
 HALF = 0.1

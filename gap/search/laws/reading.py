@@ -21,7 +21,7 @@ from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest, contact_axes
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

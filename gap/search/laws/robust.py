@@ -18,7 +18,7 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.race import first_of_each
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.workers import Item, Result, each
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)

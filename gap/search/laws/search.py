@@ -35,7 +35,7 @@ from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest, axis
 from rigtwin.gap.search.strategies.registry import law_strategy_of
 from rigtwin.gap.search.workers import each
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)

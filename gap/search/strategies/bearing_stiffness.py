@@ -27,8 +27,8 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward, nonlinear, on_the_rotor
 from rigtwin.gap.model.linear import over_receptance
 from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.rotor_model import bearing_stiffness
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
 

@@ -21,7 +21,7 @@ from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.linear import MODES, Modal
 from rigtwin.gap.model.transients import as_read, transients
 from rigtwin.gap.search.workers import each
-from rigtwin.rotor.model.structure import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

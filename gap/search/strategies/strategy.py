@@ -9,7 +9,7 @@ from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.search.starts import Promise, Start, promises
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 
 class Strategy:

@@ -14,7 +14,7 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.race import RACE
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.strategy import Strategy
-from rigtwin.rotor.model.structure import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ from rigtwin.fmu_src.model_description import Model
 from rigtwin.fmu_src.native_sources import NATIVE, ROTOR_CORE, core_code
 from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
 from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.structure import FloatArray, to_arrays
 from rigtwin.rotor.model.structure import Structure as PythonStructure
+from rigtwin.rotor.model.structure import to_arrays
 
 DOUBLES, INTS = ct.POINTER(ct.c_double), ct.POINTER(ct.c_int)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.page import bar, power_of_ten, table
+from benchmarks.reproduction.condensation import condense_tilt
 from benchmarks.reproduction.nominal import condition, paper, percent, system, two_frequencies_hz
-from rigtwin.rotor.frequency.condensation import condense_tilt
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.rotor.model.elements import euler_bernoulli, linear_timoshenko

@@ -67,7 +67,7 @@ def stuck(rotor_fmu, tmp_path) -> Path:
     return altered(
         rotor_fmu,
         tmp_path / "stuck.fmu",
-        r"resources/rotor_\w+/design\.py",
+        r"resources/rigtwin_\w+/rotor/model/design\.py",
         lambda text: text.replace("stiffness=condition.k_b", "stiffness=1e7"),
     )
 
@@ -138,7 +138,7 @@ def test_an_fmu_that_hangs_fails_its_gates_and_the_next_gets_a_process_of_its_ow
     hanging = altered(
         rotor_fmu,
         tmp_path / "hanging.fmu",
-        r"resources/rotor_\w+/simulator\.py",
+        r"resources/rigtwin_\w+/rotor/time/simulator\.py",
         lambda text: text + "\n\nimport time\ntime.sleep(1000)\n",
     )
     failed, printed = check_failing(hanging, "--time-limit", 5)
@@ -169,7 +169,7 @@ def test_a_bad_value_that_is_accepted_fails(estimator_fmu, tmp_path):
     careless = altered(
         estimator_fmu,
         tmp_path / "careless.fmu",
-        r"resources/fmu_src_\w+/variables\.py",
+        r"resources/rigtwin_\w+/fmu_src/variables\.py",
         lambda text: text.replace("value < self.minimum", "False"),
     )
     failed, _ = check_failing(careless)

@@ -220,6 +220,10 @@ class FastSweep(Effect):
     location = "raster"
     family = "chain"
     in_fmu = False
+    remedy = (
+        "Repeat the runs and stay longer at each line near the resonances, until the response has settled: "
+        "then peaks are as high as they are, and where they are."
+    )
 
     dwell: float = parameter(
         0.5,

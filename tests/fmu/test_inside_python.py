@@ -18,7 +18,7 @@ def count_exponentials(fmu, jitter, n):
 
     with FmuSession(fmu) as session:
         session.start({"force_amplitude": 1.0, "spin_speed": 100.0})
-        (stepper,) = (m for name, m in sys.modules.items() if name.startswith("rotor_") and name.endswith(".stepper"))
+        (stepper,) = (m for name, m in sys.modules.items() if name.startswith("rigtwin_") and name.endswith(".stepper"))
         made, expm = [], stepper.expm
         stepper.expm = lambda matrix: made.append(1) or expm(matrix)
         rng = random.Random(1)
@@ -50,7 +50,7 @@ def warned(fmu):
 
     with FmuSession(fmu) as session:
         session.start({"force": 1.0})
-        (stepper,) = (m for name, m in sys.modules.items() if name.startswith("rotor_") and name.endswith(".stepper"))
+        (stepper,) = (m for name, m in sys.modules.items() if name.startswith("rigtwin_") and name.endswith(".stepper"))
         expm = stepper.expm
         stepper.expm = lambda matrix: warnings.warn("overflow", RuntimeWarning, stacklevel=2) or expm(matrix)
         message = ""

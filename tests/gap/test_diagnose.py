@@ -29,7 +29,7 @@ from rigtwin.gap.predict import predict
 from rigtwin.gap.prepare import prepared
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.verdict.adequacy import Adequacy, judge, not_shared, odd_lines
-from rigtwin.gap.verdict.ranking import Ranked, of_the_likeliest, verdict_of
+from rigtwin.gap.verdict.ranking import Ranked, _of_the_likeliest, _verdict_of
 from rigtwin.gap.verdict.standing import Standing, excess_of
 from rigtwin.rotor.effects import (
     AttachedMass,
@@ -321,7 +321,7 @@ def test_a_cause_is_named_only_where_it_is_sure():
     fits = tuple(SimpleNamespace(hypothesis=SimpleNamespace(ids=(name,))) for name in ("a", "b", "c"))
     for shares, no_gap, verdict in (((0.53, 0.01, 0.0), 0.46, "ambiguous"), ((0.95, 0.01, 0.0), 0.04, "cause")):
         ranked = Ranked(fits, shares, no_gap)  # type: ignore[arg-type]
-        assert verdict_of(ranked, SimpleNamespace(excess=0.5)) == verdict  # type: ignore[arg-type]
+        assert _verdict_of(ranked, SimpleNamespace(excess=0.5)) == verdict  # type: ignore[arg-type]
     causes = [Cause((name,), Location("shaft"), p, {}, None, 0.0) for name, p in (("a", 0.5), ("b", 0.45), ("c", 1e-9))]
     assert [cause.effects for cause in _equivalent(causes)] == [("a",), ("b",)]
 
@@ -333,11 +333,11 @@ def test_no_gap_is_unknown_where_the_nominal_model_leaves_more_than_noise():
     standing = Standing((nominal,), judge(problem, nominal), 0.5)
     for no_gap, doubted in ((0.4, False), (0.6, True)):
         ranked = Ranked((), (), no_gap)
-        assert (of_the_likeliest(problem, nominal, ranked, standing).excess > 1) == doubted
+        assert (_of_the_likeliest(problem, nominal, ranked, standing).excess > 1) == doubted
     healthy = problem_of(*both_supports())
-    assert of_the_likeliest(healthy, recalibrate(healthy), Ranked((), (), 0.6), standing).excess < 1
+    assert _of_the_likeliest(healthy, recalibrate(healthy), Ranked((), (), 0.6), standing).excess < 1
     for excess, verdict in ((0.5, "no_gap"), (1.5, "unknown")):
-        assert verdict_of(Ranked((), (), 0.6), replace(standing, excess=excess)) == verdict
+        assert _verdict_of(Ranked((), (), 0.6), replace(standing, excess=excess)) == verdict
 
 
 def test_the_regime_is_that_of_all_causes_that_are_answered():

@@ -277,7 +277,7 @@ def draw_tolerances(axes: Axes, example: Example, best: Fit) -> None:
     fine = settled(example, run, best, np.linspace(peak * 0.97, peak * 1.03, 601))
     modal = example.problem.forward.modal(fine, best.k_b, best.effects)
     still, one = np.zeros(len(TOLERANCES)), np.eye(len(TOLERANCES)) * SHOWN_TOLERANCE
-    drift = example.campaign.nominal.frequency_drift
+    drift = example.campaign.nominal.expected_drift
     curves = [
         ("span", BLUE, modal.response(None, one[1])),
         ("modulus", RED, modal.response(None, one[0])),

@@ -118,15 +118,38 @@ class PeakList:
     std_hz: FloatArray  # (n_peaks,)
 
 
+# Standard deviations of the logarithm of a damping: of one that somebody states, and of one that nobody does.
+STATED_DAMPING, UNKNOWN_DAMPING = 0.1, 0.7
+
+# Relative drift of a resonance from run to run where nobody states one.
+USUAL_DRIFT = 1e-4
+
+
 @dataclass(frozen=True)
 class NominalBelief:
-    """What the nominal model assumes about this rig before any diagnosis."""
+    """What the nominal model assumes about this rig before any diagnosis, and how well the workshop knows it.
+
+    A tolerance is a relative standard deviation, that of a damping or a tilt stiffness one of the logarithm. A
+    repeatability of None is learned from the runs.
+    """
 
     shaft_damping_ratio: float = Condition.shaft_damping_ratio
     bearing_damping_Ns_per_m: float = 0.0
-    gain_tolerance: float = 0.02
-    frequency_drift: float = 1e-4
-    gain_repeatability: float = 0.0
+    gain_tolerance: float = 0.02  # of each run's force gain; that of each sensor's gain is half of it
+    frequency_drift: float | None = None  # of a resonance from run to run
+    gain_repeatability: float | None = None  # of a sensor's gain from run to run
+    modulus_tolerance: float = 0.01
+    disk_mass_tolerance: float = 0.005
+    span_tolerance: float = 0.001
+    shaft_damping_tolerance: float = STATED_DAMPING
+    bearing_damping_tolerance: float = STATED_DAMPING
+    tilt_tolerance: float = UNKNOWN_DAMPING  # of supports that hold the shaft's slope
+    sensor_mass_kg: float = 0.0  # of every accelerometer that stays mounted
+
+    @property
+    def expected_drift(self) -> float:
+        """The stated drift of a resonance from run to run, or a usual one where it is to be learned."""
+        return USUAL_DRIFT if self.frequency_drift is None else self.frequency_drift
 
 
 @dataclass(frozen=True)

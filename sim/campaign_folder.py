@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     ValidationError,
@@ -25,15 +26,42 @@ from pydantic import (
 )
 
 from rigtwin.rotor.geometry.rig import Rig, load_rig, shipped_rigs
-from rigtwin.sim.campaign import Campaign, MeasurementError, NominalBelief, PeakList, Run, SupportKind
+from rigtwin.sim.campaign import (
+    STATED_DAMPING,
+    UNKNOWN_DAMPING,
+    Campaign,
+    MeasurementError,
+    NominalBelief,
+    PeakList,
+    Run,
+    SupportKind,
+)
 from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.formats.run_file import SUFFIXES, read_run, write_beside
 from rigtwin.sim.formats.settings import RunSettings, explain, stored_settings
 
 FILE_NAME = "campaign.toml"
 
+# Keys of [nominal], the first of each of the rig file too.
+_DAMPINGS = (
+    ("shaft_damping_ratio", "shaft_damping_tolerance"),
+    ("bearing_damping_Ns_per_m", "bearing_damping_tolerance"),
+)
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+def _none_if_learned(value: Any) -> Any:
+    """None for the word "learned"; a number as it is."""
+    if not isinstance(value, str):
+        return value
+    if value != "learned":
+        raise ValueError('give a number, or "learned"')
+    return None
+
+
+Repeatability = Annotated[NonNegative | None, BeforeValidator(_none_if_learned)]
 
 
 class _Table(BaseModel):
@@ -44,8 +72,15 @@ class _NominalTable(_Table):
     shaft_damping_ratio: Annotated[float, Field(ge=0, le=0.2)] | None = None
     bearing_damping_Ns_per_m: NonNegative | None = None
     gain_tolerance: NonNegative = NominalBelief.gain_tolerance
-    frequency_drift: NonNegative = NominalBelief.frequency_drift
-    gain_repeatability: NonNegative = NominalBelief.gain_repeatability
+    frequency_drift: Repeatability = None
+    gain_repeatability: Repeatability = None
+    modulus_tolerance: NonNegative = NominalBelief.modulus_tolerance
+    disk_mass_tolerance: NonNegative = NominalBelief.disk_mass_tolerance
+    span_tolerance: NonNegative = NominalBelief.span_tolerance
+    shaft_damping_tolerance: NonNegative | None = None
+    bearing_damping_tolerance: NonNegative | None = None
+    tilt_tolerance: NonNegative = NominalBelief.tilt_tolerance
+    sensor_mass_kg: NonNegative = NominalBelief.sensor_mass_kg
 
 
 class _PeaksTable(_Table):
@@ -138,9 +173,12 @@ def _peak_list(table: _PeaksTable) -> PeakList:
 
 
 def _belief(table: _NominalTable, rig: Rig) -> NominalBelief:
-    """What the campaign says, and the rig's own damping where it says none."""
-    own = {key: getattr(rig, key) for key in ("shaft_damping_ratio", "bearing_damping_Ns_per_m")}
-    return NominalBelief(**(own | table.model_dump(exclude_none=True)))
+    """What the campaign says, and where it does not state a damping the rig's own, which is less sure."""
+    said = table.model_dump(exclude_none=True)
+    for damping, tolerance in _DAMPINGS:
+        said.setdefault(tolerance, STATED_DAMPING if damping in said else UNKNOWN_DAMPING)
+        said.setdefault(damping, getattr(rig, damping))
+    return NominalBelief(**said)
 
 
 def _read_table(folder: Path) -> _CampaignTable:
@@ -245,7 +283,7 @@ def _tables(campaign: Campaign, folder: Path, files: list[str]) -> dict[str, Any
     return {
         "title": campaign.title,
         "rig": _rig_to_save(folder, campaign.rig),
-        "nominal": dataclasses.asdict(campaign.nominal),
+        "nominal": {key: "learned" if value is None else value for key, value in vars(campaign.nominal).items()},
         "run": [{"file": file, **stored_settings(run)} for run, file in zip(campaign.runs, files, strict=True)],
         "peaks": [
             {"support": p.support, "frequencies_Hz": p.frequencies_hz.tolist(), "std_Hz": p.std_hz.tolist()}

@@ -17,6 +17,8 @@ from rigtwin.blind.generate.transient import swept
 
 GAIN_TOLERANCE = 0.02
 FREQUENCY_DRIFT = 1e-4
+TOLERANCE = 1e-3  # of modulus, span, each disk's mass: uniform, as much to either side
+TOLERANCE_STD = TOLERANCE / np.sqrt(3)
 NOISE_FLOOR = 1e-4  # of the run's median
 
 

@@ -15,12 +15,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from rigtwin.blind.generate.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, Case, standard_error
+from rigtwin.blind.generate.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, TOLERANCE_STD, Case, standard_error
 from rigtwin.blind.generate.machine import Machine, Setting, Workshop, build_machine
 from rigtwin.blind.generate.rig import ComplexArray, FloatArray, Rig
 
 THRESHOLD = 3.0  # standard deviations
-TOLERANCE = 1e-3 / np.sqrt(3)  # of modulus, span, each disk mass: uniform +- 0.1 %
 N_SHAPES = 14
 N_DRIFTS = 6
 
@@ -229,7 +228,7 @@ class Distance:
 
     def _physical_prior(self) -> FloatArray:
         """(q,) one over the prior's standard deviation; k_b is free."""
-        return np.array([*(1 / TOLERANCE,) * (self.n_physical - 1), 1e-3])
+        return np.array([*(1 / TOLERANCE_STD,) * (self.n_physical - 1), 1e-3])
 
     def _linear_prior(self, n_columns: int) -> FloatArray:
         runs = [1 / GAIN_TOLERANCE, *(1 / FREQUENCY_DRIFT,) * N_DRIFTS] * len(self.runs)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigtwin.blind.generate.case import GAIN_TOLERANCE, Case
+from rigtwin.blind.generate.case import GAIN_TOLERANCE, TOLERANCE, Case
 from rigtwin.blind.generate.effects import (
     CHAIN,
     KINDS,
@@ -26,7 +26,6 @@ from rigtwin.blind.generate.rig import Rig
 from rigtwin.blind.generate.sizes import DRIVE_NODE, LARGE, SMALL, can_fade, nominal_off, size_class, size_ratio
 
 LIBRARY = (*LINEAR, *CHAIN, *NONLINEAR)
-TOLERANCE = 1e-3
 ATTEMPTS = 10  # draws for the wanted size class; then any that can be seen
 ATTEMPTS_NONLINEAR = 6  # their sizes take long
 LEAST_STRENGTH = 1e-3  # to which a nonlinear effect is weakened before another one is drawn

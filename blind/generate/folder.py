@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigtwin.blind.generate.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, Case, Run, standard_error
+from rigtwin.blind.generate.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, TOLERANCE_STD, Case, Run, standard_error
 from rigtwin.blind.generate.rig import ComplexArray, FloatArray
 
 MEASURED, HELD_OUT, TRUTH = "measured", "held_out", "truth"
@@ -25,6 +25,10 @@ def write_campaign(
         f"bearing_damping_Ns_per_m = {case.c_b!r}",
         f"gain_tolerance = {GAIN_TOLERANCE}",
         f"frequency_drift = {FREQUENCY_DRIFT}",
+        "gain_repeatability = 0.0",
+        *(f"{name}_tolerance = {TOLERANCE_STD:.3g}" for name in ("modulus", "disk_mass", "span")),
+        "shaft_damping_tolerance = 0.0",
+        "bearing_damping_tolerance = 0.0",
     ]
     for run in runs:
         lines += [

@@ -211,7 +211,7 @@ def _repeatability(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Findi
         return Finding("repeatability", "warning", f"{words}; remove one of them, or look for the other's file.", both)
     directions = {a.run.sweep, b.run.sweep} == {"up", "down"}
     check = "sweep_direction" if directions else "repeatability"
-    found = compare(a, b, _shared_channels(a, b), belief.frequency_drift)
+    found = compare(a, b, _shared_channels(a, b), belief.expected_drift)
     moved = [m for m in _movements(a, b, belief) if m.significant]
     cause = "a jump or a rotor that had not settled" if directions else "something changed between them"
     if moved:
@@ -283,7 +283,7 @@ def _movements(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Iterator[
         yield _Movement(
             r.frequency_hz,
             q.frequency_hz / r.frequency_hz - 1,
-            _LIMITS.drift_stds * float(np.hypot(error, np.sqrt(2) * belief.frequency_drift)),
+            _LIMITS.drift_stds * float(np.hypot(error, np.sqrt(2) * belief.expected_drift)),
             (r.damping_ratio, q.damping_ratio),
             max(_LIMITS.drift_stds * damping_error, _LIMITS.damping_change) if np.isfinite(damping_error) else np.inf,
         )
@@ -316,7 +316,7 @@ def _level_findings(levels: Sequence[CheckedRun], belief: NominalBelief) -> Iter
         words += f"the nearest is {abs(way):.0%} {'above' if way > 0 else 'below'} it" if way else "there is none"
         words += ": the rig depends on amplitude; look for a nonlinear cause."
         yield Finding("level", "note", words, both, way or -1.0, _LIMITS.same_resonance)
-    found = compare(high, low, _shared_channels(high, low), belief.frequency_drift)
+    found = compare(high, low, _shared_channels(high, low), belief.expected_drift)
     if found is None:
         if not amplitude_dependent:
             yield Finding("level", "note", f"Runs {span} share {_reason_not_compared(high, low)}.", both)
@@ -375,7 +375,7 @@ def _check_reciprocity(runs: Sequence[CheckedRun], belief: NominalBelief) -> Ite
             continue
         if at_b not in a.channels or at_a not in b.channels:
             continue
-        found = compare(a, b, [(at_b, at_a)], belief.frequency_drift)
+        found = compare(a, b, [(at_b, at_a)], belief.expected_drift)
         if found is None:
             continue
         both, who = f"{a.label}, {b.label}", f"{at_a} and {at_b}"

@@ -41,7 +41,7 @@ class Nuisances:
 
     def __init__(self, runs: Sequence[Run], belief: NominalBelief):
         self.sensors = sorted({channel for run in runs for channel in run.channels})
-        own = [len(run.channels) if belief.gain_repeatability > 0 else 0 for run in runs]
+        own = [len(run.channels) if belief.gain_repeatability else 0 for run in runs]
         sizes = [len(runs), len(self.sensors), len(TOLERANCES), *[MODES] * len(runs), len(runs), *own]
         ends = itertools.accumulate(sizes)
         parts = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
@@ -52,14 +52,14 @@ class Nuisances:
         self.n = sum(sizes)
         self.gain_std = max(belief.gain_tolerance, PRIOR.least_gain)
         self.sensor_std = max(belief.gain_tolerance / 2, PRIOR.least_gain)
-        self.drift_std = max(belief.frequency_drift, PRIOR.least_drift)
+        self.drift_std = max(belief.expected_drift, PRIOR.least_drift)
         self.std = np.empty(self.n)
         self.std[self.gain] = [PRIOR.any_scale if run.quantity == "acceleration" else self.gain_std for run in runs]
         self.std[self.sensor] = self.sensor_std
         self.std[self.tolerance] = TOLERANCE
         self.std[self.drift[0].start : self.drift[-1].stop] = self.drift_std
         self.std[self.level] = self.gain_std
-        self.std[self.level.stop :] = belief.gain_repeatability
+        self.std[self.level.stop :] = belief.gain_repeatability or 0.0
 
     @property
     def level_std(self) -> float:

@@ -59,7 +59,7 @@ def test_a_run_of_one_line_is_a_run():
 
 def test_a_campaign_believes_what_the_format_says_by_default():
     """The defaults of campaign.toml's [nominal]."""
-    assert Campaign("empty", "nit-rourkela").nominal == NominalBelief(0.001, 0.0, 0.02, 1e-4)
+    assert Campaign("empty", "nit-rourkela").nominal == NominalBelief(0.001, 0.0, 0.02, None, None)
 
 
 def test_measured_data_cannot_be_reassigned():

@@ -116,10 +116,22 @@ def test_the_bearings_damper_and_the_exciters_node_are_the_rigs_too(tmp_path):
     assert campaign.runs[0].excitation_node == 3
 
 
+def test_a_damping_is_known_better_where_it_is_stated_and_repeatability_is_learned(tmp_path):
+    stated = load_campaign(folder_with(tmp_path, CONTRACT, run01_rigid_1N=CSV)).nominal
+    assert (stated.shaft_damping_tolerance, stated.bearing_damping_tolerance) == (0.1, 0.1)
+    assert (stated.modulus_tolerance, stated.disk_mass_tolerance, stated.span_tolerance) == (0.01, 0.005, 0.001)
+    table = '[nominal]\nbearing_damping_tolerance = 0.3\nfrequency_drift = "learned"\nsensor_mass_kg = 0.012\n'
+    left_out = load_campaign(folder_with(tmp_path, HEAD + table + RUN, a=CSV)).nominal
+    assert (left_out.shaft_damping_tolerance, left_out.bearing_damping_tolerance) == (0.7, 0.3)
+    assert (left_out.frequency_drift, left_out.gain_repeatability, left_out.sensor_mass_kg) == (None, None, 0.012)
+    folder_with(tmp_path, HEAD + '[nominal]\nfrequency_drift = "lerned"\n' + RUN, a=CSV)
+    assert refusal(tmp_path) == 'campaign.toml: nominal frequency_drift: give a number, or "learned"'
+
+
 def test_resonance_lists_alone_make_a_campaign(tmp_path):
     campaign = load_campaign(folder_with(tmp_path, HEAD + PEAKS))
     assert campaign.runs == ()
-    assert campaign.nominal == NominalBelief()
+    assert campaign.nominal == NominalBelief(shaft_damping_tolerance=0.7, bearing_damping_tolerance=0.7)
 
 
 def test_every_key_of_a_run_reaches_the_run(tmp_path):

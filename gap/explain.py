@@ -3,8 +3,7 @@
 The steps, each a function below:
 
 1. search single linear effects, unless the levels plainly differ;
-2. begin anew with a better posed problem: without errors that channels do not share, or with gains of each sensor in
-   each run;
+2. begin anew without errors that channels share, where they do not share what is left;
 3. finish the linear answer (bent laws, pairs, the finer mesh) where levels do not differ in what it leaves;
 4. else search force laws, and let the finished linear answer rival them on the same lines.
 """
@@ -28,7 +27,7 @@ from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.pairs import each_alone, exchanged, most_left, pairs, straightened
 from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_all
 from rigtwin.gap.verdict.adequacy import judge, not_shared
-from rigtwin.gap.verdict.standing import adequate, excess_of, gains_differ, scale_of
+from rigtwin.gap.verdict.standing import adequate, excess_of, scale_of
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.sim.campaign import Run
 
@@ -104,8 +103,6 @@ def _attempt(task: Task) -> Task | Explained:
             return Explained(problem, task.nominal, fits)
     coarser, linear, bent = search_nonlinear(task.problem, laws, THRESHOLDS.adequate_nonlinear, task.progress)
     task.clock.lap("nonlinear effects")
-    if gains_differ(coarser, bent.best):
-        return task.on(task.problem.remounted())
     return _rival(task, found, Explained(coarser, linear, bent.fits), bent)
 
 
@@ -116,11 +113,8 @@ def _search_singles(task: Task) -> Search:
 
 
 def _better_posed(problem: Problem, best: Fit) -> Problem | None:
-    """Without errors that channels share, where these do not share what the best fit leaves; with gains of each sensor
-    in each run, where these differ."""
-    if not adequate(problem, best) and (apart := not_shared(problem, best)):
-        return apart
-    return problem.remounted() if gains_differ(problem, best) else None
+    """Without errors that channels share, where these do not share what the best fit leaves."""
+    return None if adequate(problem, best) else not_shared(problem, best)
 
 
 def _rival(task: Task, found: Search | None, by_law: Explained, bent: Search) -> Explained:

@@ -9,13 +9,11 @@ import numpy as np
 
 from rigtwin.gap.document import DAMPING, Cause, Diagnosis
 from rigtwin.gap.model.campaign_model import forward_of
-from rigtwin.gap.model.forward import acting, nonlinear
-from rigtwin.gap.model.linear import TOLERANCES
+from rigtwin.gap.model.forward import acting
 from rigtwin.gap.model.motions import FINAL
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
-from rigtwin.rotor.geometry.rig import load_rig
-from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.campaign import Campaign, MeasurementError, Run
 
@@ -60,7 +58,7 @@ class _Models:
     k_b: float  # of the corrected model [N/m]
     effects: tuple[Effect, ...]
     damping: Mapping[str, float]
-    tolerance: FloatArray  # (len(TOLERANCES),)
+    tolerance: Mapping[str, float]  # by its name
     sensor_gain: Mapping[str, float]  # by channel
 
 
@@ -72,7 +70,7 @@ def _models(diagnosis: Diagnosis) -> _Models:
         k_b=Condition(k_b=k_b).k_b,
         effects=effects,
         damping={key: float(value) for key in DAMPING if (value := diagnosis.nominal.get(key)) is not None},
-        tolerance=np.array([calibration.get("tolerance", {}).get(name, 0.0) for name in TOLERANCES]),
+        tolerance=calibration.get("tolerance", {}),
         sensor_gain=calibration.get("sensor_gain", {}),
     )
 
@@ -80,15 +78,12 @@ def _models(diagnosis: Diagnosis) -> _Models:
 def _predict(models: _Models, campaign: Campaign) -> Iterator[Predicted]:
     forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **models.damping)))
     forward = forward.made(refined=True, resolution=FINAL, with_data=False)
-    forward.allow_for_tolerances(load_rig(campaign.rig), campaign.runs, models.k_b)
+    corrected = forward.at(np.array([models.tolerance.get(name, 0.0) for name in forward.workshop.names]))
     for run in campaign.runs:
         before = forward.modal(run, models.nominal_k_b).response()
-        there = acting(models.effects, run.support)
-        if not nonlinear(there):
-            forward.bend(run, models.k_b, there)
-        after = forward.modal(run, models.k_b, there)
+        after = corrected.modal(run, models.k_b, acting(models.effects, run.support)).response()
         gains = np.array([models.sensor_gain.get(str(channel), 1.0) for channel in run.channels])
-        yield Predicted(run, _with(run, before), _with(run, after.response(None, models.tolerance) * gains))
+        yield Predicted(run, _with(run, before), _with(run, after * gains))
 
 
 def _nominal_k_b(diagnosis: Diagnosis) -> float:

@@ -15,7 +15,6 @@ from rigtwin.gap.model.campaign_model import forward_of
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.verdict.adequacy import odd_lines
 from rigtwin.gap.verdict.standing import adequate
-from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Campaign, Run
 
 
@@ -29,8 +28,8 @@ def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     observed = [_observed(run) for run in campaign.runs]
     problem = Problem(forward_of(campaign), observed)
     problem, first = problem.in_si(recalibrate(problem))
-    problem.allow_for_tolerances(load_rig(campaign.rig), first.k_b)
-    return problem, recalibrate(problem, first)
+    nominal = recalibrate(problem, first)
+    return problem.at_fit(nominal), nominal
 
 
 def without_odd_lines(

@@ -42,7 +42,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     training = problem.on([replace(o, std=np.where(mask[:, None], np.inf, o.std)) for o, mask in pairs])
     without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
     with_it = _refit(training, best)
-    before = problem.bare(without)  # drifts would follow any gap between the lines that they were fitted to
+    before = problem.calibrated(without)  # drifts would follow any gap between the lines that they were fitted to
     after = problem.predict(with_it)
     model_after, verified = after, "model"
     if confirm is not None:

@@ -111,7 +111,7 @@ def separations(problem: Problem, fits: Sequence[Fit], proposed: Sequence[Propos
     """Every proposal with the least chi-squared between two members, the best one first."""
     noise = relative_noise(problem)
     # Nothing was measured yet: a nonlinear branch is followed from line to line.
-    forward = Forward(problem.forward.structure, problem.forward.belief).made(with_data=False)
+    forward = Forward(problem.forward.workshop).made(with_data=False)
     found = []
     for proposal in proposed:
         try:
@@ -219,6 +219,7 @@ class _View:
     """A member's prediction of a proposal, its error, and what the member may still change."""
 
     def __init__(self, problem: Problem, forward: Forward, fit: Fit, proposal: Proposal, noise: float):
+        forward = forward.at(fit.nu[problem.nuisances.tolerance])
         self.problem, self.forward, self.fit, self.proposal, self.noise = problem, forward, fit, proposal, noise
         self.H = [self._respond(run, fit.u) for run in proposal.runs]
         self.sensors = sorted({channel for run in proposal.runs for channel in run.channels})
@@ -294,7 +295,8 @@ class _View:
         n_u, nuisances = len(self.fit.u), self.problem.nuisances
         kept = np.r_[np.arange(n_u), n_u + np.r_[nuisances.sensor], n_u + np.r_[nuisances.tolerance]]
         known = np.linalg.inv(self.fit.covariance()[np.ix_(kept, kept)])
-        own = [self.proposal.gain_std**-2, *[nuisances.drift_std**-2] * MODES, nuisances.level_std**-2]
+        drift_std = float(self.fit.prior_std[nuisances.drift[0].start])
+        own = [self.proposal.gain_std**-2, *[drift_std**-2] * MODES, nuisances.level_std**-2]
         fresh = own * len(self.proposal.runs)
         fresh += [nuisances.sensor_std**-2] * len(self._new_sensors())
         prior = np.zeros((len(kept) + len(fresh),) * 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -34,8 +34,8 @@ from rigtwin.gap.document import (
     Where,
 )
 from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.nuisances import PRIOR
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.linear import TOLERANCES
 from rigtwin.gap.search.strategies.bearing_stiffness import compare_with_models
 from rigtwin.gap.verdict.adequacy import judge
 from rigtwin.gap.verdict.ranking import Ranked, best_of, by_name, likely, name_of, together
@@ -109,7 +109,7 @@ def report(
         equivalent=named.equivalent,
         next_test=_next_test(campaign, answer, findings, named),
         shrink=shrink,
-        audit=(*findings, *_mounting_finding(campaign, answer.problem, named.best), *_noise_finding(answer)),
+        audit=(*findings, *_repeatability_findings(answer.problem, named.best), *_noise_finding(answer)),
         excluded=tuple(exclude),
         unknown_score=_doubt(answer.standing),
         calibration=calibration(answer.problem, named.best),
@@ -151,7 +151,7 @@ def _name_causes(campaign: Campaign, answer: Answer, findings: Sequence[Finding]
 def _curves(answer: Answer, named: _Named) -> tuple[Curve, ...]:
     """All lines of the runs, with the nominal model and, where there is one, the corrected model."""
     drawn = answer.all_lines
-    before = drawn.bare(answer.nominal)
+    before = drawn.calibrated(answer.nominal)
     corrects = named.best is not answer.nominal or named.verdict == "no_gap"
     after = drawn.predict(named.best) if corrects else [None] * len(before)
     return tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, before, after, strict=True))
@@ -201,6 +201,7 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
         "gap_dB": _mean([log_distance_db(c.run.H, c.nominal) for c in curves]),
         "misfit": judge(problem, answer.fitted).misfit,
         "probability": _known(answer) * answer.ranked.no_gap if answer.verdict != "not_enough_data" else math.nan,
+        "calibration": calibration(problem, nominal),
         **{key: getattr(campaign.nominal, key) for key in DAMPING},
     }
 
@@ -320,17 +321,17 @@ def _form_finding(answer: Answer) -> tuple[Finding, ...]:
     return (Finding("form", "warning", words, "", standing.quality.misfit, THRESHOLDS.adequate_misfit),)
 
 
-def _mounting_finding(campaign: Campaign, problem: Problem, fit: Fit) -> tuple[Finding, ...]:
-    """That sensors' gains are not the same in all runs, where the campaign did not say so."""
-    if campaign.nominal.gain_repeatability or not problem.forward.belief.gain_repeatability:
-        return ()
-    own = np.concatenate([fit.nu[each] for each in problem.nuisances.own_gain])
-    size = float(np.sqrt(np.mean(own**2)))
-    words = (
-        f"The gains of the sensors differ from run to run by {100 * size:.2g} %, as when they are mounted anew; they "
-        "were fitted run by run. Calibrate them in place, or say gain_repeatability in [nominal]"
-    )
-    return (Finding("repeatability", "warning", f"{words}.", "", size, problem.nuisances.sensor_std),)
+def _repeatability_findings(problem: Problem, fit: Fit) -> Iterator[Finding]:
+    """What the runs say of repeatabilities that nobody stated; a warning where they are worse than usual."""
+    words = {
+        "frequency_drift": "The resonances of the runs differ from the model's by {size:.2g} %, each on its own",
+        "gain_repeatability": "The gains of the sensors differ from run to run by {size:.2g} %",
+    }
+    for each in problem.nuisances.learned:
+        size = float(fit.prior_std[each.places[0]]) if len(each.places) else 0.0
+        severity = "warning" if size > each.median * np.exp(2 * PRIOR.spread) else "note"
+        told = words[each.name].format(size=100 * size)
+        yield Finding("repeatability", severity, f"{told}; say {each.name} in [nominal] if you know it.", "", size)
 
 
 def _noise_finding(answer: Answer) -> tuple[Finding, ...]:
@@ -348,11 +349,11 @@ def _noise_finding(answer: Answer) -> tuple[Finding, ...]:
 
 def calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
     """What the fit says of sensors and of the workshop's tolerances: common to all runs of the rig."""
-    nuisances = problem.nuisances
+    nuisances, workshop = problem.nuisances, problem.forward.workshop
     return {
         "sensor_gain": {
             str(channel): float(np.exp(value))
             for channel, value in zip(nuisances.sensors, fit.nu[nuisances.sensor], strict=True)
         },
-        "tolerance": dict(zip(TOLERANCES, map(float, fit.nu[nuisances.tolerance]), strict=True)),
+        "tolerance": dict(zip(workshop.names, map(float, fit.nu[nuisances.tolerance]), strict=True)),
     }

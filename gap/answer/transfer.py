@@ -103,7 +103,7 @@ class _Test:
     """The campaign's supports, driven at another node."""
 
     def __init__(self, problem: Problem, nominal: Fit, best: Fit, node: int):
-        self._forward = problem.forward.made(resolution=FINE)
+        self._forward = problem.at_fit(best).forward.made(resolution=FINE)
         self._nuisances, self._best = problem.nuisances, best
         self._parts = []
         for r in middle_level(problem.runs):

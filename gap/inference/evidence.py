@@ -46,8 +46,7 @@ def sample(problem: Problem, fit: Fit, scale: float = 1.0, draws: Sequence[int] 
 
     def log_likelihood(x: FloatArray) -> float:
         penalty = float(np.sum((x[n_u:] / fit.prior_std) ** 2))
-        own = float(np.sum((x[n_u:] / problem.nuisances.std) ** 2))
-        chi2 = problem.cost(fit.hypothesis, x[:n_u], x[n_u:]) - own
+        chi2 = problem.misfit_of(fit.hypothesis, x[:n_u], x[n_u:])
         return -(chi2 / scale**2 + penalty) / 2
 
     log_weight, at_best, found = np.full(draws[-1], -np.inf), log_likelihood(best), None

@@ -15,6 +15,7 @@ import numpy as np
 from rigtwin.gap.inference.descent import damped_step, minimise, shorten_logarithms, soften
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
+from rigtwin.gap.inference.nuisances import PRIOR, Learned
 from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weights_and_residuals
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
@@ -35,6 +36,8 @@ class JointFit:
     dampings: tuple[float, ...] = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)  # Marquardt's, tried in turn
     enough: float = 0.02  # misfit that a step must take away for another one
     enough_relative: float = 1e-5  # the same over the misfit and the penalty
+    lessons: int = 4  # how often repeatabilities are learned and the fit goes on, at most,
+    learned: float = 0.1  # until their logarithms change by less
 
 
 JOINT = JointFit()
@@ -100,11 +103,22 @@ def fit(
     """
     u = u.copy()
     nu = unit(problem, hypothesis, u) if nu is None else nu.copy()
+    std = problem.nuisances.std_for(nu)
     for added in anneal:
-        u, nu, chi2, penalty, precision = _Descent(problem, hypothesis, added).run(u, nu, steps)
+        descent = _Descent(problem, hypothesis, added, std)
+        at = descent.run(u, nu, steps)
+        u, nu = at.u, at.nu
+    for _ in range(JOINT.lessons if problem.nuisances.learned and steps else 0):
+        before, std = std, learn(problem, hypothesis, at, std)
+        if np.abs(np.log(std / before)).max() < JOINT.learned:
+            break
+        at = _Descent(problem, hypothesis, anneal[-1], std).run(at.u, at.nu, steps)
     n = sum(o.n_values for o in problem.observed)
-    prior_std = problem.nuisances.std
-    return Fit(hypothesis, u, nu, chi2, penalty, precision, n, prior_std, problem.with_k_b, anneal[-1])
+    told = sum(each.log_prior(float(std[each.places[0]])) for each in problem.nuisances.learned if len(each.places))
+    penalty = float(np.sum((at.nu / std) ** 2))
+    return Fit(
+        hypothesis, at.u, at.nu, at.chi2, penalty, at.hessian, n, std, problem.with_k_b, anneal[-1], log_prior=told
+    )
 
 
 def try_fit(
@@ -118,8 +132,10 @@ def try_fit(
 
 
 def unit(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> FloatArray:
-    """(n_nuisances,) nuisances at a start: none, but for the gain of a run whose unit is arbitrary."""
+    """(n_nuisances,) nuisances at a start: none but the tolerances at which the model is exact, and the gain of a run
+    whose unit is arbitrary."""
     nu = np.zeros(problem.nuisances.n)
+    nu[problem.nuisances.tolerance] = problem.forward.anchor.values
     for r, observed in enumerate(problem.observed):
         if observed.run.quantity == "acceleration":
             modal = problem.modal(r, K_B.value(u[0]), hypothesis.effects(u[1:]))
@@ -130,56 +146,65 @@ def unit(problem: Problem, hypothesis: Hypothesis, u: FloatArray) -> FloatArray:
     return nu
 
 
-class _Descent:
-    """Steps of one candidate, with one relative error added to the data's own."""
+@dataclass(frozen=True)
+class _Point:
+    """Where a descent is, with the misfit there and its derivatives by (u, nu)."""
 
-    def __init__(self, problem: Problem, hypothesis: Hypothesis, added: float):
+    u: FloatArray
+    nu: FloatArray
+    chi2: float
+    gradient: FloatArray  # -1/2 of the misfit's
+    hessian: FloatArray  # 1/2 of the misfit's
+
+
+class _Descent:
+    """Steps of one candidate, with one relative error added to the data's own and priors of these widths."""
+
+    def __init__(self, problem: Problem, hypothesis: Hypothesis, added: float, std: FloatArray):
         self.problem, self.hypothesis, self.added = problem, hypothesis, added
         self.log = np.array([free.log for free in hypothesis.coordinates])
-        self.prior = 1 / problem.nuisances.std**2
+        self.prior = 1 / std**2
 
-    def run(self, u: FloatArray, nu: FloatArray, steps: int) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
-        """Where the steps end: (u, nu), misfit, penalty, and Hessian/2 of the misfit."""
+    def run(self, u: FloatArray, nu: FloatArray, steps: int) -> _Point:
+        """Where the steps end."""
         here = self._linearise(u, nu)
         if here is None:
             raise ValueError(f"{self.hypothesis}: no model at the start")
-        chi2, gradient, hessian = here
-        total = chi2 + float(nu**2 @ self.prior)
+        total = here.chi2 + float(nu**2 @ self.prior)
         for _ in range(steps):
-            lower = self._step(u, nu, total, gradient, hessian)
+            lower = self._step(here, total)
             if lower is None:
                 break
             u, nu, value = lower
             linear = self._linearise(u, nu)
             assert linear is not None
-            chi2, gradient, hessian = linear
-            gained, total = total - value, chi2 + float(nu**2 @ self.prior)
+            here = linear
+            gained, total = total - value, here.chi2 + float(nu**2 @ self.prior)
             if gained < max(JOINT.enough, JOINT.enough_relative * total):
                 break
-        return u, nu, chi2, float(nu**2 @ self.prior), hessian
+        return here
 
-    def _step(
-        self, u: FloatArray, nu: FloatArray, before: float, gradient: FloatArray, hessian: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float] | None:
+    def _step(self, at: _Point, before: float) -> tuple[FloatArray, FloatArray, float] | None:
         """A point of a lower cost, and its cost; None where no damping leads to one."""
-        n_u, ends = len(u), self.hypothesis.ends
-        A, g = hessian.copy(), gradient.copy()
+        n_u, ends = len(at.u), self.hypothesis.ends
+        A, g = at.hessian.copy(), at.gradient.copy()
         A[range(n_u, len(A)), range(n_u, len(A))] += self.prior
-        g[n_u:] -= self.prior * nu
-        active = held(self.problem, u, g[:n_u], ends)
+        g[n_u:] -= self.prior * at.nu
+        active = held(self.problem, at.u, g[:n_u], ends)
         # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
         for mu in JOINT.dampings:
             step = damped_step(A, g, mu, active)
             own = np.where(self.log, shorten_logarithms(step[:n_u]), step[:n_u])
-            trial_u = np.clip(u + own, ends[:, 0], ends[:, 1])
-            trial_nu = nu + step[n_u:]
-            value = cost(self.problem, self.hypothesis, trial_u, trial_nu, self.added)
+            trial_u = np.clip(at.u + own, ends[:, 0], ends[:, 1])
+            trial_nu = at.nu + step[n_u:]
+            value = misfit_of(self.problem, self.hypothesis, trial_u, trial_nu, self.added)
+            value += float(trial_nu**2 @ self.prior)
             if value < before:
                 return trial_u, trial_nu, value
         return None
 
-    def _linearise(self, u: FloatArray, nu: FloatArray) -> tuple[float, FloatArray, FloatArray] | None:
-        """chi2, -gradient/2 and Hessian/2 of the data's misfit by (u, nu); None without a model."""
+    def _linearise(self, u: FloatArray, nu: FloatArray) -> _Point | None:
+        """The misfit at a point and its derivatives; None without a model."""
         parts = linear_parts(self.problem, self.hypothesis, u, nu, self.added)
         if parts is None:
             return None
@@ -189,7 +214,43 @@ class _Descent:
             chi2 += float(residual @ residual)
             gradient[where] += J @ residual
             hessian[np.ix_(where, where)] += J @ J.T
-        return chi2, gradient, hessian
+        return _Point(u, nu, chi2, gradient, hessian)
+
+
+def learn(problem: Problem, hypothesis: Hypothesis, at: _Point, std: FloatArray) -> FloatArray:
+    """(n_nuisances,) widths of the priors where each repeatability that is learned makes the runs most probable.
+
+    The misfit is taken for quadratic, everything else follows. With S its curvature by the nuisances x of one
+    repeatability sigma, and h = S x at its minimum, ln p(sigma) up to a constant is, over the eigenvalues l of S,
+
+        1/2 sum h^2 / (l + 1/sigma^2) - 1/2 sum ln(l + 1/sigma^2) - n ln sigma + the logarithm of its prior.
+    """
+    std, n_u = std.copy(), len(at.u)
+    stays = held(problem, at.u, at.gradient[:n_u], hypothesis.ends)
+    width = np.ptp(hypothesis.ends, axis=1)
+    for each in problem.nuisances.learned:
+        if not len(each.places):
+            continue
+        prior = np.concatenate([2 * np.pi / width**2, 1 / std**2])
+        prior[:n_u][stays] = 1e30  # a coordinate that does not move
+        own = n_u + each.places
+        others = np.setdiff1d(np.arange(len(prior)), own)
+        A, g = at.hessian + np.diag(prior), at.gradient.copy()
+        g[n_u:] -= at.nu / std**2
+        tied = np.linalg.solve(A[np.ix_(others, others)], np.column_stack([at.hessian[np.ix_(others, own)], g[others]]))
+        S = at.hessian[np.ix_(own, own)] - at.hessian[np.ix_(own, others)] @ tied[:, :-1]
+        h = at.gradient[own] - at.hessian[np.ix_(own, others)] @ tied[:, -1] + S @ at.nu[each.places]
+        if not np.isfinite(S).all(): print("NONFINITE", each.name, hypothesis, np.isfinite(at.hessian).all(), np.isfinite(tied).all(), std.min(), std.max(), prior.min(),prior.max())
+        std[each.places] = _most_probable(each, *np.linalg.eigh((S + S.T) / 2), h)
+    return std
+
+
+def _most_probable(each: Learned, values: FloatArray, axes: FloatArray, h: FloatArray) -> float:
+    """See ``learn``."""
+    sizes = each.median * np.exp(PRIOR.spread * np.linspace(-4, 4, 161))
+    told = np.maximum(values, 0.0) + 1 / sizes[:, None] ** 2
+    log = np.sum((axes.T @ h) ** 2 / told - np.log(told), axis=1) / 2 - len(values) * np.log(sizes)
+    return float(sizes[np.argmax(log + [each.log_prior(size) for size in sizes])])
 
 
 def held(problem: Problem, u: FloatArray, gradient: FloatArray, ends: FloatArray) -> BoolArray:
@@ -204,13 +265,18 @@ def held(problem: Problem, u: FloatArray, gradient: FloatArray, ends: FloatArray
 # -- misfit and its derivatives ------------------------------------------------------------------------
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a trial may lie anywhere
 def cost(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float = 0.0) -> float:
     """Misfit and penalty at a point, with a relative error added to the data's own; inf without a model."""
+    return misfit_of(problem, hypothesis, u, nu, added) + problem.nuisances.penalty(nu)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a trial may lie anywhere
+def misfit_of(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, added: float = 0.0) -> float:
+    """Misfit at a point, with a relative error added to the data's own; inf without a model."""
     modals, nuisances = problem.try_modals(hypothesis, u), problem.nuisances
     if modals is None:
         return np.inf
-    total = float(np.sum((nu / nuisances.std) ** 2))
+    total = 0.0
     for r, (observed, modal) in enumerate(zip(problem.observed, modals, strict=True)):
         H = modal.response(*nuisances.of_run(nu, r, modal)) * nuisances.gains(nu, r, modal)
         total += float(misfit(observed, H, problem.total_error(added)))
@@ -219,7 +285,7 @@ def cost(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray
 
 def costs(problem: Problem, fit: Fit, changes: Sequence[ComplexArray], added: float) -> FloatArray:
     """(k,) ``cost`` of a fit whose prediction changes, of every run (k, n_freq, n_channels)."""
-    total = np.full(len(changes[0]), float(np.sum((fit.nu / problem.nuisances.std) ** 2)))
+    total = np.full(len(changes[0]), problem.nuisances.penalty(fit.nu))
     for observed, H, change in zip(problem.observed, problem.predict(fit), changes, strict=True):
         total += misfit(observed, H + change, problem.total_error(added))
     return total

@@ -1,11 +1,14 @@
 """What nobody knows exactly beside a candidate's numbers: gains, drifts, force levels, and tolerances of the rig.
 
 Of every run the force gain (relative standard deviation ``gain_tolerance``), of every sensor its gain (half of
-that), of every sensor in every run another gain where sensors were mounted again (``gain_repeatability``), and of every
-resonance of every run a drift (``frequency_drift``) are unknown; so are modulus, span and disk masses within a
-workshop's tolerance. Where a rotor is nonlinear, the level of a run's force counts beside its gain
-(``gain_tolerance`` each): a force sensor that errs changes both, an error of what is read changes the gain alone. They
-have Gaussian priors, are fitted beside the candidate's numbers, and are integrated over in the evidence (Laplace).
+that), of every sensor in every run another gain (``gain_repeatability``), and of every resonance of every run a drift
+(``frequency_drift``) are unknown; so is whatever the workshop knows within a tolerance. Where a rotor is nonlinear, the
+level of a run's force counts beside its gain (``gain_tolerance`` each): a force sensor that errs changes both, an error
+of what is read changes the gain alone. They have Gaussian priors, are fitted beside the candidate's numbers, and are
+integrated over in the evidence (Laplace).
+
+A repeatability that nobody states is learned: its own prior is log-normal and broad, and each candidate has the one
+that makes the runs most probable (type-II maximum likelihood [mackay1992]).
 """
 
 from __future__ import annotations
@@ -17,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.gap.model.linear import MODES, TOLERANCE, TOLERANCES
+from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.model.run_model import RunModel
-from rigtwin.rotor.model.arrays import FloatArray
-from rigtwin.sim.campaign import Channel, NominalBelief, Run
+from rigtwin.gap.model.workshop import Workshop
+from rigtwin.rotor.model.arrays import FloatArray, IntArray
+from rigtwin.sim.campaign import USUAL_DRIFT, Channel, Run
 
 
 @dataclass(frozen=True)
@@ -31,18 +35,38 @@ class PriorWidths:
     known_force: float = 1e-7  # relative, of a force that is known
     least_gain: float = 1e-6  # relative: a gain that is believed exactly would make the equations singular
     least_drift: float = 1e-7  # relative, for the same reason
+    usual_gain: float = 1e-3  # relative repeatability of a sensor's gain where it is learned: the prior's median
+    spread: float = 1.5  # standard deviation of the logarithm of a repeatability that is learned
 
 
 PRIOR = PriorWidths()
 
 
+@dataclass(frozen=True)
+class Learned:
+    """A repeatability that the runs tell: one standard deviation of many nuisances, its prior log-normal."""
+
+    name: str  # key of [nominal]
+    places: IntArray  # of the nuisances
+    median: float
+
+    def size(self, nu: FloatArray) -> float:
+        """Root mean square of the nuisances, not below the median."""
+        return max(float(np.sqrt(np.mean(nu[self.places] ** 2))), self.median)
+
+    def log_prior(self, std: float) -> float:
+        """Logarithm of the prior density over that at the median."""
+        return -((np.log(std / self.median) / PRIOR.spread) ** 2) / 2
+
+
 class Nuisances:
     """Where each nuisance stands in the vector, and its prior."""
 
-    def __init__(self, runs: Sequence[Run], belief: NominalBelief):
+    def __init__(self, runs: Sequence[Run], workshop: Workshop):
+        belief = workshop.belief
         self.sensors = sorted({channel for run in runs for channel in run.channels})
-        own = [len(run.channels) if belief.gain_repeatability else 0 for run in runs]
-        sizes = [len(runs), len(self.sensors), len(TOLERANCES), *[MODES] * len(runs), len(runs), *own]
+        own = [0 if belief.gain_repeatability == 0 else len(run.channels) for run in runs]
+        sizes = [len(runs), len(self.sensors), len(workshop.tolerances), *[MODES] * len(runs), len(runs), *own]
         ends = itertools.accumulate(sizes)
         parts = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
         self.gain, self.sensor, self.tolerance = parts[:3]
@@ -56,10 +80,29 @@ class Nuisances:
         self.std = np.empty(self.n)
         self.std[self.gain] = [PRIOR.any_scale if run.quantity == "acceleration" else self.gain_std for run in runs]
         self.std[self.sensor] = self.sensor_std
-        self.std[self.tolerance] = TOLERANCE
-        self.std[self.drift[0].start : self.drift[-1].stop] = self.drift_std
+        self.std[self.tolerance] = workshop.std
+        drifts, owns = np.arange(self.drift[0].start, self.drift[-1].stop), np.arange(self.level.stop, self.n)
+        self.std[drifts] = self.drift_std
         self.std[self.level] = self.gain_std
-        self.std[self.level.stop :] = belief.gain_repeatability or 0.0
+        self.std[owns] = PRIOR.usual_gain if belief.gain_repeatability is None else belief.gain_repeatability
+        stated = (("frequency_drift", drifts, USUAL_DRIFT), ("gain_repeatability", owns, PRIOR.usual_gain))
+        self.learned = tuple(Learned(*each) for each in stated if getattr(belief, each[0]) is None)
+
+    def std_for(self, nu: FloatArray) -> FloatArray:
+        """(n,) standard deviations, where they are learned at least as large as these nuisances."""
+        std = self.std.copy()
+        for each in self.learned:
+            std[each.places] *= each.size(nu) / each.median
+        return std
+
+    def penalty(self, nu: FloatArray) -> float:
+        """-2 times the logarithm of the prior of nuisances (n,), over that of none."""
+        std = self.std_for(nu)
+        total = float(np.sum((nu / std) ** 2))
+        for each in self.learned:
+            size = each.size(nu)
+            total += 2 * len(each.places) * float(np.log(size / each.median)) - 2 * each.log_prior(size)
+        return total
 
     @property
     def level_std(self) -> float:

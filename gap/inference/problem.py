@@ -5,6 +5,7 @@ A problem is fitted by the functions of ``fitting``, which are its methods.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -20,7 +21,6 @@ from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.model.forward import Forward, acting, nonlinear, on_the_rotor
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
@@ -57,13 +57,14 @@ class Problem:
     unit = fitting.unit
     held = fitting.held
     cost = fitting.cost
+    misfit_of = fitting.misfit_of
     costs = fitting.costs
     linear_parts = fitting.linear_parts
 
     def __init__(self, forward: Forward, observed: Sequence[Observed], model_error: float = MODEL_ERROR):
         self.forward, self.observed, self.model_error = forward, tuple(observed), model_error
         self.runs = tuple(o.run for o in observed)
-        self.nuisances = Nuisances(self.runs, forward.belief)
+        self.nuisances = Nuisances(self.runs, forward.workshop)
         self.with_k_b = any(run.support == "bearing" for run in self.runs)
         self._memory: dict[tuple, RunModel] = {}
 
@@ -71,13 +72,25 @@ class Problem:
         """What a helper in another process needs: all but what is remembered."""
         return {**self.__dict__, "_memory": {}}
 
-    def allow_for_tolerances(self, rig: Rig, k_b: float) -> None:
-        """Let the workshop's tolerances bend the modes; see ``Forward``."""
-        self.forward.allow_for_tolerances(rig, self.runs, k_b)
-        self._memory.clear()
+    def at(self, tolerance: FloatArray) -> Problem:
+        """The same with a model that holds at these tolerances (n_tolerances,)."""
+        if self.forward.workshop.near(tolerance, self.forward.anchor.values):
+            return self
+        return self._like(forward=self.forward.at(tolerance))
+
+    def at_fit(self, fit: Fit) -> Problem:
+        """The same with a model that is exact at the tolerances of a fit."""
+        return self.at(fit.nu[self.nuisances.tolerance])
+
+    def _like(self, **other: Any) -> Problem:
+        """The same runs, nuisances and model, but for what is given."""
+        made = copy.copy(self)
+        made.__dict__ |= other
+        made._memory = {}
+        return made
 
     def bend(self, fit: Fit) -> None:
-        """Let the tolerances bend the modes of a candidate as they do at its own numbers."""
+        """Let the tolerances bend the modes of a candidate as they do at its own numbers, here at the anchor."""
         if nonlinear(fit.effects):
             return
         with suppress(ValueError, np.linalg.LinAlgError):  # a tolerance beside it has no model: they stay as they were
@@ -92,9 +105,7 @@ class Problem:
 
     def made(self, **manner: Any) -> Problem:
         """The same, responses made in another ``Manner``."""
-        other = Problem(self.forward.made(**manner), self.observed, self.model_error)
-        other.nuisances = self.nuisances
-        return other
+        return self._like(forward=self.forward.made(**manner))
 
     def modals(self, k_b: float, effects: Sequence[Effect]) -> list[RunModel]:
         """One for every run; what a run does not depend on is left out, so that it is solved once."""
@@ -123,7 +134,7 @@ class Problem:
     def predict(self, fit: Fit) -> list[ComplexArray]:
         """Response of every run, nuisances included."""
         made = []
-        for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
+        for r, modal in enumerate(self.at_fit(fit).modals(fit.k_b, fit.effects)):
             H = modal.response(*self.nuisances.of_run(fit.nu, r, modal))
             made.append(H * self.nuisances.gains(fit.nu, r, modal))
         return made
@@ -177,21 +188,13 @@ class Problem:
 
     def on(self, observed: Sequence[Observed]) -> Problem:
         """The same model and nuisances on the same runs, of other lines or with other errors."""
-        made = Problem(self.forward, observed, self.model_error)
-        made.nuisances = self.nuisances
-        return made
+        return self._like(observed=tuple(observed), runs=tuple(o.run for o in observed))
 
     def loosened(self, factor: float) -> Problem:
         """The same with priors of the nuisances wider by a factor."""
         made = Problem(self.forward, self.observed, self.model_error)
         made.nuisances.std *= factor
         return made
-
-    def remounted(self) -> Problem:
-        """The same where each sensor's gain may change from run to run by as much as it may be off."""
-        belief = self.forward.belief
-        forward = self.forward.believing(gain_repeatability=belief.gain_repeatability or self.nuisances.sensor_std)
-        return Problem(forward, self.observed, self.model_error)
 
     def at_believed_levels(self) -> Problem:
         """The same with forces as large as the runs believe."""
@@ -201,7 +204,8 @@ class Problem:
 
     def change(self, fit: Fit, more: Sequence[Effect]) -> list[ComplexArray]:
         """What more effects change of a fit's prediction, to first order in the shifts of the resonances."""
-        before, after = self.modals(fit.k_b, fit.effects), self.modals(fit.k_b, (*fit.effects, *more))
+        here = self.at_fit(fit)
+        before, after = here.modals(fit.k_b, fit.effects), here.modals(fit.k_b, (*fit.effects, *more))
         return [
             a.change_to(b, *self.nuisances.of_run(fit.nu, r, a)) * self.nuisances.gains(fit.nu, r, b)
             for r, (a, b) in enumerate(zip(before, after, strict=True))
@@ -213,7 +217,7 @@ class Problem:
         dwells : (n_dwells,) [s]
         """
         changes = []
-        for r, modal in enumerate(self.modals(fit.k_b, fit.effects)):
+        for r, modal in enumerate(self.at_fit(fit).modals(fit.k_b, fit.effects)):
             assert modal.as_linear is not None
             change = modal.as_linear.change_by_dwells(dwells, *self.nuisances.of_run(fit.nu, r, modal))
             changes.append(change * self.nuisances.gains(fit.nu, r, modal))

@@ -35,6 +35,7 @@ class Score:
     """
 
     def __init__(self, problem: Problem, fit: Fit, *, settled: bool = False):
+        problem = problem.at_fit(fit)
         parts = problem.linear_parts(fit.hypothesis, fit.u, fit.nu, fit.added)
         if parts is None:
             raise ValueError(f"{fit.hypothesis}: the fit has no model")
@@ -113,16 +114,6 @@ class Score:
         gain, and how many numbers it takes: without a cause the gain is chi-squared with so many degrees of freedom
         """
         return _gain(*self._slopes({r: self._freed(r, shapes) for r in runs}))
-
-    def remounted(self) -> tuple[float, int]:
-        """The same where sensors' gains differ from run to run, beyond gains of runs and of sensors of any size."""
-        slope, told, size = self._slopes({r: _each_channel(H[None]) for r, H in enumerate(self._model)})
-        every = [(r, channel) for r, run in enumerate(self._problem.runs) for channel in run.channels]
-        common = [*range(len(self._model)), *self._problem.nuisances.sensors]
-        shared = np.array([[float(which in own) for which in common] for own in every])
-        gain, n = _gain(slope, told, size)
-        gain_shared, n_shared = _gain(shared.T @ slope, *(shared.T @ square @ shared for square in (told, size)))
-        return gain - gain_shared, n - n_shared
 
     def _slopes(self, changes: Mapping[int, ComplexArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Of -misfit/2 by multiples of changes (n_columns, n_freq, n_channels) of these runs: slope (n,) and curvature

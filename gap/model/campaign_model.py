@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.model.workshop import Workshop
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.structure import Structure
@@ -20,8 +21,14 @@ def elements_between_nodes(rig: str, least: int = _ELEMENTS) -> int:
 
 
 def structure_of(rig: str, least: int = _ELEMENTS) -> Structure:
-    """The campaign's rig, with at least so many elements between two nodes."""
+    """A rig as drawn, with at least so many elements between two nodes."""
     return assemble(load_rig(rig), elements_between_nodes=elements_between_nodes(rig, least))
+
+
+def workshop_of(campaign: Campaign) -> Workshop:
+    """The campaign's rig and what is known of it."""
+    elements, fine = (elements_between_nodes(campaign.rig, least) for least in (_ELEMENTS, _FINE_ELEMENTS))
+    return Workshop(load_rig(campaign.rig), campaign.nominal, elements, fine)
 
 
 def forward_of(campaign: Campaign) -> Forward:
@@ -29,7 +36,7 @@ def forward_of(campaign: Campaign) -> Forward:
 
     Raises MeasurementError where a run has a node that the rig lacks.
     """
-    structure = structure_of(campaign.rig)
+    forward = Forward(workshop_of(campaign))
     for run in campaign.runs:
-        run.check_nodes(structure.n_nodes)
-    return Forward(structure, campaign.nominal, structure_of(campaign.rig, _FINE_ELEMENTS))
+        run.check_nodes(forward.structure.n_nodes)
+    return forward

@@ -10,26 +10,26 @@ import copy
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from rigtwin.gap.model.branch import Known
-from rigtwin.gap.model.linear import MODES, TOLERANCES, Group, Modal, chain_factors, over_receptance, resonance_numbers
+from rigtwin.gap.model.linear import MODES, Group, Modal, chain_factors, over_receptance, resonance_numbers
 from rigtwin.gap.model.motions import FINE, Resolution
 from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.model.run_model import RunModel
-from rigtwin.gap.model.tolerances import STEP, Bend, bend_of, bend_residues, sensitivity_of, variants_of
+from rigtwin.gap.model.tolerances import Bend, bend_of, bend_residues, sensitivity_of
+from rigtwin.gap.model.workshop import STEP, Anchor, Workshop
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import channel_groups
-from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model
 from rigtwin.rotor.model.state_space import StateSpace, UpperResidual
 from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.sim.campaign import Channel, NominalBelief, Run
 
 T = TypeVar("T")
@@ -66,6 +66,29 @@ class _Rotor:
 
 
 @dataclass(frozen=True)
+class _Mesh:
+    """A meshed rotor at an anchor, or with one of its tolerances a step larger."""
+
+    FINE: ClassVar[int] = -2
+    PLAIN: ClassVar[int] = -1
+
+    anchor: Anchor
+    number: int = PLAIN  # or from 0 the tolerance that is larger
+
+    @property
+    def key(self) -> tuple[bytes, int]:
+        """What tells it from others."""
+        return self.anchor.key, self.number
+
+    @property
+    def structure(self) -> Structure:
+        """The rotor without its supports."""
+        if self.number < 0:
+            return self.anchor.structure if self.number == self.PLAIN else self.anchor.fine
+        return self.anchor.variants[self.number]
+
+
+@dataclass(frozen=True)
 class Manner:
     """How finely responses are made."""
 
@@ -78,48 +101,73 @@ class Manner:
 class Forward:
     """Makes the modal form of runs on one rotor; remembers what it made last.
 
+    The model is exact at its anchor, tolerances of the workshop's numbers; near it, it follows them to first order.
+
     Parameters
     ----------
-    structure : the free-free rotor, meshed finely enough: its own error must not look like an effect
-    belief : damping that the nominal model believes in
-    fine : a finer mesh for effects inside an element, a crack or a hub; default the same
+    workshop : the rig and what is known of it, meshed finely enough: its own error must not look like an effect
     """
 
-    def __init__(self, structure: Structure, belief: NominalBelief, fine: Structure | None = None):
-        self.structure, self.belief, self._fine = structure, belief, fine or structure
+    def __init__(self, workshop: Workshop):
+        self.workshop = workshop
+        self.anchor = workshop.anchor(np.zeros(len(workshop.tolerances)))
         self.manner = Manner()
         self._known: dict[tuple, Known] = {}
-        self._variants: list[Structure] = []
         self._rotors: dict[tuple, _Rotor] = {}
         self._balances: dict[tuple, Balance | None] = {}
         self._sensitivities: dict[tuple, FloatArray] = {}
         self._bends: dict[tuple, list[Bend]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Another process gets no rotors: they are many, and told apart by identities that it does not share."""
+        """Another process gets no rotors: they are many."""
         return self.__dict__ | {"_rotors": {}}
 
-    def allow_for_tolerances(self, rig: Rig, runs: Sequence[Run], k_b: float) -> None:
-        """Find how the workshop's tolerances bend the modes of these runs, at a bearing stiffness near the truth.
+    @property
+    def structure(self) -> Structure:
+        """The rotor without its supports, at the anchor."""
+        return self.anchor.structure
 
-        Frequencies follow the tolerances in every candidate's own modes; shapes change by what they change in the
-        nominal model, or in the candidate itself once ``bend`` has been called for it.
-        """
-        stretches = len(assemble(rig, elements_between_nodes=1).x) - 1  # changes of section cut the mesh as well
-        elements = (len(self.structure.x) - 1) // stretches
-        self._variants = [assemble(each, elements_between_nodes=elements) for each in variants_of(rig)]
-        self._rotors.clear()  # structures are told apart by their identity
-        for run in runs:
-            self.bend(run, k_b, ())
+    @property
+    def belief(self) -> NominalBelief:
+        """What the campaign says of the rig."""
+        return self.workshop.belief
+
+    def at(self, tolerance: FloatArray) -> Forward:
+        """The same model, exact at these tolerances (n_tolerances,)."""
+        other = copy.copy(self)
+        other.anchor = self.workshop.anchor(tolerance)
+        return other
 
     def bend(self, run: Run, k_b: float, effects: Sequence[Effect]) -> None:
-        """Find how the tolerances bend the modes of a run under these effects, near these numbers."""
-        plain, *others = (
-            self._modal_on(structure, run, k_b, effects, bends=()) for structure in (self.structure, *self._variants)
-        )
-        self._bends[_kind(run, effects)] = [
+        """Find how the tolerances bend the modes of a run under these effects, near these numbers.
+
+        Frequencies follow the tolerances in every candidate's own modes; shapes change by what they change in the
+        nominal model, or in the candidate itself once this has been called for it.
+        """
+        plain = self._modal_on(_Mesh(self.anchor), self.condition(run, k_b), run, effects, bends=())
+        meshes = (_Mesh(self.anchor, number) for number in range(len(self.anchor.values)))
+        others = [
+            self._modal_on(mesh, self.condition(run, k_b, tolerance), run, effects, bends=())
+            for mesh, tolerance in zip(meshes, self.anchor.stepped, strict=True)
+        ]
+        self._bends[self._kind(run, effects)] = [
             bend_of(plain, each, [other.groups[g] for other in others]) for g, each in enumerate(plain.groups)
         ]
+
+    def _bends_of(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Sequence[Bend]:
+        """Of these effects, where they are known, or else of the nominal model."""
+        own = self._bends.get(self._kind(run, effects))
+        if own is not None or not self.anchor.values.size:
+            return own or ()
+        if self._kind(run, ()) not in self._bends:
+            self.bend(run, k_b, ())
+        return self._bends[self._kind(run, ())]
+
+    def _kind(self, run: Run, effects: Sequence[Effect]) -> tuple:
+        """What a bend belongs to: an anchor, a run, and effects at their nodes, whatever their numbers."""
+        there = on_the_rotor(effects)
+        nodes = [tuple(getattr(e, name) for name, place in e.places().items() if place.kind == "node") for e in there]
+        return self.anchor.key, _key(run), tuple((e.id, *at) for e, at in zip(there, nodes, strict=True))
 
     def made(self, **manner: Any) -> Forward:
         """The same model with another ``Manner`` of making responses; both share what they remember."""
@@ -127,23 +175,18 @@ class Forward:
         other.manner = replace(self.manner, **manner)
         return other
 
-    def believing(self, **belief: float) -> Forward:
-        """The same model with other values in the nominal belief."""
-        other = copy.copy(self)
-        other.belief = replace(self.belief, **belief)
-        return other
-
     def forget(self) -> None:
         """Drop the motions that nonlinear candidates start from."""
         self._known.clear()
 
-    def condition(self, run: Run, k_b: float) -> Condition:
-        """The test condition of a run."""
+    def condition(self, run: Run, k_b: float, tolerance: FloatArray | None = None) -> Condition:
+        """The test condition of a run, with the dampings at the anchor or at other tolerances."""
+        belief = self.workshop.belief_at(self.anchor.values if tolerance is None else tolerance)
         return Condition(
             k_b=k_b,
             rigid_support=run.support == "rigid",
-            bearing_damping=self.belief.bearing_damping_Ns_per_m,
-            shaft_damping_ratio=self.belief.shaft_damping_ratio,
+            bearing_damping=belief.bearing_damping_Ns_per_m,
+            shaft_damping_ratio=belief.shaft_damping_ratio,
             excitation_node=run.excitation_node,
             excitation_plane=1 if run.excitation_plane == "y" else 2,
             spin_speed=run.spin_rpm * np.pi / 30,
@@ -164,40 +207,51 @@ class Forward:
 
     def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
         local = self.manner.refined and any(effect.needs_finer_mesh for effect in effects)
-        bends = self._bends.get(_kind(run, effects)) or self._bends.get(_kind(run, ()), ())
-        return self._modal_on(self._fine if local else self.structure, run, k_b, effects, bends)
+        mesh = _Mesh(self.anchor, _Mesh.FINE if local else _Mesh.PLAIN)
+        return self._modal_on(mesh, self.condition(run, k_b), run, effects, self._bends_of(run, k_b, effects))
 
     def _modal_on(
-        self, structure: Structure, run: Run, k_b: float, effects: Sequence[Effect], bends: Sequence[Bend]
+        self, mesh: _Mesh, condition: Condition, run: Run, effects: Sequence[Effect], bends: Sequence[Bend]
     ) -> Modal:
-        """The run's response on a structure, with these bends by the tolerances."""
+        """The run's response on a mesh, with these bends by the tolerances."""
         omega = 2 * np.pi * run.frequency_hz
-        condition = self.condition(run, k_b)
         nodes = sorted({channel.node for channel in run.channels})
-        groups, sensitivity = [], np.zeros((MODES, len(TOLERANCES)), dtype=complex)
+        groups, sensitivity = [], np.zeros((MODES, len(self.anchor.values)), dtype=complex)
         for group in channel_groups(effects, nodes):
             columns = np.array([c for c, channel in enumerate(run.channels) if channel.node in group.nodes])
-            made, sensitivity = self._group(structure, run, omega, condition, group.effects, columns, bends)
+            made, sensitivity = self._group(mesh, run, omega, condition, group.effects, columns, bends)
             groups.append(made)
-        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, over_receptance(run), self.manner.images)
+        return Modal(
+            run,
+            omega,
+            tuple(groups),
+            tuple(effects),
+            sensitivity,
+            self.anchor.values,
+            over_receptance(run),
+            self.manner.images,
+        )
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> RunModel:
-        condition, effects, manner = self.condition(run, k_b), tuple(effects), self.manner
-        plain = self._balance(condition, effects, np.zeros(len(TOLERANCES)))
+        effects, manner, anchor = tuple(effects), self.manner, self.anchor.values
+        condition = self.condition(run, k_b)
+        plain = self._balance(condition, effects, anchor)
         if plain is None:
             return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
         top = 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1]
 
         def balance(tolerance: FloatArray) -> tuple[Balance, IntArray]:
-            made = self._balance(condition, effects, tolerance)
+            made = self._balance(self.condition(run, k_b, tolerance), effects, tolerance)
             assert made is not None  # no tolerance takes a law away
             return made, resonance_numbers(made.values, top)
 
         numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
-        mode, key = resonance_numbers(plain.values, top), (condition, effects)
-        sensitivity = _remember(self._sensitivities, key, lambda: sensitivity_of(plain.system))
+        mode, key = resonance_numbers(plain.values, top), (self.anchor.key, condition, effects)
+        sensitivity = _remember(self._sensitivities, key, lambda: self._sensitivity(plain.system, effects))
         known, finely = self._known, manner.resolution
-        return NonlinearModal(run, balance, plain, mode, sensitivity, effects, numbers, known, finely, manner.with_data)
+        return NonlinearModal(
+            run, balance, plain, mode, sensitivity, anchor, effects, numbers, known, finely, manner.with_data
+        )
 
     def _balance(self, condition: Condition, effects: tuple[Effect, ...], tolerance: FloatArray) -> Balance | None:
         """A rotor under nonlinear effects, None where no law acts; runs at several levels share it."""
@@ -213,22 +267,27 @@ class Forward:
             return made
 
         finely = self.manner.resolution
-        return _remember(self._balances, (condition, effects, tolerance.tobytes(), finely), make)
+        return _remember(self._balances, (self.anchor.key, condition, effects, tolerance.tobytes(), finely), make)
 
     def _structure_with(self, tolerance: FloatArray) -> Structure:
-        """The structure with the workshop's tolerances, its matrices to first order."""
-        if not (self._variants and tolerance.any()):
+        """The structure with the workshop's tolerances, its matrices to first order about the anchor."""
+        factors = np.expm1(tolerance - self.anchor.values)
+        if not factors.any():
             return self.structure
         plain, change = self.structure, {}
         for name in ("M", "K", "G"):
             own = getattr(plain, name)
-            slopes = [(getattr(variant, name) - own) / STEP for variant in self._variants]
-            change[name] = own + np.tensordot(tolerance, np.array(slopes), axes=1)
+            slopes = [(getattr(variant, name) - own) / np.expm1(STEP) for variant in self.anchor.variants]
+            change[name] = own + np.tensordot(factors, np.array(slopes), axes=1)
         return replace(plain, **change)
+
+    def _sensitivity(self, system: LinearSystem, effects: Sequence[Effect]) -> ComplexArray:
+        replaced = {role.null for e in effects for role in e.parameters().values() if isinstance(role.null, str)}
+        return sensitivity_of(system, self.workshop.tolerances, replaced)
 
     def _group(
         self,
-        structure: Structure,
+        mesh: _Mesh,
         run: Run,
         omega: FloatArray,
         condition: Condition,
@@ -236,11 +295,12 @@ class Forward:
         columns: IntArray,
         bends: Sequence[Bend],
     ) -> tuple[Group, ComplexArray]:
-        rotor = self._rotor(structure, run, condition, tuple(effects), tuple(run.channels[c] for c in columns))
+        rotor = self._rotor(mesh, run, condition, tuple(effects), tuple(run.channels[c] for c in columns))
         mode = resonance_numbers(rotor.poles, 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1])
         rest = rotor.upper.receptance(omega)[:, :, 0]
         known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
-        bent, aside = bend_residues(known, omega, columns, rotor.poles, rotor.residues, mode)
+        n = len(self.anchor.values)
+        bent, aside = bend_residues(known, n, omega, columns, rotor.poles, rotor.residues, mode)
         made = Group(
             columns, rotor.poles, rotor.residues, mode, rest, chain_factors(effects, run, columns), bent, aside
         )
@@ -251,7 +311,7 @@ class Forward:
 
     def _rotor(
         self,
-        structure: Structure,
+        mesh: _Mesh,
         run: Run,
         condition: Condition,
         effects: tuple[Effect, ...],
@@ -265,8 +325,8 @@ class Forward:
         if condition.rigid_support:
             condition = replace(condition, k_b=Condition.k_b)
         effects = on_the_rotor(effects)
-        key = (id(structure), condition, effects, channels, limit)
-        make = partial(self._solve, structure, condition, effects, channels, limit)
+        key = (*mesh.key, condition, effects, channels, limit)
+        make = partial(self._solve, mesh.structure, condition, effects, channels, limit)
         return _remember(self._rotors, key, make, _SIZE.rotors)
 
     def _solve(
@@ -294,7 +354,7 @@ class Forward:
         )
         poles, residues = space.poles(exciter[:, None], outputs)
         upper = space.upper_residual(exciter[:, None], outputs)
-        return _Rotor(poles, residues[:, 0], upper, sensitivity_of(system))
+        return _Rotor(poles, residues[:, 0], upper, self._sensitivity(system, effects))
 
 
 def _remember(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _SIZE.remembered) -> T:
@@ -325,10 +385,3 @@ def nonlinear(effects: Iterable[Effect]) -> bool:
 def _key(run: Run) -> tuple:
     settings = run.support, run.excitation_node, run.excitation_plane, run.spin_rpm
     return *settings, run.channels, run.frequency_hz.tobytes()
-
-
-def _kind(run: Run, effects: Sequence[Effect]) -> tuple:
-    """What a bend belongs to: a run, and effects at their nodes, whatever their numbers."""
-    there = on_the_rotor(effects)
-    nodes = [tuple(getattr(e, name) for name, place in e.places().items() if place.kind == "node") for e in there]
-    return _key(run), tuple((e.id, *at) for e, at in zip(there, nodes, strict=True))

@@ -26,10 +26,6 @@ from rigtwin.sim.campaign import Run
 # Resonances of a run that may drift, at most.
 MODES = 8
 
-# What a workshop does not know: relative standard deviations of a uniform +-0.1 %.
-TOLERANCE = 0.001 / np.sqrt(3)
-TOLERANCES = ("modulus", "span", "disk_mass_1", "disk_mass_2")
-
 
 @dataclass(frozen=True)
 class Group:
@@ -55,7 +51,8 @@ class Modal(RunModel):
     omega: FloatArray
     groups: tuple[Group, ...]
     effects: tuple[Effect, ...]
-    sensitivity: ComplexArray  # (MODES, n_tolerances) of the logarithm of each resonance's pole: frequency and damping
+    sensitivity: ComplexArray  # (MODES, n_tolerances) relative change of each resonance's pole: frequency and damping
+    anchor: FloatArray  # (n_tolerances,) where the model is exact in the tolerances
     scale: ComplexArray  # (n_freq,) powers of i omega and nominal force
     images: bool = True  # whether transients are seen with their images, and those of far modes at all
 
@@ -83,28 +80,35 @@ class Modal(RunModel):
     def response(
         self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> ComplexArray:
-        """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,), all relative."""
-        return self._evaluate(drift, tolerance, derivatives=False)[0]
+        """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,)."""
+        return self._evaluate(drift, self._factors(tolerance), derivatives=False)[0]
 
     def with_derivatives(
         self, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
     ) -> tuple[ComplexArray, ComplexArray]:
         """``response`` and its (MODES + n_tolerances, n_freq, n_channels) derivatives."""
-        return self._evaluate(drift, tolerance, derivatives=True)
+        factors = self._factors(tolerance)
+        H, D = self._evaluate(drift, factors, derivatives=True)
+        D[MODES:] *= (1 + factors)[:, None, None]
+        return H, D
+
+    def _factors(self, tolerance: FloatArray | None) -> FloatArray:
+        """(n_tolerances,) relative changes of the workshop's numbers from those of the anchor."""
+        return np.zeros(len(self.anchor)) if tolerance is None else np.expm1(tolerance - self.anchor)
 
     def _evaluate(
-        self, drift: FloatArray | None, tolerance: FloatArray | None, *, derivatives: bool
+        self, drift: FloatArray | None, factors: FloatArray, *, derivatives: bool
     ) -> tuple[ComplexArray, ComplexArray]:
-        tolerance = np.zeros(len(TOLERANCES)) if tolerance is None else tolerance
-        shift = self._shift(drift, tolerance)
+        """``with_derivatives``, by the factors themselves."""
+        shift = self._shift(drift, factors)
         n_f, n_c = len(self.omega), len(self.run.channels)
         H = np.empty((n_f, n_c), dtype=complex)
-        D = np.zeros((MODES + len(TOLERANCES) if derivatives else 0, n_f, n_c), dtype=complex)
+        D = np.zeros((MODES + len(factors) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
             poles = group.poles * (1 + _pole_shifts(group, shift))
             shares = self._shares(poles)
             still = _heights(group, drift)
-            Y, residues = self._motion(group, shares * still, tolerance)
+            Y, residues = self._motion(group, shares * still, factors)
             force = self._force(Y[:, -1])
             H[:, group.columns] = Y[:, :-1] * group.chain * force[:, None]
             if not derivatives:
@@ -116,7 +120,7 @@ class Modal(RunModel):
                     by_pole = (by_shift[:, mine] * still[mine]) @ residues[:, mine].T
                     by_height = -(shares[:, mine] * still[mine] ** 2) @ residues[:, mine].T
                     D[m][:, group.columns] = _sensor_change(Y, by_pole + by_height, force, slope) * group.chain
-            for t in range(len(TOLERANCES)):
+            for t in range(len(factors)):
                 moved = (by_shift * still * _pole_shifts(group, self.sensitivity[:, t])) @ residues.T
                 dY = moved + (shares * still) @ group.bent[t].T + group.aside[t]
                 D[MODES + t][:, group.columns] = _sensor_change(Y, dY, force, slope) * group.chain
@@ -125,10 +129,11 @@ class Modal(RunModel):
     def of_resonances(self, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
         """(MODES, n_freq, n_channels) what each resonance that may drift adds to the response."""
         parts = np.zeros((MODES, len(self.omega), len(self.run.channels)), dtype=complex)
-        shift = self._shift(drift, tolerance)
+        factors = self._factors(tolerance)
+        shift = self._shift(drift, factors)
         for group in self.groups:
             shares = self._shares(group.poles * (1 + _pole_shifts(group, shift))) * _heights(group, drift)
-            Y, residues = self._motion(group, shares, tolerance)
+            Y, residues = self._motion(group, shares, factors)
             force = self._force(Y[:, -1])
             for m in range(MODES):
                 mine = group.mode == m
@@ -147,16 +152,16 @@ class Modal(RunModel):
         step = 1e-7
         return (self._shares(poles + step * own) - shares) / step
 
-    def _shift(self, drift: FloatArray | None, tolerance: FloatArray) -> ComplexArray:
+    def _shift(self, drift: FloatArray | None, factors: FloatArray) -> ComplexArray:
         """(MODES,) relative shift of each resonance's pole."""
-        return self.sensitivity @ tolerance + (0.0 if drift is None else drift)
+        return self.sensitivity @ factors + (0.0 if drift is None else drift)
 
-    def _motion(self, group: Group, shares: ComplexArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def _motion(self, group: Group, shares: ComplexArray, factors: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, n_channels + 1) receptance and the residues that it is made of."""
-        if not tolerance.any():
+        if not factors.any():
             return shares @ group.residues.T + group.rest, group.residues
-        residues = group.residues + np.tensordot(tolerance, group.bent, axes=1)
-        return shares @ residues.T + group.rest + np.tensordot(tolerance, group.aside, axes=1), residues
+        residues = group.residues + np.tensordot(factors, group.bent, axes=1)
+        return shares @ residues.T + group.rest + np.tensordot(factors, group.aside, axes=1), residues
 
     def change_to(self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
         """(n_freq, n_channels) another response less this one, to first order in the shifts of the resonances.
@@ -182,13 +187,14 @@ class Modal(RunModel):
         self, own: Group, other: Modal, group: Group, here: ComplexArray, drift: FloatArray, tolerance: FloatArray
     ) -> ComplexArray:
         """``change_to`` of one group, whose resonances stand at ``here`` in this model."""
-        own_shift, shift = self._shift(drift, tolerance), other._shift(drift, tolerance)
+        factors, others = self._factors(tolerance), other._factors(tolerance)
+        own_shift, shift = self._shift(drift, factors), other._shift(drift, others)
         poles = group.poles * (1 + _pole_shifts(group, shift))
         there = np.where(group.mode >= 0, here * (1 + _pole_shifts(group, own_shift)), poles)
         shares = 1 / (1j * self.omega[:, None] - there)
-        moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _heights(group, drift), tolerance)
+        moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _heights(group, drift), others)
         poles = own.poles * (1 + _pole_shifts(own, own_shift))
-        plain, _ = self._motion(own, self._shares(poles) * _heights(own, drift), tolerance)
+        plain, _ = self._motion(own, self._shares(poles) * _heights(own, drift), factors)
         places = np.searchsorted(own.columns, group.columns)
         Y, chain = plain[:, [*places, -1]], own.chain[:, places]
         force = self._force(Y[:, -1])
@@ -235,11 +241,12 @@ class Modal(RunModel):
         dwells : (n_dwells,) [s]
         drift, tolerance : as in ``response``
         """
-        shift = self._shift(drift, tolerance)
+        factors = self._factors(tolerance)
+        shift = self._shift(drift, factors)
         change = np.empty((len(dwells), len(self.omega), len(self.run.channels)), dtype=complex)
         for group in self.groups:
             poles, still = group.poles * (1 + _pole_shifts(group, shift)), _heights(group, drift)
-            Y, residues = self._motion(group, self._shares(poles) * still, tolerance)
+            Y, residues = self._motion(group, self._shares(poles) * still, factors)
             dY = np.swapaxes((self._transient_shares(poles, dwells) * still) @ residues.T, 0, 1)
             force = self._force(Y[:, -1])
             change[:, :, group.columns] = _sensor_change(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain

@@ -36,9 +36,10 @@ class NonlinearModal(RunModel):
 
     run: Run
     balance_of: Callable[[FloatArray], tuple[Balance, IntArray]]  # by (n_tolerances,); and ``mode`` of each pole
-    balance: Balance  # without tolerances
+    balance: Balance  # at the anchor
     mode: IntArray  # (n_states,) resonance that each pole of the linear rotor belongs to, -1: none
-    sensitivity: FloatArray  # (MODES, n_tolerances)
+    sensitivity: ComplexArray  # (MODES, n_tolerances)
+    anchor: FloatArray  # (n_tolerances,)
     effects: tuple[Effect, ...]
     numbers: FloatArray  # k_b and the effects' parameters
     known: dict[tuple, Known]
@@ -118,9 +119,8 @@ class NonlinearModal(RunModel):
 
     def motions(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> Solved:
         """The run's motions with drifts (MODES,) and tolerances (n_tolerances,), remembered."""
-        n_modes, n_tolerances = self.sensitivity.shape
-        drift = np.zeros(n_modes) if drift is None else drift
-        tolerance = np.zeros(n_tolerances) if tolerance is None else tolerance
+        drift = np.zeros(len(self.sensitivity)) if drift is None else drift
+        tolerance = self.anchor if tolerance is None else tolerance
         key = drift.tobytes() + tolerance.tobytes()
         if key not in self._solved:
             if len(self._solved) > 2:
@@ -135,7 +135,7 @@ class NonlinearModal(RunModel):
         return self._solved[key]
 
     def _with_tolerance(self, tolerance: FloatArray) -> tuple[Balance, IntArray]:
-        return self.balance_of(tolerance) if tolerance.any() else (self.balance, self.mode)
+        return (self.balance, self.mode) if np.array_equal(tolerance, self.anchor) else self.balance_of(tolerance)
 
     @property
     def drive(self) -> Drive:

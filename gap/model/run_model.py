@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 class RunModel(Protocol):
     """Noise-free response of one run.
 
-    Its methods take ``drift`` (MODES,), relative shifts of the resonances; ``tolerance`` (n_tolerances,), relative
-    errors of what the workshop made; and ``level``, the logarithm of the true force over the one that the run believes.
+    Its methods take ``drift`` (MODES,), relative shifts of the resonances; ``tolerance`` (n_tolerances,), logarithms of
+    factors on the numbers that the workshop knows within a tolerance, by default those at which the model was made; and
+    ``level``, the logarithm of the true force over the one that the run believes.
     """
 
     run: Run

@@ -1,20 +1,16 @@
-"""How a workshop's tolerances of modulus, span and disk masses bend the modes of a rotor, each to first order."""
+"""How a workshop's tolerances bend the modes of a rotor, each to first order."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.gap.model.linear import MODES, TOLERANCES, Group, Modal
-from rigtwin.rotor.geometry.rig import Disk, Rig
+from rigtwin.gap.model.linear import MODES, Group, Modal
+from rigtwin.gap.model.workshop import STEP, Tolerance
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
-from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
-
-# Relative step of a tolerance.
-STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -23,56 +19,41 @@ class Bend:
 
     columns: IntArray  # places of its channels in the run, ascending
     residues: ComplexArray  # (n_tolerances, n_channels + 1, MODES) over the size of each mode's residues
-    missed: ComplexArray  # (MODES, n_tolerances) of the poles' logarithms, beyond ``sensitivity_of``
+    missed: ComplexArray  # (MODES, n_tolerances) of the poles, relative, beyond ``sensitivity_of``
     aside: ComplexArray  # (n_tolerances, n_freq, n_channels + 1)
-
-
-def variants_of(rig: Rig) -> list[Rig]:
-    """The rig with each tolerance at a small value, in the order of ``TOLERANCES``."""
-    more = 1 + STEP
-    stiffer = [s.model_copy(update={"youngs_modulus_Pa": more * s.youngs_modulus_Pa}) for s in rig.segment]
-    longer = [s.model_copy(update={"length_m": more * s.length_m}) for s in rig.segment]
-    variants = [
-        rig.model_copy(update={"segment": stiffer}),
-        rig.model_copy(update={"segment": longer, "nodes_m": [more * x for x in rig.nodes_m]}),
-    ]
-    for number in range(2):
-        disks = [_heavier(disk, more) if k == number else disk for k, disk in enumerate(rig.disk)]
-        variants.append(rig.model_copy(update={"disk": disks}))
-    return variants
-
-
-def _heavier(disk: Disk, factor: float) -> Disk:
-    """The disk with another mass: of another density, where it has dimensions."""
-    if disk.density_kg_per_m3 is not None:
-        return disk.model_copy(update={"density_kg_per_m3": factor * disk.density_kg_per_m3})
-    return disk.model_copy(update={"mass_kg": factor * disk.mass})
 
 
 def bend_of(modal: Modal, plain: Group, others: Sequence[Group]) -> Bend:
     """Change by each tolerance of a group's poles, residues and of what the modes that do not drift leave."""
-    omega, n_rows = modal.omega, len(plain.columns) + 1
-    missed = np.zeros((MODES, len(TOLERANCES)), dtype=complex)
-    aside = np.zeros((len(TOLERANCES), len(omega), n_rows), dtype=complex)
-    bent = np.zeros((len(TOLERANCES), n_rows, MODES), dtype=complex)
+    omega, n_rows, step = modal.omega, len(plain.columns) + 1, np.expm1(STEP)
+    missed = np.zeros((MODES, len(others)), dtype=complex)
+    aside = np.zeros((len(others), len(omega), n_rows), dtype=complex)
+    bent = np.zeros((len(others), n_rows, MODES), dtype=complex)
     sizes = _sizes(plain.residues, plain.mode)
     for t, other in enumerate(others):
-        aside[t] = (_undrifting_part(other, omega) - _undrifting_part(plain, omega)) / STEP
+        aside[t] = (_undrifting_part(other, omega) - _undrifting_part(plain, omega)) / step
         for m in range(MODES):
             a, b = _upper_pole(plain, m), _upper_pole(other, m)
             if a is not None and b is not None:
                 change = other.residues[:, b] - plain.residues[:, a]
-                bent[t, :, m] = change / (STEP * sizes[a])
-                moved = np.log(other.poles[b] / plain.poles[a]) / np.log1p(STEP)
-                missed[m, t] = moved - modal.sensitivity[m, t]
+                bent[t, :, m] = change / (step * sizes[a])
+                missed[m, t] = (other.poles[b] / plain.poles[a] - 1) / step - modal.sensitivity[m, t]
     return Bend(plain.columns, bent, missed, aside)
 
 
-def bend_residues(known: Bend | None, omega, columns, poles: ComplexArray, residues: ComplexArray, mode: IntArray):
-    """(n_tolerances, n_channels + 1, n_states) and (n_tolerances, n_freq, n_channels + 1): a bend for these poles."""
-    bent = np.zeros((len(TOLERANCES), *residues.shape), dtype=complex)
+def bend_residues(
+    known: Bend | None,
+    n: int,
+    omega: FloatArray,
+    columns: IntArray,
+    poles: ComplexArray,
+    residues: ComplexArray,
+    mode: IntArray,
+) -> tuple[ComplexArray, ComplexArray]:
+    """(n, n_channels + 1, n_states) and (n, n_freq, n_channels + 1): a bend by n tolerances, for these poles."""
+    bent = np.zeros((n, *residues.shape), dtype=complex)
     if known is None:
-        return bent, np.zeros((len(TOLERANCES), len(omega), len(columns) + 1), dtype=complex)
+        return bent, np.zeros((n, len(omega), len(columns) + 1), dtype=complex)
     rows = np.append(np.searchsorted(known.columns, columns), len(known.columns))
     sizes = _sizes(residues, mode)
     for k in np.flatnonzero((mode >= 0) & (poles.imag > 0)):
@@ -103,28 +84,36 @@ def _upper_pole(group: Group, m: int) -> int | None:
     return int(found[0]) if len(found) else None
 
 
-def sensitivity_of(system: LinearSystem) -> FloatArray:
-    """(MODES, n_tolerances) relative change of each undamped resonance by modulus, span and each disk's mass."""
+def sensitivity_of(
+    system: LinearSystem, tolerances: Sequence[Tolerance], replaced: Collection[str] = ()
+) -> ComplexArray:
+    """(MODES, n_tolerances) relative change of each pole, to the order of the damping, by each number of the workshop.
+
+    Parameters
+    ----------
+    system, tolerances : the supported rotor, and what the workshop does not know of it
+    replaced : entries of the test condition that an effect takes the place of
+    """
     modes = system.modes
     count = min(MODES, len(modes.omega))
-    Phi, squares = modes.Phi[:, :count], np.maximum(modes.omega[:count] ** 2, 1e-12)
-    strain = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / squares
-    at = np.zeros((MODES, len(TOLERANCES)))
-    masses = [
-        np.sum(mass * Phi[(system.free[:, None] == places).any(axis=1)] ** 2, axis=0)
-        for places, mass in _disk_places(system.structure)
-    ]
-    shaft = np.clip(1 - sum(masses, np.zeros(count)), 0.0, 1.0)
-    at[:count, 0] = strain / 2
-    at[:count, 1] = -1.5 * strain - 0.5 * shaft
-    for column, mass in enumerate(masses[:2]):
-        at[:count, 2 + column] = -mass / 2
+    Phi, omega = modes.Phi[:, :count], np.maximum(modes.omega[:count], 1e-6)
+    strain = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / omega**2
+    bodies = {each.name: _kinetic_share(system, Phi, each) for each in tolerances if each.mass}
+    slopes = {name: -share / 2 for name, share in bodies.items()} | {
+        "modulus": strain / 2,
+        "span": -1.5 * strain - 0.5 * np.clip(1 - sum(bodies.values(), np.zeros(count)), 0.0, 1.0),
+    }
+    if "shaft_damping_ratio" not in replaced:
+        slopes["shaft_damping"] = 1j * system.shaft_damping_ratio * strain
+    if "bearing_damping" not in replaced:
+        slopes["bearing_damping"] = 0.5j * np.einsum("im,ij,jm->m", Phi, system.C_support, Phi) / omega
+    at = np.zeros((MODES, len(tolerances)), dtype=complex)
+    for column, each in enumerate(tolerances):
+        at[:count, column] = slopes.get(each.name, 0.0)
     return at
 
 
-def _disk_places(structure: Structure) -> list[tuple[IntArray, float]]:
-    """Translational degrees of freedom and mass of every disk."""
-    return [
-        (4 * int(node) + np.arange(2), float(mass))
-        for node, mass in zip(structure.disk_node, structure.disk_mass, strict=True)
-    ]
+def _kinetic_share(system: LinearSystem, Phi: FloatArray, body: Tolerance) -> FloatArray:
+    """(n_modes,) share of a disk or a lumped mass in each mode's kinetic energy."""
+    places = 4 * int(system.structure.stations[body.node - 1]) + np.arange(2)
+    return np.sum(body.mass * Phi[(system.free[:, None] == places).any(axis=1)] ** 2, axis=0)

@@ -21,6 +21,7 @@ class NominalFits:
     every: int = 3  # on every third line, which tell enough to start from
     added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors that make lines alike,
     within: float = 1.1  # and the mean square misfit that is within them
+    anchors: int = 6  # how often the model is made anew at the tolerances that a fit has come to, at most
     strain: tuple[float, ...] = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # factors of the nuisances' priors, in turn
 
 
@@ -28,9 +29,18 @@ NOMINAL_FITS = NominalFits()
 
 
 def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
-    """The nominal model with the bearing stiffness that suits the runs best."""
-    if start is not None:
-        return problem.fit(NOMINAL, start.u, start.nu, anneal=(0.0,))
+    """The nominal model with the bearing stiffness and the tolerances that suit the runs best."""
+    fit = _nominal(problem) if start is None else start
+    for _ in range(NOMINAL_FITS.anchors):
+        problem = problem.at_fit(fit)
+        fit = problem.fit(NOMINAL, fit.u, fit.nu, anneal=(0.0,))
+        if problem.at_fit(fit) is problem:
+            break
+    return fit
+
+
+def _nominal(problem: Problem) -> Fit:
+    """The nominal model near its best, from wherever."""
     if not problem.with_k_b:
         return problem.fit(NOMINAL, np.array([np.log(1e7)]))
     starts = np.geomspace(*K_B_RANGE, NOMINAL_FITS.starts)

@@ -40,6 +40,7 @@ class RaceRules:
     at_least: int = 12  # candidates that are raced
     rivals: int = 2  # starts of one candidate that run on
     polished: int = 4  # leading candidates that are fitted to the end,
+    anchors: int = 3  # how often the model is made anew at the tolerances that a fit has come to, at most
     patience: int = 60  # in so many steps: valleys of several numbers are long
     hopeless: float = 400.0  # more misfit than the best one's than this cannot be made good anywhere,
     from_the_start: float = 20.0  # nor so many times as much, where a race of many begins
@@ -101,8 +102,13 @@ def best_first(fits: Iterable[Fit]) -> list[Fit]:
 
 def polish(problem: Problem, fit: Fit) -> Fit:
     """The same candidate, fitted on from where it is, with the tolerances as they act there."""
-    problem.bend(fit)
-    return problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=RACE.patience)
+    for _ in range(RACE.anchors):
+        problem = problem.at_fit(fit)
+        problem.bend(fit)
+        fit = problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=RACE.patience)
+        if problem.at_fit(fit) is problem:
+            break
+    return fit
 
 
 def polish_all(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
@@ -113,7 +119,7 @@ def polish_all(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """
     made = list(each(partial(polish, problem), fits))
     for _, begun in sorted(zip(made, fits, strict=True), key=lambda both: both[0].log_weight):
-        problem.bend(begun)
+        problem.at_fit(begun).bend(begun)
     return made
 
 

@@ -12,7 +12,6 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.forward import nonlinear
-from rigtwin.gap.search.laws.robust import without_outliers
 from rigtwin.gap.search.nominal import strain_towards
 from rigtwin.gap.verdict.adequacy import Adequacy, judge
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
@@ -74,25 +73,6 @@ def _most_scale(problem: Problem) -> float:
     """How many times the believed errors may be noise: a law that misses lines scatters as well."""
     told = [o.scatter for o in problem.observed if np.isfinite(o.scatter)]
     return min(max(float(np.median(told)), 1.0), THRESHOLDS.most_scale) if told else THRESHOLDS.most_scale
-
-
-def gains_differ(problem: Problem, fit: Fit) -> bool:
-    """Whether a fit falls short, and nearly all that it leaves goes where sensors' gains differ from run to run."""
-    if problem.forward.belief.gain_repeatability:
-        return False
-    quality = judge(problem, fit)
-    if excess_of(problem, fit, quality) < 1 and _passed_over(problem, fit, fit, quality) < 1:
-        return False
-    scale2 = max(quality.scale, 1.0) ** 2
-    bent = nonlinear(fit.effects)
-    score = Score(without_outliers(problem, fit) if bent else problem, fit, settled=True)
-    gain, n = score.remounted()
-    if bent:
-        left, numbers = score.misfit, fit.n_data
-    else:  # an error that is estimated is known to some per cent, and so is chi2
-        left, numbers = score.apart(range(len(problem.runs)), shapes=True)
-    by_chance = scale2 * float(chi2.isf(THRESHOLDS.passed_over_chance, n)) if n else np.inf
-    return gain > by_chance and gain - scale2 * n > THRESHOLDS.remounted_share * (left - scale2 * numbers)
 
 
 def nuisance_size(problem: Problem, fit: Fit) -> float:

@@ -50,7 +50,6 @@ class Thresholds:
     passed_over_share: float = _number(0.1, "adequacy", "1", "Share of what a cause takes away that such resonances and shapes may take away beside it.", TUNING)
     form_left: float = _number(0.02, "adequacy", "1", "Share of the best rival's misfit that an effect of another form than the library's may leave and still be named.", TUNING)
     form_left_nonlinear: float = _number(0.5, "adequacy", "1", "The same for nonlinear effects, whose lines far from the data weigh less.", TUNING)
-    remounted_share: float = _number(0.8, "measurement", "1", "Share of what a fit leaves that gains of each sensor in each run must take away before sensors count as mounted anew.", TUNING)
     level_sigmas: float = _number(2.0, "levels", "standard deviations", "How much more than chance resonances of each force level's own must take away before nonlinear effects are looked for.", STATISTICS)
     plain_gap: float = _number(3.0, "levels", "1", "Mean square residual of the rigid runs from which no force law of the bearings can be the cause.", TUNING)
     plainly_nonlinear: float = _number(20.0, "levels", "1", "Mean square misfit of the nominal model from which levels that differ need no linear rival.", TUNING)

@@ -177,7 +177,8 @@ class _Descent:
                 break
             u, nu, value = lower
             linear = self._linearise(u, nu)
-            assert linear is not None
+            if linear is None:
+                break
             here = linear
             gained, total = total - value, here.chi2 + float(nu**2 @ self.prior)
             if gained < max(JOINT.enough, JOINT.enough_relative * total):
@@ -203,6 +204,7 @@ class _Descent:
                 return trial_u, trial_nu, value
         return None
 
+    @np.errstate(over="ignore", invalid="ignore")  # a trial may lie anywhere
     def _linearise(self, u: FloatArray, nu: FloatArray) -> _Point | None:
         """The misfit at a point and its derivatives; None without a model."""
         parts = linear_parts(self.problem, self.hypothesis, u, nu, self.added)
@@ -214,7 +216,7 @@ class _Descent:
             chi2 += float(residual @ residual)
             gradient[where] += J @ residual
             hessian[np.ix_(where, where)] += J @ J.T
-        return _Point(u, nu, chi2, gradient, hessian)
+        return _Point(u, nu, chi2, gradient, hessian) if np.isfinite(hessian).all() else None
 
 
 def learn(problem: Problem, hypothesis: Hypothesis, at: _Point, std: FloatArray) -> FloatArray:
@@ -240,7 +242,6 @@ def learn(problem: Problem, hypothesis: Hypothesis, at: _Point, std: FloatArray)
         tied = np.linalg.solve(A[np.ix_(others, others)], np.column_stack([at.hessian[np.ix_(others, own)], g[others]]))
         S = at.hessian[np.ix_(own, own)] - at.hessian[np.ix_(own, others)] @ tied[:, :-1]
         h = at.gradient[own] - at.hessian[np.ix_(own, others)] @ tied[:, -1] + S @ at.nu[each.places]
-        if not np.isfinite(S).all(): print("NONFINITE", each.name, hypothesis, np.isfinite(at.hessian).all(), np.isfinite(tied).all(), std.min(), std.max(), prior.min(),prior.max())
         std[each.places] = _most_probable(each, *np.linalg.eigh((S + S.T) / 2), h)
     return std
 

@@ -78,9 +78,10 @@ class Problem:
             return self
         return self._like(forward=self.forward.at(tolerance))
 
-    def at_fit(self, fit: Fit) -> Problem:
-        """The same with a model that is exact at the tolerances of a fit."""
-        return self.at(fit.nu[self.nuisances.tolerance])
+    def at_fit(self, fit: Fit, *, exactly: bool = False) -> Problem:
+        """The same with a model that holds at the tolerances of a fit; exactly, where small changes are compared."""
+        tolerance = fit.nu[self.nuisances.tolerance]
+        return self._like(forward=self.forward.at(tolerance)) if exactly else self.at(tolerance)
 
     def _like(self, **other: Any) -> Problem:
         """The same runs, nuisances and model, but for what is given."""

@@ -155,12 +155,14 @@ class Forward:
         ]
 
     def _bends_of(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Sequence[Bend]:
-        """Of these effects, where they are known, or else of the nominal model."""
-        own = self._bends.get(self._kind(run, effects))
-        if own is not None or not self.anchor.values.size:
-            return own or ()
-        if self._kind(run, ()) not in self._bends:
-            self.bend(run, k_b, ())
+        """Of these effects, or of the first ones of them that are known, down to the nominal model."""
+        if not self.anchor.values.size:
+            return ()
+        for count in range(len(effects), -1, -1):
+            known = self._bends.get(self._kind(run, effects[:count]))
+            if known is not None:
+                return known
+        self.bend(run, k_b, ())
         return self._bends[self._kind(run, ())]
 
     def _kind(self, run: Run, effects: Sequence[Effect]) -> tuple:
@@ -310,12 +312,7 @@ class Forward:
         return made, sensitivity
 
     def _rotor(
-        self,
-        mesh: _Mesh,
-        run: Run,
-        condition: Condition,
-        effects: tuple[Effect, ...],
-        channels: tuple[Channel, ...],
+        self, mesh: _Mesh, run: Run, condition: Condition, effects: tuple[Effect, ...], channels: tuple[Channel, ...]
     ) -> _Rotor:
         """A rotor's modes as seen by some channels, remembered for all runs on the same rotor.
 

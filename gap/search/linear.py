@@ -12,6 +12,7 @@ from functools import partial
 from operator import itemgetter
 
 import numpy as np
+from scipy.stats import chi2
 
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, NOMINAL, Hypothesis
@@ -22,6 +23,7 @@ from rigtwin.gap.search.race import BENT, CLOSE, FAR, RACE, Progress, Search, be
 from rigtwin.gap.search.starts import Promise, Start, begin, several
 from rigtwin.gap.search.strategies.bearing_stiffness import MeasuredStiffness, law_starts, measured_stiffness
 from rigtwin.gap.search.strategies.registry import strategy_of
+from rigtwin.gap.search.strategies.strategy import Strategy
 from rigtwin.gap.search.workers import each
 from rigtwin.rotor.model.arrays import FloatArray
 
@@ -34,6 +36,11 @@ class NearSearch:
     calm: float = 40.0  # and its nuisances are less far outside their priors, in standard deviations
     worth_gain: float = 0.3  # to first order, a candidate is worth a fit from this share of the largest gain,
     worth_misfit: float = 40.0  # or within so much misfit of it
+    # Where neither the misfit nor resonances and shapes of each run's own show more than noise, by this chance, only
+    # candidates whose first-order gain could make up for the odds against any gap are fitted, and a few for the report.
+    chance: float = 1e-3
+    telling: float = 6.0  # twice the logarithm of these odds
+    reported: int = 3
 
 
 @dataclass(frozen=True)
@@ -229,19 +236,36 @@ def _best(found: list[tuple[FloatArray, float]]) -> list[tuple[FloatArray, float
     return sorted(found, key=itemgetter(1))
 
 
+def nothing_shows(problem: Problem, nominal: Fit) -> bool:
+    """Whether the nominal model leaves no more than noise, also where each resonance of each run is set free."""
+    score, n = Score(problem, nominal, settled=True), nominal.n_data
+    if nominal.chi2 > chi2.isf(NEAR_SEARCH.chance, n):
+        return False
+    apart = (score.apart(range(len(problem.runs)), shapes=shapes) for shapes in (False, True))
+    return all(gain <= chi2.isf(NEAR_SEARCH.chance, numbers) for gain, numbers in apart if numbers)
+
+
 def weak_starts(
     problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None = None
 ) -> list[Start]:
     """Starts next to the nominal model of the candidates that could explain most to first order."""
     score = Score(problem, nominal)
+    quiet = nothing_shows(problem, nominal)
     found: list[tuple[float, list[Start]]] = []
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        strategy = strategy_of(hypothesis)
+        strategy = Strategy() if quiet else strategy_of(hypothesis)
         tried = strategy.scan(problem, hypothesis, nominal) or strategy.promise(problem, score, hypothesis)
         found.append((tried[0].gain, [promise.start for promise in tried[: RACE.rivals]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
+    if quiet:
+        return [
+            s
+            for k, (gain, own) in enumerate(found)
+            for s in own
+            if k < NEAR_SEARCH.reported or gain > NEAR_SEARCH.telling
+        ]
     limit = min(NEAR_SEARCH.worth_gain * found[0][0], found[0][0] - NEAR_SEARCH.worth_misfit) if found else 0.0
     return [
         start

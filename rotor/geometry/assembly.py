@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
 
 from rigtwin.rotor.geometry.rig import SAME_PLACE_M, Rig
 from rigtwin.rotor.model.arrays import FloatArray
-from rigtwin.rotor.model.elements import ElementType, Section, euler_bernoulli, timoshenko
+from rigtwin.rotor.model.elements import ElementMatrices, ElementType, Section, euler_bernoulli, timoshenko
 from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 
 
@@ -33,9 +35,10 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
     x = _mesh(rig, elements_between_nodes or rig.elements_between_nodes)
     n = DOF_PER_NODE * len(x)
     M, K, G, K_tension = (np.zeros((n, n)) for _ in range(4))
-    sections = [_sections_at(rig, (a + b) / 2) for a, b in pairwise(x)]
+    sections = _sections(rig, x)
+    of = cache(element)  # many elements are alike
     for left, pair in enumerate(sections):
-        _add_element(M, K, G, K_tension, left, pair, x[left + 1] - x[left], element)
+        _add_element(M, K, G, K_tension, left, [of(section, _rounded(x[left + 1] - x[left])) for section in pair])
     stations = np.array([int(np.argmin(np.abs(x - position))) for position in rig.nodes_m])
     for disk in rig.disk:
         _add_rigid_body(M, G, stations[disk.node - 1], disk.mass, disk.diametral_inertia, disk.polar_inertia)
@@ -81,23 +84,24 @@ def _mesh(rig: Rig, elements_between_nodes: int) -> FloatArray:
     return np.append(np.concatenate(cuts), stops[-1])
 
 
-def _sections_at(rig: Rig, position: float) -> tuple[Section, Section]:
+def _sections(rig: Rig, x: FloatArray) -> list[tuple[Section, Section]]:
+    """Of every element between the mesh nodes."""
     borders = np.cumsum([s.length_m for s in rig.segment])
-    return rig.segment[min(int(np.searchsorted(borders, position)), len(rig.segment) - 1)].sections()
+    pairs = [segment.sections() for segment in rig.segment]
+    places = np.searchsorted(borders, (x[:-1] + x[1:]) / 2)
+    return [pairs[min(int(place), len(pairs) - 1)] for place in places]
+
+
+def _rounded(length: float) -> float:
+    """A length [m] without the round-off that tells equal elements apart."""
+    return float(f"{length:.14g}")
 
 
 def _add_element(
-    M: FloatArray,
-    K: FloatArray,
-    G: FloatArray,
-    K_tension: FloatArray,
-    left: int,
-    sections: tuple[Section, Section],
-    length: float,
-    element: ElementType,
+    M: FloatArray, K: FloatArray, G: FloatArray, K_tension: FloatArray, left: int, matrices: Sequence[ElementMatrices]
 ) -> None:
+    """Write an element's matrices in y and in z to the right of a mesh node."""
     start = DOF_PER_NODE * left
-    matrices = [element(section, length) for section in sections]
     for plane, places, signs in zip(matrices, PLANE_PLACES, PLANE_SIGNS, strict=True):
         block = np.ix_(start + places, start + places)
         M[block] += signs[:, None] * plane.mass * signs

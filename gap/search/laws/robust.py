@@ -57,7 +57,7 @@ def robust_fit(
 
     Its ``chi2`` is that loss; ``precision`` is that of the weighted lines. None where the start has no model.
     """
-    fit = fit_at_start(problem, hypothesis, u, np.zeros(problem.nuisances.n) if nu is None else nu)
+    fit = fit_at_start(problem, hypothesis, u, problem.unit(hypothesis, u) if nu is None else nu)
     for _ in range(rounds):
         try:
             weighted = without_outliers(problem, fit)

@@ -47,14 +47,14 @@ class TwoPlanes(Strategy):
         """Where bearings put a narrow resonance of the other plane: no descent meets it from a width away.
 
         The stiffness along the force is the nominal model's, the one across it anything. The nominal model strains its
-        k_b and its nuisances for a resonance that it does not have: the nuisances begin at nothing, and the best
+        k_b and its nuisances for a resonance that it does not have: the other nuisances begin at nothing, and the best
         valleys of the grid are descended into with all numbers free. There are none with accelerometers across the
         force (angles of both signs), which show that plane openly, and where no point beats the nominal model.
         """
         free = {number.name: number for number in hypothesis.free}
         if free["angle"].low < 0:
             return []
-        unstrained = np.zeros_like(nominal.nu)
+        unstrained = problem.unit(NOMINAL, nominal.u)
         limit = problem.cost(NOMINAL, nominal.u[:1], unstrained, added)
         valleys: list[tuple[float, FloatArray]] = []
         for angle in (*GRID.angles, *(np.pi / 2 - np.array(GRID.angles))):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -99,11 +100,19 @@ class PlainRun:
 
 
 def plain_run(
-    rig: Rig, setting: Setting, workshop: Workshop, frequency_hz: FloatArray, beside: Sequence[Effect] = ()
+    rig: Rig,
+    setting: Setting,
+    workshop: Workshop,
+    frequency_hz: FloatArray,
+    beside: Sequence[Effect] = (),
+    *,
+    rotations_follow: bool = False,
 ) -> PlainRun:
     """Parameters: modulus, span, each disk mass (relative), log k_b (bearing run only counts).
 
     beside : effects that the run has, too
+    rotations_follow : whether a longer span turns the cross-sections of a shape less; without it a shape is sheared,
+        and deviations of a thousandth are too stiff. The sizes of W1 to W8 were measured without.
     """
     base = build_machine(rig, setting, beside, workshop)
     basis = _basis(base)
@@ -120,20 +129,33 @@ def plain_run(
     def small(matrix: FloatArray) -> FloatArray:
         return basis.T @ matrix @ basis
 
-    slopes = tuple(
+    slopes = [
         (small(m.M - base.M) * 1e3, small(m.K - base.K) * 1e3, small(m.K_shaft - base.K_shaft) * 1e3) for m in changed
-    )
+    ]
+    if rotations_follow:
+        slopes[1] = _stretched(base, changed[1], basis, 1e-3)
     return PlainRun(
         2 * np.pi * frequency_hz,
         small(base.M),
         small(base.K),
         small(base.K_shaft),
         small(base.C),
-        slopes,
+        tuple(slopes),
         base.zeta,
         base.drive @ basis,
         base.read @ basis,
     )
+
+
+def _stretched(
+    base: Machine, longer: Machine, basis: FloatArray, stretch: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Slopes of M, K and K_shaft by the span, (m, m) each, with shapes that keep their deflections."""
+    follow = basis.copy()
+    follow[list(base.rotations)] /= 1 + stretch
+    pairs = ((longer.M, base.M), (longer.K, base.K), (longer.K_shaft, base.K_shaft))
+    M, K, K_shaft = ((follow.T @ new @ follow - basis.T @ old @ basis) / stretch for new, old in pairs)
+    return M, K, K_shaft
 
 
 def _basis(machine: Machine) -> FloatArray:
@@ -150,6 +172,8 @@ def _basis(machine: Machine) -> FloatArray:
 class Distance:
     """Distance of a campaign from the nearest one that has no effects but those ``beside``; runs on given lines."""
 
+    rotations_follow: ClassVar[bool] = False
+
     def __init__(
         self,
         rig: Rig,
@@ -159,7 +183,10 @@ class Distance:
         beside: Sequence[Effect] = (),
     ) -> None:
         self.case = case
-        self.runs = [plain_run(rig, s, case.workshop, f, beside) for s, f in zip(settings, lines, strict=True)]
+        self.runs = [
+            plain_run(rig, s, case.workshop, f, beside, rotations_follow=self.rotations_follow)
+            for s, f in zip(settings, lines, strict=True)
+        ]
         self.n_physical = len(self.runs[0].slopes)
         self.place_of_k_b = self.n_physical - 1
         self.peak_error = case.tolerances.drift  # relative, of a resonance that is seen

@@ -37,6 +37,7 @@ class Machine:
     springs: tuple[tuple[FloatArray, DynamicStiffness], ...] = ()
     bearings: tuple[Joint, ...] = ()
     band_hz: tuple[float, float] = PLANS[REFERENCE].band_hz  # in which it is tested
+    rotations: tuple[int, ...] = ()  # coordinates that are rotations of cross-sections
     omega: FloatArray = field(init=False)  # (n,) undamped
     Phi: FloatArray = field(init=False)  # (n, n) mass-normalised
     C_shaft: FloatArray = field(init=False)
@@ -94,6 +95,7 @@ class Draft:
         self.springs: list[tuple[FloatArray, DynamicStiffness]] = []
         self.joints: list[Joint] = []
         self.shaft = shaft
+        self.rotations = sorted({i for stretch in shaft.stretches for i in stretch.s})
 
     def widen(self, row: FloatArray) -> FloatArray:
         return np.pad(row, (0, len(self.M) - len(row)))
@@ -141,4 +143,5 @@ class Draft:
             tuple((self.widen(row)[free], spring) for row, spring in self.springs),
             tuple(replace(joint, row=self.widen(joint.row)[free]) for joint in self.joints),
             band_hz,
+            tuple(np.flatnonzero(np.isin(free, self.rotations)).tolist()),
         )

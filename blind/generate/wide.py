@@ -7,6 +7,7 @@ known by their order only. Both are parameters of the fit like modulus and span,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,6 +23,8 @@ ITERATIONS = 20
 
 class WideDistance(Distance):
     """Parameters: those of ``Distance``, the logarithms of both dampings, each run's drifts."""
+
+    rotations_follow: ClassVar[bool] = True
 
     def __init__(
         self,

@@ -11,4 +11,4 @@ Nothing here imports the diagnosis, its rotor model or its FMUs. Campaigns that 
 ``benchmarks/stored_campaigns`` of a checkout.
 """
 
-SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8")
+SETS = ("W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8", "W9")

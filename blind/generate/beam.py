@@ -17,7 +17,7 @@ from numpy.polynomial.legendre import leggauss
 from rigtwin.blind.generate.rig import FloatArray, Segment
 
 ORDER = 5
-SHORTEST = 2e-3  # m, of an element that nothing demands
+SHORTEST = 2e-3  # m, of an element that nothing demands, in a rotor as long as the reference
 
 
 def lobatto_points(order: int) -> FloatArray:
@@ -105,12 +105,14 @@ def build_shaft(
     hinges: Sequence[Hinge] = (),
     *,
     modulus_factor: float = 1.0,
+    shortest: float = SHORTEST,
 ) -> Shaft:
     """Assemble a shaft with element borders where its sections change, and at ``breaks`` [m].
 
-    A break too close to another border is left out: the polynomials reach it, and short elements cost accuracy.
+    A break nearer than ``shortest`` [m] to another border is left out: the polynomials reach it, and short elements
+    cost accuracy.
     """
-    stretches = _mesh(segments, breaks, hubs, hinges)
+    stretches = _mesh(segments, breaks, hubs, hinges, shortest)
     n = 1 + max(max(e.w + e.s) for e in stretches)
     K, K_axial, M = np.zeros((3, n, n))
     for element in stretches:
@@ -129,14 +131,14 @@ def build_shaft(
 
 
 def _mesh(
-    segments: Sequence[Segment], breaks: Sequence[float], hubs: Sequence[Hub], hinges: Sequence[Hinge]
+    segments: Sequence[Segment], breaks: Sequence[float], hubs: Sequence[Hub], hinges: Sequence[Hinge], shortest: float
 ) -> list[Stretch]:
     """Elements from border to border; at a hinge the two sides have rotations of their own."""
     ends = np.cumsum([s.length for s in segments])
     needed = [0.0, *ends, *(h.position for h in hinges), *(x for h in hubs for x in (h.start, h.end))]
     borders = _distinct([x for x in needed if 0.0 <= x <= ends[-1] + 1e-12])
     for x in breaks:
-        if 0.0 < x < ends[-1] and min(abs(x - b) for b in borders) > SHORTEST:
+        if 0.0 < x < ends[-1] and min(abs(x - b) for b in borders) > shortest:
             borders.append(x)
     borders.sort()
     stretches: list[Stretch] = []

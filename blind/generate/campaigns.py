@@ -14,21 +14,23 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from rigtwin.blind import SETS
 from rigtwin.blind.generate.case import Run, measure
-from rigtwin.blind.generate.draw import Draw, draw_campaign, label_of
+from rigtwin.blind.generate.draw import Draw, draw_campaign
 from rigtwin.blind.generate.folder import HELD_OUT, MEASURED, TRUTH, write_campaign, write_json, write_truth
+from rigtwin.blind.generate.label import label_of, of_real_rig
 from rigtwin.blind.generate.nonlinear import NotFoundError
-from rigtwin.blind.generate.rig import Rig, read_rig
-from rigtwin.blind.generate.sizes import DRIVE_NODE, SMALL, shown_size
+from rigtwin.blind.generate.real_rigs import draw_real, rotor_of
+from rigtwin.blind.generate.rig import REFERENCE, Rig, read_rig
+from rigtwin.blind.generate.sizes import SMALL, shown_size
 
 SPLITS = ("tuning", "report")
-RIG = "nit-rourkela"
-HELD_OUT_NODE = 4
+REAL = "W9"  # the set whose rotors have several sizes
 LABEL = "label.json"
 DATA = Path(__file__).parents[2] / "benchmarks" / "stored_campaigns"  # of a checkout; none where it is installed
 BETWEEN_STORED = 8
@@ -94,14 +96,16 @@ def take(stored: Path, order: Order, out: Path) -> dict[str, object]:
 
 def draw_and_measure(order: Order, out: Path) -> dict[str, object]:
     """A campaign of the generator's own."""
-    rig = read_rig(RIG)
+    rig = read_rig(rotor_of(order.index) if order.set == REAL else REFERENCE)
     rng = order.rng()
     draw, measured, held_out = measured_draw(rig, order, rng)
     folder = out / order.name
-    write_campaign(folder / MEASURED, RIG, draw.case, measured, rng)
-    write_campaign(folder / HELD_OUT, RIG, draw.case, held_out, rng)
+    write_campaign(folder / MEASURED, rig.name, draw.case, measured, rng)
+    write_campaign(folder / HELD_OUT, rig.name, draw.case, held_out, rng)
     write_truth(folder / TRUTH, measured, held_out, draw.case)
     label = label_of(draw, order.name, order.split)
+    if order.set == REAL:
+        label |= of_real_rig(draw, rig)
     write_json(folder / TRUTH / LABEL, label)
     return label
 
@@ -113,16 +117,18 @@ def measured_draw(rig: Rig, order: Order, rng: np.random.Generator) -> tuple[Dra
     """
     unseen = lost = 0
     while unseen + lost < REDRAWS:
-        draw = draw_campaign(rig, order.set, order.index, rng)
+        drawn = draw_real if order.set == REAL else partial(draw_campaign, set_name=order.set)
+        draw = drawn(rig, index=order.index, rng=rng)
         case = draw.case
+        middle = case.levels[len(case.levels) // 2]
         try:
-            measured = measure(rig, case, DRIVE_NODE, case.levels, rng)
+            measured = measure(rig, case, rig.drive_node, [*case.levels, *[middle] * case.repeats], rng)
             if case.is_nonlinear:
-                draw = replace(draw, ratios=(shown_size(rig, case, measured),))
+                draw = replace(draw, ratios=(shown_size(rig, case, measured), *draw.ratios[1:]))
                 if draw.ratios[0] < SMALL:
                     unseen += 1
                     continue
-            held_out = measure(rig, case, HELD_OUT_NODE, case.levels[len(case.levels) // 2 :][:1], rng)
+            held_out = measure(rig, case, rig.plan.held_out_node, [middle], rng)
         except NotFoundError:
             lost += 1
             continue

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from rigtwin.blind.generate.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, TOLERANCE_STD, Case, standard_error
+from rigtwin.blind.generate.case import Case, standard_error
+from rigtwin.blind.generate.effects import Effect
 from rigtwin.blind.generate.machine import Machine, Setting, Workshop, build_machine
 from rigtwin.blind.generate.rig import ComplexArray, FloatArray, Rig
 
@@ -25,8 +27,17 @@ N_DRIFTS = 6
 
 
 @dataclass(frozen=True)
+class State:
+    """A rig's dampings over its own, and how far its lowest resonances have drifted in a run."""
+
+    shaft_damping: float = 1.0
+    bearing_damping: float = 1.0
+    drifts: FloatArray | None = None  # (n_drifts,) relative
+
+
+@dataclass(frozen=True)
 class PlainRun:
-    """A run without effects on m shapes, affine in its q parameters: the workshop's deviations and k_b."""
+    """A run without the effect on m shapes, affine in its q parameters: the workshop's deviations and k_b."""
 
     omega: FloatArray  # (n_freq,)
     M: FloatArray  # (m, m)
@@ -56,8 +67,12 @@ class PlainRun:
     def at(self, parameters: FloatArray) -> ComplexArray:
         return self.with_drift_slopes(parameters, 0)[0]
 
-    def with_drift_slopes(self, parameters: FloatArray, n_drifts: int) -> tuple[ComplexArray, ComplexArray]:
+    def with_drift_slopes(
+        self, parameters: FloatArray, n_drifts: int, state: State | None = None
+    ) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, n_nodes) accelerance, and (n_freq, n_nodes, n_drifts) its slope by each resonance's drift.
+
+        state : dampings and drifts at which it is wanted; by default those of the rig itself
 
         Not a number so far out that the affine masses are no longer positive: the distance of such a trial is infinite.
         """
@@ -69,7 +84,12 @@ class PlainRun:
             return np.full(shape, np.nan, dtype=complex), np.full((*shape, n_drifts), np.nan, dtype=complex)
         with np.errstate(invalid="ignore"):  # a trial may make the rotor unstable; its distance is infinite
             root = squares**0.25
-        C = Phi.T @ self.C @ Phi + 2 * self.zeta * (Phi.T @ K_shaft @ Phi) / np.outer(root, root)
+        state = state or State()
+        zeta, C_b = self.zeta * state.shaft_damping, state.bearing_damping * self.C
+        C = Phi.T @ C_b @ Phi + 2 * zeta * (Phi.T @ K_shaft @ Phi) / np.outer(root, root)
+        if state.drifts is not None:
+            squares = squares.copy()
+            squares[: len(state.drifts)] *= (1 + state.drifts) ** 2
         w = self.omega[:, None, None]
         D = np.diag(squares) + 1j * w * C - w**2 * np.eye(len(squares))
         loads = np.hstack([(Phi.T @ self.drive)[:, None], np.eye(len(squares))[:, :n_drifts]]).astype(complex)
@@ -79,37 +99,63 @@ class PlainRun:
         return x[:, :, 0], slopes
 
 
-def plain_run(rig: Rig, setting: Setting, workshop: Workshop, frequency_hz: FloatArray) -> PlainRun:
-    """Parameters: modulus, span, each disk mass (relative), log k_b (bearing run only counts)."""
-    base = build_machine(rig, setting, (), workshop)
+def plain_run(
+    rig: Rig,
+    setting: Setting,
+    workshop: Workshop,
+    frequency_hz: FloatArray,
+    beside: Sequence[Effect] = (),
+    *,
+    rotations_follow: bool = False,
+) -> PlainRun:
+    """Parameters: modulus, span, each disk mass (relative), log k_b (bearing run only counts).
+
+    beside : effects that the run has, too
+    rotations_follow : whether a longer span turns the cross-sections of a shape less; without it a shape is sheared,
+        and deviations of a thousandth are too stiff. The sizes of W1 to W8 were measured without.
+    """
+    base = build_machine(rig, setting, beside, workshop)
     basis = _basis(base)
     changed = [
-        build_machine(rig, setting, (), replace(workshop, modulus=workshop.modulus + 1e-3)),
-        build_machine(rig, setting, (), replace(workshop, span=workshop.span + 1e-3)),
+        build_machine(rig, setting, beside, replace(workshop, modulus=workshop.modulus + 1e-3)),
+        build_machine(rig, setting, beside, replace(workshop, span=workshop.span + 1e-3)),
     ]
     for i, deviation in enumerate(workshop.disk_masses):
         masses = [*workshop.disk_masses]
         masses[i] = deviation + 1e-3
-        changed.append(build_machine(rig, setting, (), replace(workshop, disk_masses=tuple(masses))))
-    changed.append(build_machine(rig, replace(setting, k_b=setting.k_b * (1 + 1e-3)), (), workshop))
+        changed.append(build_machine(rig, setting, beside, replace(workshop, disk_masses=tuple(masses))))
+    changed.append(build_machine(rig, replace(setting, k_b=setting.k_b * (1 + 1e-3)), beside, workshop))
 
     def small(matrix: FloatArray) -> FloatArray:
         return basis.T @ matrix @ basis
 
-    slopes = tuple(
+    slopes = [
         (small(m.M - base.M) * 1e3, small(m.K - base.K) * 1e3, small(m.K_shaft - base.K_shaft) * 1e3) for m in changed
-    )
+    ]
+    if rotations_follow:
+        slopes[1] = _stretched(base, changed[1], basis, 1e-3)
     return PlainRun(
         2 * np.pi * frequency_hz,
         small(base.M),
         small(base.K),
         small(base.K_shaft),
         small(base.C),
-        slopes,
+        tuple(slopes),
         base.zeta,
         base.drive @ basis,
         base.read @ basis,
     )
+
+
+def _stretched(
+    base: Machine, longer: Machine, basis: FloatArray, stretch: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Slopes of M, K and K_shaft by the span, (m, m) each, with shapes that keep their deflections."""
+    follow = basis.copy()
+    follow[list(base.rotations)] /= 1 + stretch
+    pairs = ((longer.M, base.M), (longer.K, base.K), (longer.K_shaft, base.K_shaft))
+    M, K, K_shaft = ((follow.T @ new @ follow - basis.T @ old @ basis) / stretch for new, old in pairs)
+    return M, K, K_shaft
 
 
 def _basis(machine: Machine) -> FloatArray:
@@ -124,12 +170,26 @@ def _basis(machine: Machine) -> FloatArray:
 
 
 class Distance:
-    """Distance of a campaign from the nearest one without effects; runs on given lines."""
+    """Distance of a campaign from the nearest one that has no effects but those ``beside``; runs on given lines."""
 
-    def __init__(self, rig: Rig, case: Case, settings: Sequence[Setting], lines: Sequence[FloatArray]) -> None:
+    rotations_follow: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        rig: Rig,
+        case: Case,
+        settings: Sequence[Setting],
+        lines: Sequence[FloatArray],
+        beside: Sequence[Effect] = (),
+    ) -> None:
         self.case = case
-        self.runs = [plain_run(rig, s, case.workshop, f) for s, f in zip(settings, lines, strict=True)]
+        self.runs = [
+            plain_run(rig, s, case.workshop, f, beside, rotations_follow=self.rotations_follow)
+            for s, f in zip(settings, lines, strict=True)
+        ]
         self.n_physical = len(self.runs[0].slopes)
+        self.place_of_k_b = self.n_physical - 1
+        self.peak_error = case.tolerances.drift  # relative, of a resonance that is seen
         self.channels = [n - 1 for n in case.nodes]
 
     def of(self, responses: Sequence[ComplexArray], iterations: int = 10) -> float:
@@ -152,7 +212,7 @@ class Distance:
 
     def _start(self, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
         """(q,) parameters whose resonances fall on the campaign's: a fit that begins beside narrow ones stays there."""
-        zero, by_k_b = np.zeros(self.n_physical), np.eye(self.n_physical)[-1]
+        zero, by_k_b = np.zeros(self.n_physical), np.eye(self.n_physical)[self.place_of_k_b]
         if self._profile(zero, responses, weights).chi < 10 * THRESHOLD:
             return zero
         peaks = [
@@ -168,12 +228,16 @@ class Distance:
     def _resonance_misses(self, theta: FloatArray, peaks: Sequence[FloatArray]) -> FloatArray:
         """(n_peaks,) how far the nearest mode lies above each peak of each run, relative."""
         misses = []
-        for run, at in zip(self.runs, peaks, strict=True):
-            modes = run.frequencies(theta)
+        for number, (run, at) in enumerate(zip(self.runs, peaks, strict=True)):
+            modes = self._modes(number, theta)
             modes = modes[(modes > run.omega[0]) & (modes < run.omega[-1])]
             off = np.log(modes[:, None] / at)
             misses.append(off[np.abs(off).argmin(axis=0), np.arange(len(at))] if len(modes) else np.ones(len(at)))
         return np.concatenate(misses)
+
+    def _modes(self, number: int, theta: FloatArray) -> FloatArray:
+        """(m,) undamped resonances of a run [rad/s]."""
+        return self.runs[number].frequencies(theta)
 
     def _with_resonances(self, theta: FloatArray, peaks: Sequence[FloatArray], iterations: int = 4) -> FloatArray:
         """(q,) parameters with the nearest modes on the peaks, as far as the priors and the drifts let them."""
@@ -183,17 +247,13 @@ class Distance:
             slopes = [
                 (self._resonance_misses(theta + step, peaks) - misses) / 1e-6 for step in 1e-6 * np.eye(len(theta))
             ]
-            J = np.vstack([np.transpose(slopes) / FREQUENCY_DRIFT, prior])
-            theta = theta - np.linalg.lstsq(J, np.concatenate([misses / FREQUENCY_DRIFT, prior @ theta]))[0]
+            J = np.vstack([np.transpose(slopes) / self.peak_error, prior])
+            theta = theta - np.linalg.lstsq(J, np.concatenate([misses / self.peak_error, prior @ theta]))[0]
         return theta
 
-    def _step(self, fit: _Fit, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
+    def _step(self, fit: Fit, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
         """(q,) Gauss-Newton step of the physical parameters; the linear ones move along."""
-        slopes = np.empty((len(fit.residual), self.n_physical))
-        for p in range(self.n_physical):
-            shifted = fit.theta.copy()
-            shifted[p] += 1e-6
-            slopes[:, p] = (self._residual(shifted, responses, weights)[0] - fit.residual) / 1e-6
+        slopes = self._slopes(fit, self.n_physical, responses, weights)
         J = np.hstack([slopes, -fit.columns])
         weight = np.concatenate([self._physical_prior(), self._linear_prior(fit.columns.shape[1])]) ** 2
         at = np.concatenate([fit.theta, fit.linear])
@@ -201,13 +261,22 @@ class Distance:
         step = -np.linalg.solve(J.T @ J + np.diag(weight), gradient)[: self.n_physical]
         return step * min(1.0, 0.2 / max(1e-12, float(np.abs(step).max())))
 
-    def _profile(self, theta: FloatArray, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> _Fit:
+    def _slopes(self, fit: Fit, n: int, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
+        """(n_rows, n) derivatives of the residual by the first n physical parameters."""
+        slopes = np.empty((len(fit.residual), n))
+        for p in range(n):
+            shifted = fit.theta.copy()
+            shifted[p] += 1e-6
+            slopes[:, p] = (self._residual(shifted, responses, weights)[0] - fit.residual) / 1e-6
+        return slopes
+
+    def _profile(self, theta: FloatArray, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> Fit:
         residual, columns = self._residual(theta, responses, weights)
         prior = self._linear_prior(columns.shape[1])
         linear = np.linalg.solve(columns.T @ columns + np.diag(prior**2), columns.T @ residual)
         left = residual - columns @ linear
         chi = left @ left + np.sum((prior * linear) ** 2) + np.sum((self._physical_prior() * theta) ** 2)
-        return _Fit(theta, linear, residual, columns, float(np.sqrt(chi)) if np.isfinite(chi) else np.inf)
+        return Fit(theta, linear, residual, columns, float(np.sqrt(chi)) if np.isfinite(chi) else np.inf)
 
     def _residual(
         self, theta: FloatArray, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]
@@ -222,21 +291,24 @@ class Distance:
             columns[:, :, i * (1 + N_DRIFTS) + 1 : (i + 1) * (1 + N_DRIFTS)] = drifts
             for s, channel in enumerate(self.channels):
                 columns[:, channel, n_columns - len(self.channels) + s] = model[:, channel]
-            rows.append(_real(((H - model) * weight)[:, self.channels]))
-            blocks.append(_real((columns * (weight + 0j)[:, :, None])[:, self.channels]))
+            rows.append(stacked(((H - model) * weight)[:, self.channels]))
+            blocks.append(stacked((columns * (weight + 0j)[:, :, None])[:, self.channels]))
         return np.concatenate(rows), np.concatenate(blocks)
 
     def _physical_prior(self) -> FloatArray:
         """(q,) one over the prior's standard deviation; k_b is free."""
-        return np.array([*(1 / TOLERANCE_STD,) * (self.n_physical - 1), 1e-3])
+        known = self.case.tolerances
+        n_disks = self.place_of_k_b - 2
+        return np.array([1 / known.modulus, 1 / known.span, *(1 / known.disk_mass,) * n_disks, 1e-3])
 
     def _linear_prior(self, n_columns: int) -> FloatArray:
-        runs = [1 / GAIN_TOLERANCE, *(1 / FREQUENCY_DRIFT,) * N_DRIFTS] * len(self.runs)
-        return np.array([*runs, *[2 / GAIN_TOLERANCE] * (n_columns - len(runs))])
+        known = self.case.tolerances
+        runs = [1 / known.gain, *(1 / known.drift,) * N_DRIFTS] * len(self.runs)
+        return np.array([*runs, *[2 / known.gain] * (n_columns - len(runs))])
 
 
 @dataclass(frozen=True)
-class _Fit:
+class Fit:
     theta: FloatArray  # (q,) physical parameters
     linear: FloatArray  # (n_columns,)
     residual: FloatArray  # (n_rows,) before the linear nuisances
@@ -250,7 +322,7 @@ def _tops(size: FloatArray, most: int = 4) -> NDArray[np.intp]:
     return inner[np.argsort(-size[inner])[:most]] if len(inner) else np.array([int(np.argmax(size))])
 
 
-def _real(values: ComplexArray) -> FloatArray:
+def stacked(values: ComplexArray) -> FloatArray:
     """Real and imaginary parts beside each other along the first two axes, flattened over them."""
     flat = values.reshape(values.shape[0] * values.shape[1], *values.shape[2:])
     return np.concatenate([flat.real, flat.imag])

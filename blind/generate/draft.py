@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from rigtwin.blind.generate.beam import Shaft
-from rigtwin.blind.generate.rig import ComplexArray, FloatArray
+from rigtwin.blind.generate.rig import PLANS, REFERENCE, ComplexArray, FloatArray
 
 N_MODES = 20  # of the poles
 DynamicStiffness = Callable[[FloatArray], ComplexArray]
@@ -36,6 +36,8 @@ class Machine:
     read: FloatArray  # (n_nodes, n) deflections at the rig's nodes
     springs: tuple[tuple[FloatArray, DynamicStiffness], ...] = ()
     bearings: tuple[Joint, ...] = ()
+    band_hz: tuple[float, float] = PLANS[REFERENCE].band_hz  # in which it is tested
+    rotations: tuple[int, ...] = ()  # coordinates that are rotations of cross-sections
     omega: FloatArray = field(init=False)  # (n,) undamped
     Phi: FloatArray = field(init=False)  # (n, n) mass-normalised
     C_shaft: FloatArray = field(init=False)
@@ -93,6 +95,7 @@ class Draft:
         self.springs: list[tuple[FloatArray, DynamicStiffness]] = []
         self.joints: list[Joint] = []
         self.shaft = shaft
+        self.rotations = sorted({i for stretch in shaft.stretches for i in stretch.s})
 
     def widen(self, row: FloatArray) -> FloatArray:
         return np.pad(row, (0, len(self.M) - len(row)))
@@ -117,7 +120,14 @@ class Draft:
         self.K += stiffness * np.outer(row, row)
         self.C += damping * np.outer(row, row)
 
-    def finish(self, zeta: float, drive: FloatArray, read: Sequence[FloatArray], held: Sequence[FloatArray]) -> Machine:
+    def finish(
+        self,
+        zeta: float,
+        drive: FloatArray,
+        read: Sequence[FloatArray],
+        held: Sequence[FloatArray],
+        band_hz: tuple[float, float],
+    ) -> Machine:
         """Remove the held coordinates (rows with a single one) and make the machine."""
         gone = [int(np.argmax(np.abs(row))) for row in held]
         free = np.setdiff1d(np.arange(len(self.M)), gone)
@@ -132,4 +142,6 @@ class Draft:
             np.array([self.widen(r)[free] for r in read]),
             tuple((self.widen(row)[free], spring) for row, spring in self.springs),
             tuple(replace(joint, row=self.widen(joint.row)[free]) for joint in self.joints),
+            band_hz,
+            tuple(np.flatnonzero(np.isin(free, self.rotations)).tolist()),
         )

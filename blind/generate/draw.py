@@ -18,12 +18,13 @@ from rigtwin.blind.generate.effects import (
     faded,
     least_severity,
     log_uniform,
+    ranges_of,
 )
 from rigtwin.blind.generate.forms import FORMS, in_form, with_scale
 from rigtwin.blind.generate.machine import Workshop
 from rigtwin.blind.generate.nonlinear import NotFoundError, telling_levels
 from rigtwin.blind.generate.rig import Rig
-from rigtwin.blind.generate.sizes import DRIVE_NODE, LARGE, SMALL, can_fade, nominal_off, size_class, size_ratio
+from rigtwin.blind.generate.sizes import LARGE, SMALL, can_fade, nominal_off, size_class, size_ratio
 
 LIBRARY = (*LINEAR, *CHAIN, *NONLINEAR)
 ATTEMPTS = 10  # draws for the wanted size class; then any that can be seen
@@ -156,7 +157,7 @@ def _swept_size(rig: Rig, index: int, rng: np.random.Generator) -> Draw:
     case = empty_case(rig, "W7", rng, sensors="one" if index % 3 == 2 else "all")
     target = log_uniform(rng, 0.3, 10.0)
     for _ in range(ATTEMPTS):
-        effect = draw_effect(rng, names[(index * 5) % len(names)], rig.nodes[-1], case.sensors)
+        effect = draw_effect(rng, names[(index * 5) % len(names)], rig, case.sensors)
         ratio = size_ratio(rig, prepared(case, effect), effect, rng)
         if ratio > target:
             break
@@ -171,8 +172,12 @@ def prepared(case: Case, effect: Effect) -> Case:
     return case
 
 
-def draw_sized(rig: Rig, case: Case, name: str, wanted: str, rng: np.random.Generator, *, form: str = "") -> Draw:
+def draw_sized(
+    rig: Rig, case: Case, name: str, wanted: str, rng: np.random.Generator, *, form: str = "", attempts: int = ATTEMPTS
+) -> Draw:
     """An effect of this id, of the wanted size class if its range allows; draws below the limit are counted out.
+
+    Raises ValueError where four times so many ``attempts`` show nothing.
 
     Where a small one is wanted and the effect can fade, it fades to a size that is log-uniform over the small ones.
     A nonlinear effect is weakened until it is small, as far as its range allows.
@@ -181,8 +186,8 @@ def draw_sized(rig: Rig, case: Case, name: str, wanted: str, rng: np.random.Gene
     strength = 0.1 if wanted == "small" else 1.0  # of a nonlinear effect, see ``weakened``
     drawn: Effect | None = None
     best: Draw | None = None
-    for attempt in range(4 * ATTEMPTS):
-        effect = drawn or draw_effect(rng, name, rig.nodes[-1], case.sensors)
+    for attempt in range(4 * attempts):
+        effect = drawn or draw_effect(rng, name, rig, case.sensors)
         try:
             draw = _sized(rig, case, in_form(effect, form, rng) if form else effect, strength, rng)
         except NotFoundError:
@@ -190,7 +195,7 @@ def draw_sized(rig: Rig, case: Case, name: str, wanted: str, rng: np.random.Gene
             drawn = None
             continue
         if wanted == "small" and can_fade(effect):
-            draw = _small(draw, rng)
+            draw = _small(rig, draw, rng)
         if wanted == "small" and effect.is_nonlinear:
             strength *= float(np.clip((TYPICAL_SMALL / max(draw.ratios[0], 1e-3)) ** 0.6, 0.05, 3.0))
             drawn = effect if strength > LEAST_STRENGTH else None
@@ -199,19 +204,19 @@ def draw_sized(rig: Rig, case: Case, name: str, wanted: str, rng: np.random.Gene
             continue
         best = draw
         if size_class(draw.ratios[0]) == wanted or attempt + 1 >= (
-            ATTEMPTS_NONLINEAR if effect.is_nonlinear else ATTEMPTS
+            min(attempts, ATTEMPTS_NONLINEAR) if effect.is_nonlinear else attempts
         ):
             break
     if best is None:
-        raise ValueError(f"{4 * ATTEMPTS} draws of {name} could not be seen; its range is below the detection limit")
-    if not best.case.is_nonlinear:
+        raise ValueError(f"{4 * attempts} draws of {name} could not be seen; its range is below the detection limit")
+    if not best.case.is_nonlinear and not best.case.stated:
         best = replace(best, case=_decoy_levels(best.case, rng, 0.1))
     return replace(best, rejected=rejected, not_periodic=not_periodic)
 
 
 def _sized(rig: Rig, case: Case, effect: Effect, strength: float, rng: np.random.Generator) -> Draw:
     if effect.is_nonlinear:
-        effect, share = weakened(effect, strength)
+        effect, share = weakened(effect, strength, rig)
         case = replace(case, effects=(effect,))
         case = with_levels(rig, case, share, rng)
         case = replace(case, effects=(with_scale(rig, case, effect),))
@@ -220,7 +225,7 @@ def _sized(rig: Rig, case: Case, effect: Effect, strength: float, rng: np.random
     return Draw(case, (size_ratio(rig, case, case.effects[0], rng),))
 
 
-def weakened(effect: Effect, strength: float) -> tuple[Effect, float]:
+def weakened(effect: Effect, strength: float, rig: Rig) -> tuple[Effect, float]:
     """A nonlinear effect that is felt less, and the share of the force level at which it is felt well.
 
     Less is felt of friction at higher levels, of what is out of proportion at lower ones; a clearance closes besides, a
@@ -228,26 +233,28 @@ def weakened(effect: Effect, strength: float) -> tuple[Effect, float]:
     """
     match effect.id:
         case "bearing_friction":
-            return _with(effect, "force", effect["force"] * strength), 1 / strength
+            return _with(effect, "force", effect["force"] * strength, rig), 1 / strength
         case "bearing_clearance":  # below a level its bearing never lifts off
-            return _with(effect, "gap", effect["gap"] * strength), float(np.clip(4 * strength, 0.13, 1.0))
+            return _with(effect, "gap", effect["gap"] * strength, rig), float(np.clip(4 * strength, 0.13, 1.0))
         case "rub":  # nor does the shaft touch
-            return _with(effect, "stiffness", effect["stiffness"] * strength), float(np.clip(4 * strength, 0.3, 1.0))
+            return _with(effect, "stiffness", effect["stiffness"] * strength, rig), float(
+                np.clip(4 * strength, 0.3, 1.0)
+            )
         case "bilinear_support":
             return faded(effect, strength, {}), 1.0
     return effect, strength
 
 
-def _with(effect: Effect, name: str, value: float) -> Effect:
+def _with(effect: Effect, name: str, value: float, rig: Rig) -> Effect:
     """Another value of a parameter, as far as its range goes."""
-    least = KINDS[effect.id].ranges[name].low
+    least = ranges_of(effect.id, rig)[name].low
     return replace(effect, parameters={**effect.parameters, name: max(value, least)})
 
 
-def _small(draw: Draw, rng: np.random.Generator) -> Draw:
+def _small(rig: Rig, draw: Draw, rng: np.random.Generator) -> Draw:
     """The drawn effect faded to a log-uniform size among the small ones that its range allows; else as it was drawn."""
     (effect,), (ratio,) = draw.case.effects, draw.ratios
-    low, high = max(SMALL / ratio, 1.001 * least_severity(effect)), min(1.0, LARGE / ratio)
+    low, high = max(SMALL / ratio, 1.001 * least_severity(effect, rig)), min(1.0, LARGE / ratio)
     if low >= high:
         return draw
     severity = log_uniform(rng, low, high)
@@ -258,43 +265,4 @@ def _small(draw: Draw, rng: np.random.Generator) -> Draw:
 def with_levels(rig: Rig, case: Case, share: float, rng: np.random.Generator) -> Case:
     """Three force levels at which the case's nonlinear effect is felt, or a share of them."""
     effect = next(e for e in case.effects if e.is_nonlinear)
-    return replace(case, levels=telling_levels(rig, case.setting(False, DRIVE_NODE), effect, rng, share))
-
-
-def label_of(draw: Draw, campaign: str, split: str) -> dict[str, object]:
-    """The sealed label of a campaign."""
-    case = draw.case
-    return {
-        "campaign": campaign,
-        "set": case.set,
-        "split": split,
-        "exclude": list(case.exclude),
-        "effects": [
-            {
-                "id": e.id,
-                "parameters": dict(e.parameters),
-                "location": e.location,
-                "form": e.form,
-                "extras": dict(e.extras),
-                "size_ratio": r,
-            }
-            for e, r in zip(case.effects, draw.ratios, strict=True)
-        ],
-        "size": size_class(draw.ratio) if draw.ratio else None,
-        "size_ratio": draw.ratio,
-        "rejected_draws": draw.rejected,
-        "not_periodic_draws": draw.not_periodic,
-        "k_b": case.k_b,
-        "sensors": case.sensors,
-        "levels": list(case.levels),
-        "noise": case.noise,
-        "with_std": case.with_std,
-        "quantity": case.quantity,
-        "shaft_damping_ratio": case.zeta,
-        "bearing_damping_Ns_per_m": case.c_b,
-        "workshop": {
-            "modulus": case.workshop.modulus,
-            "span": case.workshop.span,
-            "disk_masses": list(case.workshop.disk_masses),
-        },
-    }
+    return replace(case, levels=telling_levels(rig, case.setting(False, rig.drive_node), effect, rng, share))

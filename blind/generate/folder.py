@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigtwin.blind.generate.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, TOLERANCE_STD, Case, Run, standard_error
+from rigtwin.blind.generate.case import Case, Run, standard_error
 from rigtwin.blind.generate.rig import ComplexArray, FloatArray
 
 MEASURED, HELD_OUT, TRUTH = "measured", "held_out", "truth"
@@ -20,16 +20,7 @@ def write_campaign(
     """``campaign.toml`` and a CSV for each run, with noise."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = [f'title = "{folder.parent.name}"', f'rig = "{rig_name}"', "", "[nominal]"]
-    lines += [
-        f"shaft_damping_ratio = {case.zeta!r}",
-        f"bearing_damping_Ns_per_m = {case.c_b!r}",
-        f"gain_tolerance = {GAIN_TOLERANCE}",
-        f"frequency_drift = {FREQUENCY_DRIFT}",
-        "gain_repeatability = 0.0",
-        *(f"{name}_tolerance = {TOLERANCE_STD:.3g}" for name in ("modulus", "disk_mass", "span")),
-        "shaft_damping_tolerance = 0.0",
-        "bearing_damping_tolerance = 0.0",
-    ]
+    lines += [f"{key} = {value!r}" for key, value in stated(case).items()]
     for run in runs:
         lines += [
             "",
@@ -56,6 +47,25 @@ def write_campaign(
             digits,
         )
     (folder / "campaign.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def stated(case: Case) -> Mapping[str, float]:
+    """The keys of [nominal]: what the case says that a workshop states, or else everything, exactly as it is."""
+    if case.stated is not None:
+        return case.stated
+    tolerances = case.tolerances
+    return {
+        "shaft_damping_ratio": case.zeta,
+        "bearing_damping_Ns_per_m": case.c_b,
+        "gain_tolerance": tolerances.gain,
+        "frequency_drift": tolerances.drift,
+        "gain_repeatability": tolerances.repeatability,
+        "modulus_tolerance": float(f"{tolerances.modulus:.3g}"),
+        "disk_mass_tolerance": float(f"{tolerances.disk_mass:.3g}"),
+        "span_tolerance": float(f"{tolerances.span:.3g}"),
+        "shaft_damping_tolerance": tolerances.shaft_damping,
+        "bearing_damping_tolerance": tolerances.bearing_damping,
+    }
 
 
 def write_csv(

@@ -56,6 +56,6 @@ def with_scale(rig: Rig, case: Case, effect: Effect) -> Effect:
     """Lengths and velocities of a form, set by the largest travel of the linear rig at the middle level."""
     if effect.form not in ("quintic", "sinh", "tanh"):
         return effect
-    travel, omega = largest_travel(rig, case.setting(False, 2), effect, case.levels[1])
+    travel, omega = largest_travel(rig, case.setting(False, rig.drive_node), effect, case.levels[1])
     extras = {"velocity": 0.05 * travel * omega} if effect.form == "tanh" else {"scale": travel}
     return replace(effect, extras=extras)

@@ -9,9 +9,8 @@ import numpy as np
 
 from rigtwin.blind.generate.effects import Effect
 from rigtwin.blind.generate.machine import Machine
-from rigtwin.blind.generate.rig import ComplexArray, FloatArray
+from rigtwin.blind.generate.rig import PLANS, REFERENCE, ComplexArray, FloatArray
 
-BAND_HZ = (20.0, 400.0)
 N_LINES = 280
 PER_CLUSTER = 41
 REACH = 10.0  # half-power bands on either side
@@ -24,18 +23,18 @@ def resonances(machine: Machine) -> list[tuple[float, float]]:
     A frequency-dependent spring is put in with its stiffness and loss at the resonance itself.
     """
     found = []
-    for pole in _in_band(machine.poles()):
+    for pole in _in_band(machine.poles(), machine.band_hz):
         for _ in range(3 if machine.springs else 0):
-            near = _in_band(_frozen(machine, abs(pole.imag)).poles())
+            near = _in_band(_frozen(machine, abs(pole.imag)).poles(), machine.band_hz)
             if len(near):
                 pole = near[np.argmin(np.abs(near - pole))]
         found.append((float(pole.imag / 2 / np.pi), float(-pole.real / np.pi)))
     return sorted(found)
 
 
-def _in_band(poles: ComplexArray) -> ComplexArray:
+def _in_band(poles: ComplexArray, band_hz: tuple[float, float]) -> ComplexArray:
     frequency = poles.imag / (2 * np.pi)
-    return poles[(frequency > BAND_HZ[0]) & (frequency < BAND_HZ[1])]
+    return poles[(frequency > band_hz[0]) & (frequency < band_hz[1])]
 
 
 def _frozen(machine: Machine, omega: float) -> Machine:
@@ -61,9 +60,14 @@ def with_armature(machine: Machine, effects: Sequence[Effect]) -> Machine:
     return machine
 
 
-def choose_lines(peaks: Iterable[tuple[float, float]], rng: np.random.Generator, n_lines: int = N_LINES) -> FloatArray:
+def choose_lines(
+    peaks: Iterable[tuple[float, float]],
+    rng: np.random.Generator,
+    n_lines: int = N_LINES,
+    band_hz: tuple[float, float] = PLANS[REFERENCE].band_hz,
+) -> FloatArray:
     """(n_lines,) increasing frequencies [Hz] for peaks of given frequency and half-power width."""
-    low, high = BAND_HZ
+    low, high = band_hz
     clusters = [cluster(f * (1 + 0.02 * width / f * rng.standard_normal()), width) for f, width in peaks]
     close = np.concatenate([c[(c > low) & (c < high)] for c in clusters]) if clusters else np.empty(0)
     if len(close) > 0.75 * n_lines:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigtwin.blind.generate.beam import Hinge, Hub, Shaft, build_shaft
+from rigtwin.blind.generate.beam import SHORTEST, Hinge, Hub, Shaft, build_shaft
 from rigtwin.blind.generate.draft import Draft, DynamicStiffness, Joint, Machine
 from rigtwin.blind.generate.effects import Effect
 from rigtwin.blind.generate.rig import ComplexArray, FloatArray, Rig
@@ -27,6 +27,8 @@ class Workshop:
     modulus: float = 0.0
     span: float = 0.0  # every length along the shaft
     disk_masses: tuple[float, ...] = (0.0, 0.0)
+    sensor_mass: float = 0.0  # [kg] of every accelerometer that stays mounted; this is known
+    sensors: tuple[int, ...] = ()  # nodes where they are
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def build_machine(
     zeta = found.value("shaft_damping", "damping_ratio", setting.zeta)
     offsets = {e.node: e["offset"] for e in found.all("sensor_position")}
     read = [draft.shaft.deflection(x + offsets.get(i, offsets.get(0, 0.0))) for i, x in enumerate(nodes, start=1)]
-    return draft.finish(zeta, drive, read, held)
+    return draft.finish(zeta, drive, read, held, rig.plan.band_hz)
 
 
 def _shaft(rig: Rig, found: Found, workshop: Workshop) -> Shaft:
@@ -109,7 +111,8 @@ def _shaft(rig: Rig, found: Found, workshop: Workshop) -> Shaft:
         for e in found.all("open_crack")
         if e.x is not None and e["reduction"] > 0 and e.form != "notch"
     ]
-    return build_shaft(segments, [*nodes, *seats], hubs, hinges, modulus_factor=modulus)
+    shortest = SHORTEST * rig.scale.length
+    return build_shaft(segments, [*nodes, *seats], hubs, hinges, modulus_factor=modulus, shortest=shortest)
 
 
 def hub_stretches(x: float, thickness: float, effect: Effect) -> list[Hub]:
@@ -140,13 +143,15 @@ def hinge_compliance(crack: Effect, rig: Rig) -> float:
 def _load_shaft(
     draft: Draft, rig: Rig, found: Found, workshop: Workshop, nodes: Sequence[float], drive_node: int
 ) -> None:
-    """Disks, masses, axial force, exciter's suspension."""
+    """Disks, masses, mounted accelerometers, axial force, exciter's suspension."""
     change = 1 + found.value("disk_mass", "change", 0.0)
     inertia = found.value("disk_inertia", "factor", 0.0)
     for disk, deviation in zip(rig.disks, workshop.disk_masses, strict=True):
         x = nodes[disk.node - 1]
         draft.mass(draft.shaft.deflection(x), disk.mass * change * (1 + deviation))
-        draft.mass(draft.shaft.rotation(x), inertia * disk.diametral_inertia)
+        draft.mass(draft.shaft.rotation(x), (1.0 if disk.tilts else inertia) * disk.diametral_inertia)
+    for node in workshop.sensors:
+        draft.mass(draft.shaft.deflection(nodes[node - 1]), workshop.sensor_mass)
     for effect in found.all("attached_mass"):
         half = effect.extras.get("half_width", 0.0)  # of a collar
         for side in (-half, half):

@@ -18,16 +18,16 @@ import numpy as np
 
 from rigtwin.blind.generate.effects import Effect
 from rigtwin.blind.generate.laws import Law, Memoryless, law_of
-from rigtwin.blind.generate.lines import BAND_HZ, cluster, resonances
+from rigtwin.blind.generate.lines import cluster, resonances
 from rigtwin.blind.generate.machine import Machine, Setting, Workshop, build_machine
 from rigtwin.blind.generate.response import N_DRIFTING, chain_factor
-from rigtwin.blind.generate.rig import ComplexArray, FloatArray, Rig
+from rigtwin.blind.generate.rig import PLANS, REFERENCE, ComplexArray, FloatArray, Rig
 
 HARMONICS = 17  # more than the diagnosis has
 SAMPLES = 1024
 FAR = 0.25  # relative change of the motion from one line to the next that counts as another branch
-SMALLEST_STEP = 2e-3  # Hz
-STATIC_HZ = 2000.0  # modes above follow a disturbance at once
+SMALLEST_STEP = 2e-3  # Hz, on the reference's band
+STATIC_HZ = 2000.0  # modes above follow a disturbance at once; on the same band
 PERIODS = 100  # that are stepped
 REPEATS, SPREAD = 5, 2e-3  # over so many last periods the forces' fundamentals change by no more, in relation
 UNFELT = 1e-6  # share of the exciter's force below which a joint's force need not repeat
@@ -96,6 +96,7 @@ class Balance:
         self.poles = Poles(machine, drift)
         self.joints, self.level, self.drive = joints, level, machine.drive[None, :]
         self.machine = machine
+        self.width = machine.band_hz[1] / PLANS[REFERENCE].band_hz[1]  # of the band, over the reference's
         t = 2 * np.pi * np.arange(SAMPLES)[:, None] / SAMPLES
         k = np.arange(1.0, HARMONICS + 1)
         self.gamma = np.hstack([np.ones_like(t), _interleaved(np.cos(k * t), -np.sin(k * t))])  # (N, nc)
@@ -168,7 +169,7 @@ class Balance:
             new = self.solve(there, u)
             if new is not None and np.linalg.norm(new - u) < FAR * np.linalg.norm(new):
                 here, u, step = there, new, 2 * step
-            elif abs(step) > 2 * np.pi * SMALLEST_STEP:
+            elif abs(step) > 2 * np.pi * SMALLEST_STEP * self.width:
                 step /= 4
             else:
                 return None
@@ -211,7 +212,7 @@ class Balance:
     def reduced(self) -> tuple[ComplexArray, ComplexArray, ComplexArray, FloatArray]:
         """Eigenvalues (m,) up to ``STATIC_HZ``, how the joints load them (m, nj) and feel them (nj, m), and how the
         joints give way by all the others (nj, nj)."""
-        kept = np.abs(self.poles.values) < 2 * np.pi * STATIC_HZ
+        kept = np.abs(self.poles.values) < 2 * np.pi * STATIC_HZ * self.width
         values, rows = self.poles.values[kept], self.joints.rows
         B = np.asarray(self.poles.W[kept] @ rows.T, dtype=complex)
         C = np.asarray(rows @ self.poles.V[: self.poles.n, kept], dtype=complex)
@@ -306,7 +307,7 @@ def bent_peaks(
     peaks: Sequence[tuple[float, float]],
 ) -> list[tuple[float, float]]:
     """Peaks (frequency, half-power width of the linear rig) [Hz] that a first, coarser sweep at this level shows."""
-    low, high = BAND_HZ
+    low, high = rig.plan.band_hz
     rough = np.concatenate([np.linspace(low, high, 96), *(cluster(f, 2 * width)[::2] for f, width in peaks)])
     rough = np.unique(rough[(rough >= low) & (rough <= high)])
     size = np.abs(swept_up(rig, setting, effects, rough, level, workshop, stable=False)).sum(axis=1)
@@ -349,7 +350,8 @@ def telling_levels(
             amplitude = rng.uniform(1.3, 3.0) * effect["gap"]
         case _:
             amplitude = reach
-    middle = float(np.clip(share * amplitude / reach, 1e-4, 300.0))
+    weakest, strongest = (limit * rig.scale.of("N") for limit in (1e-4, 300.0))
+    middle = float(np.clip(share * amplitude / reach, weakest, strongest))
     return tuple(float(f"{middle * factor:.2g}") for factor in (0.3, 1.0, 3.0))  # type: ignore[return-value]
 
 

@@ -35,7 +35,7 @@ def reported(
     H = _in_both_planes(*args, sensor=None)
     for node in loaded:
         H[:, node - 1] = _in_both_planes(*args, sensor=node)[:, node - 1]
-    return with_crosstalk(H, effects) * chain_factor(effects, frequency_hz, len(rig.nodes))
+    return with_crosstalk(H, effects, rig.drive_node) * chain_factor(effects, frequency_hz, len(rig.nodes))
 
 
 def _in_both_planes(

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from rigtwin.blind.generate.case import Case, Run, plan_lines, response
-from rigtwin.blind.generate.detection import THRESHOLD, Distance, severity_at_limit
+from rigtwin.blind.generate.detection import THRESHOLD, severity_at_limit
 from rigtwin.blind.generate.effects import CHAIN, LINEAR, Effect, faded
 from rigtwin.blind.generate.lines import resonances
 from rigtwin.blind.generate.nonlinear import STEPPED
-from rigtwin.blind.generate.response import N_DRIFTING, machines
+from rigtwin.blind.generate.response import N_DRIFTING, chain_factor, machines
 from rigtwin.blind.generate.rig import Rig
+from rigtwin.blind.generate.wide import distance_for
 
 SMALL, LARGE = 3.0, 30.0  # borders of the size ratio
-DRIVE_NODE = 2
 
 
 def size_class(ratio: float) -> str:
@@ -46,15 +46,15 @@ def narrowest_band(rig: Rig, case: Case) -> float:
     """Smallest half-power width [Hz] on both supports."""
     widths = []
     for rigid in (True, False):
-        for machine in machines(rig, case.setting(rigid, DRIVE_NODE), case.effects, case.workshop):
+        for machine in machines(rig, case.setting(rigid, rig.drive_node), case.effects, case.workshop):
             widths += [width for _, width in resonances(machine)]
     return min(widths)
 
 
 def _severity_at_limit(rig: Rig, case: Case, effect: Effect, rng: np.random.Generator) -> float:
-    settings = [case.setting(rigid, DRIVE_NODE) for rigid in (True, False)]
+    settings = [case.setting(rigid, rig.drive_node) for rigid in (True, False)]
     lines = [plan_lines(rig, case, s, 1.0, rng, effects=()) for s in settings]
-    distance = Distance(rig, case, settings, lines)
+    distance = distance_for(rig, case, settings, lines)
     still = np.zeros((2, N_DRIFTING))
 
     def at(severity: float) -> float:
@@ -67,7 +67,7 @@ def _severity_at_limit(rig: Rig, case: Case, effect: Effect, rng: np.random.Gene
 def _fixed_size(rig: Rig, case: Case, rng: np.random.Generator) -> float:
     """Distance in units of the threshold, all levels together."""
     plans = [(True, case.rigid_level), *((False, level) for level in case.levels)]
-    settings = [case.setting(rigid, DRIVE_NODE) for rigid, _ in plans]
+    settings = [case.setting(rigid, rig.drive_node) for rigid, _ in plans]
     still = np.zeros((2, N_DRIFTING))
     lines = [plan_lines(rig, case, s, level, rng) for s, (_, level) in zip(settings, plans, strict=True)]
     case = replace(case, effects=tuple(replace(e, form="") if e.form == STEPPED else e for e in case.effects))
@@ -77,10 +77,19 @@ def _fixed_size(rig: Rig, case: Case, rng: np.random.Generator) -> float:
     there = [np.isfinite(H[:, 0]) for H in responses]
     lines = [f[ok] for f, ok in zip(lines, there, strict=True)]
     responses = [H[ok] for H, ok in zip(responses, there, strict=True)]
-    return Distance(rig, case, settings, lines).of(responses) / THRESHOLD
+    return distance_for(rig, case, settings, lines).of(responses) / THRESHOLD
 
 
 def shown_size(rig: Rig, case: Case, runs: Sequence[Run]) -> float:
-    """The same of what runs show, free of noise, gains and drift; runs begin with one on rigid supports."""
-    distance = Distance(rig, case, [run.setting for run in runs], [run.frequency_hz for run in runs])
-    return distance.of([run.ideal for run in runs]) / THRESHOLD
+    """The same of a nonlinear effect as runs show it, free of noise, gains and drift, beside what is linear in them.
+
+    runs : begin with one on rigid supports
+    """
+    beside = tuple(e for e in case.effects if not e.is_nonlinear)
+    lines = [run.frequency_hz for run in runs]
+    distance = distance_for(rig, case, [run.setting for run in runs], lines, beside)
+    responses = [run.ideal for run in runs]
+    if beside:
+        chains = [chain_factor(beside, f, len(rig.nodes)) for f in lines]
+        responses = [H / chain for H, chain in zip(responses, chains, strict=True)]
+    return distance.of(responses) / THRESHOLD

@@ -55,10 +55,10 @@ def base_plate(draft: Draft, effect: Effect) -> FloatArray:
     return plate
 
 
-def with_crosstalk(H: ComplexArray, effects: Sequence[Effect]) -> ComplexArray:
-    """(n_freq, n_nodes) with what a channel picks up of node 2's."""
+def with_crosstalk(H: ComplexArray, effects: Sequence[Effect], source: int) -> ComplexArray:
+    """(n_freq, n_nodes) with what a channel picks up of another node's."""
     for effect in effects:
         if effect.id == "crosstalk":
             H = H.copy()
-            H[:, (effect.node or 1) - 1] += effect["share"] * H[:, 1]
+            H[:, (effect.node or 1) - 1] += effect["share"] * H[:, source - 1]
     return H

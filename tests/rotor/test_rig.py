@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, RigError, load_rig, parse_rig, shipped_rigs
+from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.elements import euler_bernoulli
 from tests.rotor import rigs
 from tests.tolerances import FINE_MESH, ROUND_OFF, hermite_error
@@ -178,6 +179,55 @@ def test_the_shipped_rig_is_the_papers():
     assert (segment.density_kg_per_m3, segment.poisson) == (paper["density_kg_m3"], paper["poisson"])
     assert rig.shaft_damping_ratio == paper["shaft_damping_ratio"]
     assert rig.disk[0].diametral_inertia == 0.0, "the paper lumps the disks' masses"
+
+
+# Length [m], mass [kg] and the resonances on rigid supports [Hz], as docs/contracts.md lists them.
+SHIPPED = {
+    "nit-rourkela": (0.426, 4.46, (101, 324)),
+    "pump-overhung": (1.6, 120.8, (46, 259)),
+    "spindle": (0.16, 0.211, (730, 1856)),
+    "cantilever": (0.3, 0.473, (33, 214)),
+}
+
+
+def test_every_shipped_rig_is_listed():
+    assert shipped_rigs() == sorted(SHIPPED)
+
+
+@pytest.mark.parametrize("name", list(SHIPPED))
+def test_a_shipped_rig_has_the_size_and_the_resonances_that_are_listed(name):
+    length, mass, resonances_hz = SHIPPED[name]
+    rig = load_rig(name)
+    assert (rig.name, rig.length) == (name, pytest.approx(length))
+    assert_allclose(_mass(rig), mass, rtol=2e-3)
+    computed = natural_frequencies_hz(rigs.held(rig, elements=4), plane=1)[:2]
+    assert_allclose(computed, resonances_hz, atol=0.5)
+
+
+@pytest.mark.parametrize("name", list(SHIPPED))
+def test_the_mesh_of_a_shipped_rig_is_fine_enough_for_its_first_resonances(name):
+    rig = load_rig(name)
+    own, fine = (
+        natural_frequencies_hz(rigs.held(rig, elements=n), plane=1)[:2] for n in (rig.elements_between_nodes, 8)
+    )
+    assert_allclose(own, fine, rtol=2e-4)
+
+
+@pytest.mark.parametrize("name", list(SHIPPED))
+def test_bearings_of_a_shipped_rig_matter_within_their_range(name):
+    """From the softest to the stiffest bearing the first resonance moves by a twentieth or more."""
+    rig = load_rig(name)
+    soft, stiff = (
+        natural_frequencies_hz(rigs.held(rig, elements=2, condition=Condition(k_b=k_b)), plane=1)[0]
+        for k_b in (rig.k_b.min_N_per_m, rig.k_b.max_N_per_m)
+    )
+    assert stiff > 1.05 * soft
+
+
+def _mass(rig: Rig) -> float:
+    """Of shaft, disks and lumped masses [kg]."""
+    shaft = sum(s.length_m * s.sections()[0].density * s.sections()[0].area for s in rig.segment)
+    return shaft + sum(d.mass for d in rig.disk) + sum(m.mass_kg for m in rig.mass)
 
 
 def euler_bernoulli_hz(beam: Rig, root: float) -> float:

@@ -6,6 +6,7 @@
 # make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
 # make fmus, train   the FMUs alone; the estimator's network anew
 # make clean   without dist, build and runs
+# make benchmark-real-data DATA=FOLDER   docs/real-data.md: the diagnosis on data of other laboratories; half an hour
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
 # make method-figures   the figures of docs/diagnosis-method.md
@@ -24,7 +25,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-blind method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -82,6 +83,10 @@ benchmark-prediction-limit: $(VENV)/installed
 
 benchmark-lab-data: $(VENV)/installed
 	$(PYTHON) -m benchmarks.lab_data
+
+# DATA is a folder that holds the data sets; the command says which file is missing and where it comes from.
+benchmark-real-data: $(VENV)/installed
+	$(PYTHON) -m benchmarks.real_data $(DATA) --page docs/real-data.md
 
 benchmark-blind: $(VENV)/installed
 	$(VENV)/bin/rigtwin blind W1 --split report --seed $(BLIND_SEED) --count 200 --out runs/blind --page docs/blind.md

@@ -211,6 +211,7 @@ def rig_code(model: Model, structure: Structure) -> str:
     """``rig.c``: the rotor's numbers, and where the exciter's variables are."""
     arrays = to_arrays(structure)
     counts = {"n_mesh": "x", "n_nodes": "stations", "n_disks": "disk_node", "n_supports": "support_node"}
+    counts |= {"n_joints": "joint_node"}
     members = [f"    .{count} = {len(arrays[name])},\n" for count, name in counts.items()]
     members += [f"    .{name} = {name.upper()},\n" for name in arrays]
     exciter = ("force", "force_amplitude", "force_frequency")

@@ -17,6 +17,8 @@ SupportKind = Literal["rigid", "bearing"]
 SUPPORTS: tuple[SupportKind, ...] = ("rigid", "bearing")
 Plane = Literal["y", "z"]
 SweepDirection = Literal["up", "down"]
+Control = Literal["force", "response"]
+Roving = Literal["exciter"]
 
 
 class MeasurementError(ValueError):
@@ -25,17 +27,20 @@ class MeasurementError(ValueError):
 
 @dataclass(frozen=True, order=True)
 class Channel:
-    """An accelerometer: its node (from 1) and the direction in which it measures.
+    """An accelerometer: its node (from 1), the direction in which it measures, and a letter if it is not the only one.
 
-    >>> str(Channel(3)), str(Channel(3, "z"))
-    ('node3', 'node3_z')
+    Sensors of one node and plane see the same motion; each has its own gain.
+
+    >>> str(Channel(3)), str(Channel(3, "z")), str(Channel(3, label="b"))
+    ('node3', 'node3_z', 'node3b')
     """
 
     node: int
     plane: Plane = "y"
+    label: str = ""  # a small letter, or nothing
 
     def __str__(self) -> str:
-        return f"node{self.node}" if self.plane == "y" else f"node{self.node}_z"
+        return f"node{self.node}{self.label}" + ("" if self.plane == "y" else f"_{self.plane}")
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,9 @@ class Run:
 
     ``H`` is complex with time factor e^{+i omega t} and peak amplitudes. Where an instrument gave
     magnitudes only, ``magnitude_only`` is true and H is real and not negative.
+
+    With ``roving = "exciter"`` a hammer went from node to node and one accelerometer stayed. The run is then written
+    by reciprocity: the channels are the nodes that were struck, the excitation node is that of the accelerometer.
     """
 
     frequency_hz: FloatArray  # (n_freq,) increasing
@@ -61,6 +69,9 @@ class Run:
     sweep: SweepDirection | None = None
     name: str = ""
     swept_hz: FloatArray | None = None  # all lines that were swept, increasing, where only some of them are here
+    force_N: FloatArray | None = None  # (n_freq,) peak force of each line, where it was recorded
+    control: Control = "force"  # what a controller held during the sweep; under "response" the force varies
+    roving: Roving | None = None
 
     def __post_init__(self) -> None:
         n, shape = len(self.frequency_hz), (len(self.frequency_hz), len(self.channels))
@@ -69,6 +80,8 @@ class Run:
         for label, array in [("H", self.H), ("std", self.std), *(self.harmonics.items())]:
             if array is not None and array.shape != shape:
                 raise MeasurementError(f"run {self.name!r}: {label} has shape {array.shape}, expected {shape}")
+        if self.force_N is not None and self.force_N.shape != (n,):
+            raise MeasurementError(f"run {self.name!r}: force_N has shape {self.force_N.shape}, expected {(n,)}")
 
     def check_nodes(self, n_nodes: int) -> None:
         """Raise MeasurementError where the exciter or an accelerometer is at a node that a rig of so many lacks."""
@@ -83,7 +96,8 @@ class Run:
         std = None if self.std is None else self.std[lines]
         swept = self.frequency_hz if self.swept_hz is None else self.swept_hz
         some = self.frequency_hz[lines]
-        return replace(self, frequency_hz=some, H=self.H[lines], std=std, harmonics={}, swept_hz=swept)
+        force = None if self.force_N is None else self.force_N[lines]
+        return replace(self, frequency_hz=some, H=self.H[lines], std=std, harmonics={}, swept_hz=swept, force_N=force)
 
     def as_recorded(self, H: ComplexArray) -> np.ndarray:
         """A model's response (n_freq, n_channels) as this run holds its own: magnitudes where no phase was recorded."""
@@ -100,9 +114,9 @@ class Run:
             harmonics={order: harmonic[:, some] for order, harmonic in self.harmonics.items()},
         )
 
-    def channel(self, node: int, plane: Plane = "y") -> ComplexArray:
+    def channel(self, node: int, plane: Plane = "y", label: str = "") -> ComplexArray:
         """(n_freq,) response of one channel. Raises MeasurementError when it was not measured."""
-        wanted = Channel(node, plane)
+        wanted = Channel(node, plane, label)
         if wanted not in self.channels:
             there = ", ".join(map(str, self.channels))
             raise MeasurementError(f"run {self.name!r} has no channel {wanted}; it has {there}")

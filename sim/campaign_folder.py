@@ -157,13 +157,25 @@ def load_campaign(folder: str | Path) -> Campaign:
     model = load_rig(rig)
     names = _distinct(entry["file"].removesuffix(Path(entry["file"]).suffix) for entry in table.run)
     runs = (_load_run(folder, place, entry, model.excitation_node) for place, entry in enumerate(table.run, start=1))
-    return Campaign(
+    campaign = Campaign(
         title=table.title,
         rig=rig,
         runs=tuple(dataclasses.replace(run, name=name) for run, name in zip(runs, names, strict=True)),
         peaks=tuple(_peak_list(peaks) for peaks in table.peaks),
         nominal=_belief(table.nominal, model),
     )
+    _check_sensor_mass(folder, campaign)
+    return campaign
+
+
+def _check_sensor_mass(folder: Path, campaign: Campaign) -> None:
+    """A roving exciter's channels are where it hit, and no accelerometer weighs on the rotor there."""
+    roving = next((run.name for run in campaign.runs if run.roving), None)
+    if campaign.nominal.sensor_mass_kg and roving is not None:
+        raise MeasurementError(
+            f"{folder / FILE_NAME}: nominal sensor_mass_kg: the accelerometer of run {roving!r} stays at its "
+            "excitation_node while the exciter roves; set this to 0 and write the mass as a [[mass]] of the rig file"
+        )
 
 
 def _peak_list(table: _PeaksTable) -> PeakList:

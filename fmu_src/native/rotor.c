@@ -230,6 +230,41 @@ static void add_at(double *matrix, int size, int place, double value)
     matrix[place * size + place] += value;
 }
 
+static void add_between(double *matrix, int size, int left, int right, double value)
+{
+    add_at(matrix, size, left, value);
+    add_at(matrix, size, right, value);
+    matrix[left * size + right] -= value;
+    matrix[right * size + left] -= value;
+}
+
+/* Springs and dashpots between the two mesh nodes of each joint; what is rigid is tied at the end. */
+static void add_joints(Assembly *a)
+{
+    const Structure *s = a->s;
+    for (int k = 0; k < s->n_joints; k++)
+        for (int plane = 0; plane < 2; plane++) {
+            const int left = DOF * s->joint_node[k] + plane, right = left + DOF;
+            if (!isinf(s->joint_stiffness[k])) {
+                add_between(a->K, a->size, left, right, s->joint_stiffness[k]);
+                add_between(a->C, a->size, left, right, s->joint_damping[k]);
+            }
+            if (!isinf(s->joint_tilt_stiffness[k])) {
+                add_between(a->K, a->size, left + 2, right + 2, s->joint_tilt_stiffness[k]);
+                add_between(a->C, a->size, left + 2, right + 2, s->joint_tilt_damping[k]);
+            }
+        }
+}
+
+/* The degree of freedom that a place moves with: on the right of a joint and in a rigid direction, the left one. */
+static int tied_to(const Structure *s, int place)
+{
+    for (int k = 0; k < s->n_joints; k++)
+        if (place / DOF == s->joint_node[k] + 1)
+            return isinf(place % DOF < 2 ? s->joint_stiffness[k] : s->joint_tilt_stiffness[k]) ? place - DOF : place;
+    return place;
+}
+
 /* The deflection at a distance along the shaft from a node. */
 static void beside(const Structure *s, int node, double offset, int plane, Pattern *w)
 {
@@ -554,9 +589,27 @@ static void compress(double *matrix, int rows, int size, const int *free, int n,
             matrix[i * n + k] = matrix[(both ? free[i] : i) * size + free[k]];
 }
 
+/* Add what acts on one degree of freedom to another that it moves with. */
+static void tie(double *matrix, int rows, int size, int to, int from, int both)
+{
+    for (int i = 0; i < rows; i++)
+        matrix[i * size + to] += matrix[i * size + from];
+    for (int k = 0; both && k < size; k++)
+        matrix[to * size + k] += matrix[from * size + k];
+}
+
 static void keep_free(System *system, Assembly *a)
 {
     double *matrices[5] = {a->M, a->K, a->C, a->G, a->K_shaft};
+    for (int place = 0; place < a->n; place++) {
+        const int to = tied_to(a->s, place);
+        if (to == place)
+            continue;
+        for (int k = 0; k < 5; k++)
+            tie(matrices[k], a->size, a->size, to, place, 1);
+        tie(a->patterns, 2 * a->n_forces, a->size, to, place, 0);
+        a->held[place] = 1;
+    }
     system->n = 0;
     for (int place = 0; place < a->size; place++)
         if (!a->held[place]) {
@@ -590,6 +643,7 @@ const char *system_build(System *system, const Structure *structure, const Desig
     a.held = ints + 2 * size;
     memset(a.held, 0, (size_t)size * sizeof *a.held);
     add_shaft(&a);
+    add_joints(&a);
     add_bodies(&a);
     add_fixed_supports(&a);
     const char *wrong = add_bearings(&a);
@@ -609,7 +663,7 @@ void system_sensor(const System *system, const Structure *s, const Design *d, in
     for (int i = 0; i < system->n; i++) {
         pattern[i] = 0;
         for (int k = 0; k < w.count; k++)
-            if (system->free[i] == w.place[k])
+            if (system->free[i] == tied_to(s, w.place[k]))
                 pattern[i] = w.weight[k];
     }
 }

@@ -7,7 +7,7 @@
 
 /* Free-free rotor, degrees of freedom node by node as (y, z, theta_y, theta_z); see rotor/model/structure.py. */
 typedef struct {
-    int n_mesh, n_nodes, n_disks, n_supports;
+    int n_mesh, n_nodes, n_disks, n_supports, n_joints;
     const double *M, *K, *G, *K_tension;  /* (n, n), n = 4 n_mesh */
     const double *x;                      /* (n_mesh) */
     const int *stations;                  /* (n_nodes) mesh node of each rig node */
@@ -20,6 +20,8 @@ typedef struct {
     const double *support_stiffness;      /* nan: k_b; inf: rigid */
     const double *support_tilt_stiffness; /* inf: rigid */
     const double *support_damping;
+    const int *joint_node;                /* (n_joints) mesh node on the left; the next one is on the right */
+    const double *joint_stiffness, *joint_tilt_stiffness, *joint_damping, *joint_tilt_damping;
 } Structure;
 
 /* A force -pattern F(pattern q) of a law in laws.h, beyond the joint's linear stiffness. */

@@ -138,7 +138,7 @@ def _curve(run: Run) -> Curve:
     """The driving point where it was measured, else the channel with the largest response."""
     point = Channel(run.excitation_node, run.excitation_plane)
     channel = point if point in run.channels else run.channels[int(np.argmax(np.abs(run.H).max(axis=0)))]
-    place = f"node {channel.node} {channel.plane}"
+    place = f"node {channel.node}{channel.label} {channel.plane}"
     # Plotly reads labels as HTML.
     return Curve(run, escape(f"{run.name}: {run.support} support, {place}", quote=False), channel)
 

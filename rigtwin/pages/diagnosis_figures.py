@@ -52,8 +52,8 @@ def run_label(run: Run) -> str:
 
 
 def channel_label(channel: Channel) -> str:
-    """'2', or '2 z' in the other plane."""
-    return f"{channel.node}" if channel.plane == "y" else f"{channel.node} z"
+    """'2', '2b' of a second sensor, or '2 z' in the other plane."""
+    return f"{channel.node}{channel.label}" + ("" if channel.plane == "y" else f" {channel.plane}")
 
 
 def responses(curves: Sequence[Curve]) -> list[dict[str, Any]]:

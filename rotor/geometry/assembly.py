@@ -16,7 +16,9 @@ from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGN
 
 
 def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_nodes: int | None = None) -> Structure:
-    """Assemble shaft, disks and lumped masses; supports are kept apart.
+    """Assemble shaft, disks and lumped masses; supports and joints are kept apart.
+
+    A joint cuts the shaft: two mesh nodes at its position, with an element without length and stiffness in between.
 
     Parameters
     ----------
@@ -38,7 +40,9 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
     sections = _sections(rig, x)
     of = cache(element)  # many elements are alike
     for left, pair in enumerate(sections):
-        _add_element(M, K, G, K_tension, left, [of(section, _rounded(x[left + 1] - x[left])) for section in pair])
+        if x[left + 1] > x[left]:
+            _add_element(M, K, G, K_tension, left, [of(section, _rounded(x[left + 1] - x[left])) for section in pair])
+    joint_node = np.array([int(np.argmin(np.abs(x - position))) for position in rig.joints_m], dtype=np.int64)
     stations = np.array([int(np.argmin(np.abs(x - position))) for position in rig.nodes_m])
     for disk in rig.disk:
         _add_rigid_body(M, G, stations[disk.node - 1], disk.mass, disk.diametral_inertia, disk.polar_inertia)
@@ -63,6 +67,11 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
         support_stiffness=np.array([_number(s.stiffness) for s in rig.support]),
         support_tilt_stiffness=np.array([_number(s.tilt_stiffness_Nm_per_rad) for s in rig.support]),
         support_damping=np.array([s.damping_Ns_per_m for s in rig.support]),
+        joint_node=joint_node,
+        joint_stiffness=np.array([_number(j.stiffness_N_per_m) for j in rig.joint]),
+        joint_tilt_stiffness=np.array([_number(j.tilt_stiffness_Nm_per_rad) for j in rig.joint]),
+        joint_damping=np.array([j.damping_Ns_per_m for j in rig.joint]),
+        joint_tilt_damping=np.array([j.tilt_damping_Nms_per_rad for j in rig.joint]),
     )
 
 
@@ -75,13 +84,16 @@ def _shear_stiffness(section: Section, element: ElementType) -> float:
 
 
 def _mesh(rig: Rig, elements_between_nodes: int) -> FloatArray:
-    """Mesh nodes: the rig's nodes and section changes, each interval cut into equal elements."""
-    borders = np.cumsum([0.0] + [s.length_m for s in rig.segment])
+    """Mesh nodes: the rig's nodes, section changes and joints, each interval cut into equal elements; joints twice."""
     stops = list(rig.nodes_m)
-    stops += [b for b in borders if min(abs(b - s) for s in rig.nodes_m) > SAME_PLACE_M]
+    for place in (*np.cumsum([0.0] + [s.length_m for s in rig.segment]).tolist(), *rig.joints_m):
+        if min(abs(place - stop) for stop in stops) > SAME_PLACE_M:
+            stops.append(place)
     stops.sort()
     cuts = [np.linspace(a, b, elements_between_nodes + 1)[:-1] for a, b in pairwise(stops)]
-    return np.append(np.concatenate(cuts), stops[-1])
+    x = np.append(np.concatenate(cuts), stops[-1])
+    twice = [x[np.argmin(np.abs(x - joint))] for joint in rig.joints_m]
+    return np.sort(np.append(x, twice))
 
 
 def _sections(rig: Rig, x: FloatArray) -> list[tuple[Section, Section]]:

@@ -166,6 +166,37 @@ class SupportTable(_Table):
         return self
 
 
+class Joint(_Table):
+    """A joint between two sections of the shaft, such as a lap joint, a flange or a coupling half.
+
+    It sits at a node or at a position ``x_m``. Springs and dashpots connect the two sections: one across the shaft
+    [N/m, N s/m] and one against their angle [N m/rad, N m s/rad], the same in both planes. What is "rigid" gives no
+    way. A node at the joint belongs to the section on its left.
+    """
+
+    node: Annotated[int, Field(ge=1)] | None = None
+    x_m: Positive | None = None
+    stiffness_N_per_m: Literal["rigid"] | Positive = "rigid"
+    tilt_stiffness_Nm_per_rad: Literal["rigid"] | Positive = "rigid"
+    damping_Ns_per_m: NonNegative = 0.0
+    tilt_damping_Nms_per_rad: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _at_one_place_and_soft(self) -> Joint:
+        if (self.node is None) == (self.x_m is None):
+            raise ValueError("give node or x_m, one of the two")
+        if self.stiffness_N_per_m == self.tilt_stiffness_Nm_per_rad == "rigid":
+            raise ValueError("gives no way at all: give stiffness_N_per_m or tilt_stiffness_Nm_per_rad a number")
+        if self.stiffness_N_per_m == "rigid" and self.damping_Ns_per_m:
+            raise ValueError("damping_Ns_per_m does nothing beside a rigid stiffness_N_per_m: remove it, or give both")
+        if self.tilt_stiffness_Nm_per_rad == "rigid" and self.tilt_damping_Nms_per_rad:
+            raise ValueError(
+                "tilt_damping_Nms_per_rad does nothing beside a rigid tilt_stiffness_Nm_per_rad: remove it, "
+                "or give both"
+            )
+        return self
+
+
 class BearingStiffness(_Table):
     """Start value and range of the parameter k_b."""
 
@@ -195,6 +226,7 @@ class Rig(_Table):
     disk: list[Disk] = []
     mass: list[Mass] = []
     support: Annotated[list[SupportTable], Field(min_length=1)]
+    joint: list[Joint] = []
 
     @model_validator(mode="after")
     def _consistent(self) -> Rig:
@@ -216,7 +248,30 @@ class Rig(_Table):
             raise ValueError("two supports at one node: merge them")
         if not any(s.stiffness == "k_b" for s in self.support):
             raise ValueError('no support has stiffness = "k_b": there is no bearing to identify')
+        self._check_joints()
         return self
+
+    def _check_joints(self) -> None:
+        """Joints lie between the shaft's ends, one at a place."""
+        for place, joint in enumerate(self.joint, start=1):
+            if joint.node is not None and joint.node > len(self.nodes_m):
+                raise ValueError(
+                    f"joint {place}: node {joint.node} does not exist, the rig has {len(self.nodes_m)} nodes"
+                )
+        places = self.joints_m
+        for place, x in enumerate(places, start=1):
+            if not SAME_PLACE_M < x < self.length - SAME_PLACE_M:
+                raise ValueError(
+                    f"joint {place}: lies at {x:g} m, and the shaft runs from 0 to {self.length:g} m; a joint has a "
+                    "section on both sides"
+                )
+            if any(abs(x - other) <= SAME_PLACE_M for other in places[: place - 1]):
+                raise ValueError(f"joint {place}: there is another joint at {x:g} m; merge them")
+
+    @property
+    def joints_m(self) -> list[float]:
+        """Positions of the joints along the shaft [m]."""
+        return [self.nodes_m[j.node - 1] if j.node is not None else float(j.x_m or 0.0) for j in self.joint]
 
     @property
     def length(self) -> float:
@@ -225,7 +280,7 @@ class Rig(_Table):
 
     def same_rotor(self, other: Rig) -> bool:
         """Whether shaft, disks, masses and supports are the same; titles, meshes and start values may differ."""
-        parts = {"nodes_m", "segment", "disk", "mass", "support"}
+        parts = {"nodes_m", "segment", "disk", "mass", "support", "joint"}
         return self.model_dump(include=parts) == other.model_dump(include=parts)
 
 

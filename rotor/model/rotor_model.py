@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.design import (
     Bearing,
@@ -123,11 +123,13 @@ class _Assembly:
         self.used = n
         self.M, self.K, self.C, self.G, self.K_shaft = (np.zeros((self.size, self.size)) for _ in range(5))
         self.held = np.zeros(self.size, dtype=bool)
+        self.tied: list[tuple[IntArray, IntArray]] = []  # left and right side of joints that are rigid
         self.forces: list[LocalForce] = []
 
     def model(self) -> RotorModel:
         """The model, built in a fixed order."""
         self._shaft()
+        self._joints()
         self._bodies()
         self._fixed_supports()
         for bearing in self.design.bearings:
@@ -147,6 +149,38 @@ class _Assembly:
         self.K[:n, :n] = K_shaft + design.tension * self.structure.K_tension if design.tension else K_shaft
         self.M[:n, :n] = self.structure.M
         self.G[:n, :n] = self.structure.G
+
+    def _joints(self) -> None:
+        """Springs and dashpots between the two sides of each joint; the shaft's damping has no part in them."""
+        for left, right, stiffness, damping in self._sides():
+            if np.isinf(stiffness):
+                self.tied.append((left, right))
+                continue
+            for matrix, value in ((self.K, stiffness), (self.C, damping)):
+                matrix[left, left] += value
+                matrix[right, right] += value
+                matrix[left, right] -= value
+                matrix[right, left] -= value
+
+    def _sides(self) -> Iterator[tuple[IntArray, IntArray, float, float]]:
+        """Left and right degrees of freedom of every joint, deflections and then tilts, with stiffness and damping."""
+        s = self.structure
+        across = zip(s.joint_node, s.joint_stiffness, s.joint_damping, strict=True)
+        tilt = zip(s.joint_node, s.joint_tilt_stiffness, s.joint_tilt_damping, strict=True)
+        for first, joints in ((0, across), (2, tilt)):
+            for node, stiffness, damping in joints:
+                left = DOF_PER_NODE * int(node) + first + np.arange(2)
+                yield left, left + DOF_PER_NODE, float(stiffness), float(damping)
+
+    def _tie(self, sensors: FloatArray) -> None:
+        """Let both sides of a joint move as one where it is rigid; the right one's degrees of freedom go."""
+        for left, right in self.tied:
+            for matrix in (self.M, self.K, self.C, self.G, self.K_shaft):
+                matrix[:, left] += matrix[:, right]
+                matrix[left] += matrix[right]
+            for patterns in (sensors, *(force.patterns for force in self.forces)):
+                patterns[..., left] += patterns[..., right]
+            self.held[right] = True
 
     def _bodies(self) -> None:
         design, structure = self.design, self.structure
@@ -274,6 +308,8 @@ class _Assembly:
         return sensors
 
     def _on_free(self) -> RotorModel:
+        sensors = self._sensors()
+        self._tie(sensors)
         free = np.flatnonzero(~self.held)
         keep = free[:, None], free
         plane = np.concatenate(
@@ -288,7 +324,7 @@ class _Assembly:
             shaft_damping_ratio=self.design.shaft_damping_ratio,
             free=free,
             plane=plane[free],
-            sensors=self._sensors()[:, :, free],
+            sensors=sensors[:, :, free],
             structure=self.structure,
         )
         unbalances = tuple(

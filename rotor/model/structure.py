@@ -28,6 +28,10 @@ class Structure:
 
     Supports are columns of equal length: mesh node, stiffness [N/m] (nan: the parameter k_b; inf:
     rigid), tilt stiffness [N m/rad] (inf: rigid), damping [N s/m].
+
+    Joints are columns, too: the mesh node on the left, stiffness [N/m], tilt stiffness [N m/rad] (inf: rigid), damping
+    [N s/m] and tilt damping [N m s/rad] between it and the next one, which stands at the same position. The element in
+    between has no part in M and K.
     """
 
     M: FloatArray  # (n, n) mass
@@ -48,6 +52,11 @@ class Structure:
     support_stiffness: FloatArray  # (n_supports,)
     support_tilt_stiffness: FloatArray  # (n_supports,)
     support_damping: FloatArray  # (n_supports,)
+    joint_node: IntArray  # (n_joints,)
+    joint_stiffness: FloatArray  # (n_joints,)
+    joint_tilt_stiffness: FloatArray  # (n_joints,)
+    joint_damping: FloatArray  # (n_joints,)
+    joint_tilt_damping: FloatArray  # (n_joints,)
 
     @property
     def n(self) -> int:

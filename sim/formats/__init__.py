@@ -5,6 +5,7 @@ module          what it holds                                            start h
 ==============  =======================================================  ============================
 ``run_file``    one run from a file, one run into a file                 ``read_run``, ``write_run``
 ``settings``    how a run was measured: keys, checks, defaults           ``RunSettings``
+``corrections`` phases, bands, coherence, a controlled response          ``corrected``
 ``recording``   what a data file holds, before the campaign adds to it   ``Recording``
 ``csv_header``  the grammar of the CSV's column names                    ``parse_header``
 ``csv_file``    campaign CSV                                             ``read``, ``write``

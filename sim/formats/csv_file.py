@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import MeasurementError, Run
-from rigtwin.sim.formats.csv_header import FREQUENCY, Column, Header, parse_header
+from rigtwin.sim.formats.csv_header import FORCE, FREQUENCY, Column, Header, Part, parse_header
 from rigtwin.sim.formats.recording import Recording, misplaced
 from rigtwin.sim.formats.settings import RunSettings
 
@@ -24,14 +24,21 @@ def read(path: Path, given: RunSettings) -> Recording:
     except StopIteration:
         raise MeasurementError(f"{path}: the file is empty; it needs a header and one line per frequency") from None
     header = parse_header(f"{path}, line {line}", cells)
-    table = _table(path, header, lines)
+    table, swept = _table(path, header, lines)
+
+    def stack(part: Part) -> FloatArray:
+        return np.column_stack([table[str(Column(channel, part))] for channel in header.channels])
+
     return Recording(
         frequency_hz=table[FREQUENCY],
         H=_values(header, table, 1),
         channels=header.channels,
-        std=_stack(table, [Column(channel, "std") for channel in header.channels]) if header.has_std else None,
+        std=stack("std") if header.has_std else None,
         harmonics={order: _values(header, table, order) for order in header.orders},
         magnitude_only=header.magnitude_only,
+        force_N=table[FORCE] if header.has_force else None,
+        coherence=stack("coherence") if header.has_coherence else None,
+        swept_hz=swept if len(swept) > len(table[FREQUENCY]) else None,
     )
 
 
@@ -50,23 +57,29 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise MeasurementError(f"{path}: not a text file in UTF-8 ({error.reason}); save it as CSV in UTF-8") from error
 
 
-def _table(path: Path, header: Header, lines: Iterator[tuple[int, list[str]]]) -> dict[str, FloatArray]:
-    """Column name -> (n_freq,) values."""
+def _table(
+    path: Path, header: Header, lines: Iterator[tuple[int, list[str]]]
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Column name -> (n_freq,) values; and all frequencies, those of lines without values among them."""
     rows: list[list[float]] = []
     places: list[int] = []
+    swept: list[float] = []
+    column = header.names.index(FREQUENCY)
     for line, cells in lines:
         if len(cells) != len(header.names):
             raise MeasurementError(
                 f"{path}, line {line}: {len(cells)} cells, but the header names {len(header.names)} columns; "
                 "fill or remove the line, and write decimals with a point"
             )
-        rows.append([_number(path, line, header, name, cell) for name, cell in zip(header.names, cells, strict=True)])
+        swept.append(_number(path, line, header, FREQUENCY, cells[column]))
         places.append(line)
+        if any(cell.strip() for k, cell in enumerate(cells) if k != column):
+            each = zip(header.names, cells, strict=True)
+            rows.append([_number(path, line, header, name, cell) for name, cell in each])
     if not rows:
         raise MeasurementError(f"{path}: nothing below the header; add one line per frequency")
-    table = dict(zip(header.names, np.array(rows).T, strict=True))
-    _check_order(path, places, table[FREQUENCY])
-    return table
+    _check_order(path, places, np.array(swept))
+    return dict(zip(header.names, np.array(rows).T, strict=True)), np.array(swept)
 
 
 def _check_order(path: Path, places: list[int], frequency_hz: FloatArray) -> None:
@@ -94,34 +107,51 @@ def _number(path: Path, line: int, header: Header, name: str, cell: str) -> floa
         raise MeasurementError(f"{where}: {cell.strip()!r} is not a number; correct the cell or remove the line")
     if not math.isfinite(value):
         raise MeasurementError(f"{where}: {cell.strip()!r} is not a finite number; remove the line")
-    if value < 0 and name != FREQUENCY and header.columns[name].part in ("std", "abs"):
-        what = "standard error" if header.columns[name].part == "std" else "magnitude"
-        raise MeasurementError(f"{where}: {value!r} is negative; a {what} is not")
+    if problem := _problem(name, header, value):
+        raise MeasurementError(f"{where}: {value!r} {problem}")
     return value
 
 
-def _stack(table: dict[str, FloatArray], columns: list[Column]) -> FloatArray:
-    """(n_freq, n_channels) values of these columns."""
-    return np.column_stack([table[str(column)] for column in columns])
+def _problem(name: str, header: Header, value: float) -> str:
+    """What is wrong with a number of a column, nothing where it is right."""
+    if name == FORCE:
+        return "" if value > 0 else "is no force; give the positive peak force of the line, or remove the line"
+    part = header.columns[name].part if name in header.columns else ""
+    if value < 0 and part in ("std", "abs"):
+        return f"is negative; a {'standard error' if part == 'std' else 'magnitude'} is not"
+    if part == "coherence" and not 0 < value <= 1:
+        return "is no coherence; it lies above 0 and is at most 1: correct the cell or remove the line"
+    return ""
 
 
 def _values(header: Header, table: dict[str, FloatArray], order: int) -> ComplexArray:
     """(n_freq, n_channels) response at one harmonic order."""
     values = np.zeros((len(table[FREQUENCY]), len(header.channels)), dtype=complex)
-    values.real = _stack(table, [Column(c, "abs" if header.magnitude_only else "re", order) for c in header.channels])
-    if not header.magnitude_only:
-        values.imag = _stack(table, [Column(c, "im", order) for c in header.channels])
+    for k, channel in enumerate(header.channels):
+        own = {c.part: table[str(c)] for c in header.columns.values() if (c.channel, c.order) == (channel, order)}
+        values[:, k].real, values[:, k].imag = (own["re"], own["im"]) if "re" in own else _from_polar(own)
     return values
+
+
+def _from_polar(parts: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """(n_freq,) real and imaginary part from a magnitude, in its unit or in dB over it, and a phase if there is one."""
+    magnitude = parts["abs"] if "abs" in parts else np.power(10.0, parts["dB"] / 20)
+    phase = np.radians(parts["deg"]) if "deg" in parts else np.zeros(len(magnitude))
+    return magnitude * np.cos(phase), magnitude * np.sin(phase)
 
 
 def write(run: Run, path: Path) -> None:
     """Write a campaign CSV; ``repr`` keeps every bit of a double."""
-    columns = {FREQUENCY: run.frequency_hz, **{str(column): values for column, values in _columns(run)}}
+    force = {} if run.force_N is None else {FORCE: run.force_N}
+    columns = {**force, **{str(column): values for column, values in _columns(run)}}
+    rows = dict(zip(run.frequency_hz.tolist(), np.column_stack(list(columns.values())).tolist(), strict=True))
+    swept = run.frequency_hz if run.swept_hz is None else run.swept_hz
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        for row in np.column_stack(list(columns.values())).tolist():
-            writer.writerow([repr(number) for number in row])
+        writer.writerow([FREQUENCY, *columns])
+        for frequency in swept.tolist():
+            values = [repr(number) for number in rows[frequency]] if frequency in rows else [""] * len(columns)
+            writer.writerow([repr(frequency), *values])
 
 
 def _columns(run: Run) -> Iterator[tuple[Column, FloatArray]]:

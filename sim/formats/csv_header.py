@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,15 +13,21 @@ from rigtwin.sim.campaign import Channel, MeasurementError
 
 logger = logging.getLogger(__name__)
 
-FREQUENCY = "frequency_Hz"
+FREQUENCY, FORCE = "frequency_Hz", "force_N"
 
-Part = Literal["re", "im", "abs", "std"]
+Part = Literal["re", "im", "abs", "dB", "deg", "std", "coherence"]
 
-_COLUMN = re.compile(r"node([1-9][0-9]{0,8})(_z)?(?:_h([2-9]|[1-9][0-9]{1,8}))?_(re|im|abs|std)")
+_COLUMN = re.compile(
+    r"node([1-9][0-9]{0,8})([a-z]?)(_z)?(?:_h([2-9]|[1-9][0-9]{1,8}))?_(re|im|abs|dB|deg|std|coherence)"
+)
+
+# Parts that belong to the run as a whole: not to one of its harmonics.
+_ONCE = ("std", "coherence")
 
 _KNOWN = (
-    f"known are {FREQUENCY}, node2_re with node2_im (or node2_abs), node2_std, node2_z_re … for the other plane "
-    "and node2_h3_re … for the third harmonic, with any node from 1"
+    f"known are {FREQUENCY}, {FORCE}, node2_re with node2_im (or node2_abs or node2_dB, with node2_deg where there are "
+    "phases), node2_std or node2_coherence, node2b_re … for a second sensor, node2_z_re … for the other plane and "
+    "node2_h3_re … for the third harmonic, with any node from 1"
 )
 
 
@@ -41,25 +48,31 @@ class Header:
     """The first line of a campaign CSV, checked."""
 
     names: tuple[str, ...]  # every column, in the file's order
-    columns: dict[str, Column]  # the same without the frequency
+    columns: dict[str, Column]  # the same without frequency and force
     channels: tuple[Channel, ...]  # in order of appearance
     orders: tuple[int, ...]  # harmonic orders of all channels, from 2
     magnitude_only: bool
     has_std: bool  # of all channels
+    has_coherence: bool  # of all channels
+
+    @property
+    def has_force(self) -> bool:
+        """Whether the force of every line is there."""
+        return FORCE in self.names
 
 
 def parse_header(place: str, cells: list[str]) -> Header:
     """Parse the header line; ``place`` names file and line. Raises MeasurementError that names them and the column.
 
     >>> parse_header("run.csv, line 1", ["frequency_Hz", "node2_re", "node2_im"]).channels
-    (Channel(node=2, plane='y'),)
+    (Channel(node=2, plane='y', label=''),)
     """
     names = tuple(cell.strip() for cell in cells)
     _refuse_no_header(place, names)
     for name, count in Counter(names).items():
         if count > 1:
             raise MeasurementError(f"{place}, column {name}: is there {count} times; keep one")
-    columns = {name: _column(place, n, name) for n, name in enumerate(names, start=1) if name != FREQUENCY}
+    columns = {n: _column(place, k, n) for k, n in enumerate(names, start=1) if n not in (FREQUENCY, FORCE)}
     if FREQUENCY not in names:
         raise MeasurementError(f"{place}: column {FREQUENCY} is missing; it holds the lines' frequencies in Hz")
     present = set(columns.values())
@@ -90,47 +103,59 @@ def _is_number(text: str) -> bool:
 
 def _column(place: str, number: int, name: str) -> Column:
     match = _COLUMN.fullmatch(name)
-    if match is None or (match[3] and match[4] == "std"):
+    if match is None or (match[4] and match[5] in _ONCE):
         raise MeasurementError(f"{place}, column {number} {name!r}: unknown column; {_KNOWN}")
-    return Column(Channel(int(match[1]), "z" if match[2] else "y"), match[4], int(match[3] or 1))  # type: ignore[arg-type]
+    channel = Channel(int(match[1]), "z" if match[3] else "y", match[2])
+    return Column(channel, match[5], int(match[4] or 1))  # type: ignore[arg-type]
 
 
 def _check_partner(place: str, column: Column, present: set[Column]) -> None:
-    """``re`` needs ``im`` and the reverse; ``abs`` excludes both; the rest needs the channel's response."""
+    """``re`` needs ``im`` and the reverse; ``abs`` and ``dB`` exclude them and each other, ``deg`` needs one of these
+    two; the rest needs the channel's response."""
 
     def there(part: Part, order: int = column.order) -> bool:
         return Column(column.channel, part, order) in present
 
     where = f"{place}, column {column}"
     partner: dict[Part, Part] = {"re": "im", "im": "re"}
-    if column.part == "abs" and (there("re") or there("im")):
-        raise MeasurementError(f"{where}: this node has real and imaginary part too; keep those or _abs, not both")
+    if column.part in ("abs", "dB", "deg") and (there("re") or there("im")):
+        raise MeasurementError(
+            f"{where}: this node has real and imaginary part too; keep those or _{column.part}, not both"
+        )
+    if column.part == "abs" and there("dB"):
+        raise MeasurementError(f"{where}: this node has its magnitude in dB too; keep _abs or _dB, not both")
+    if column.part == "deg" and not (there("abs") or there("dB")):
+        magnitude = Column(column.channel, "abs", column.order)
+        raise MeasurementError(f"{where}: a phase needs its magnitude; add {magnitude} or the same in _dB")
     if column.part in partner and not there(partner[column.part]):
         missing = Column(column.channel, partner[column.part], column.order)
         raise MeasurementError(f"{where}: column {missing} is missing; a complex value needs both")
-    if not (there("re", 1) or there("abs", 1)):
+    if not (there("re", 1) or there("abs", 1) or there("dB", 1)):
         raise MeasurementError(f"{where}: {column.channel} has no response; add {column.channel}_re and _im, or _abs")
 
 
 def _complete(place: str, names: tuple[str, ...], columns: dict[str, Column], channels: tuple[Channel, ...]) -> Header:
     """All channels must give magnitudes or complex values; errors and harmonics that not all give are passed over."""
     present = set(columns.values())
-    magnitude_only = any(c.part == "abs" for c in present)
-    if magnitude_only and any(c.part == "re" for c in present):
-        mixed = next(c for c in columns.values() if c.part == "abs")
+    with_phase = {(c.channel, c.order) for c in present if c.part in ("re", "deg")}
+    without = [c for c in columns.values() if c.part in ("abs", "dB") and (c.channel, c.order) not in with_phase]
+    if without and with_phase:
         raise MeasurementError(
-            f"{place}, column {mixed}: other columns are complex (_re, _im); put the nodes that have "
-            "magnitudes only in a run file of their own"
+            f"{place}, column {without[0]}: other columns are complex (_re, _im); put the nodes that have "
+            "magnitudes only in a run file of their own, or add their phases (_deg)"
         )
-    value: Part = "abs" if magnitude_only else "re"
 
-    def of_all(part: Part, order: int = 1) -> bool:
-        missing = [channel for channel in channels if Column(channel, part, order) not in present]
+    def of_all(what: str, there: Callable[[Channel], bool]) -> bool:
+        missing = [channel for channel in channels if not there(channel)]
         if missing and len(missing) < len(channels):
-            what = "standard errors are" if part == "std" else f"harmonics of order {order} are"
             logger.warning("%s: %s missing for %s, and left out for all", place, what, ", ".join(map(str, missing)))
         return not missing
 
-    has_std = of_all("std")
-    orders = tuple(order for order in sorted({c.order for c in present} - {1}) if of_all(value, order))
-    return Header(names, columns, channels, orders, magnitude_only, has_std)
+    def has_order(order: int) -> bool:
+        values = {c.channel for c in present if c.order == order and c.part in ("re", "abs", "dB")}
+        return of_all(f"harmonics of order {order} are", values.__contains__)
+
+    has_std = of_all("standard errors are", lambda channel: Column(channel, "std") in present)
+    has_coherence = of_all("coherences are", lambda channel: Column(channel, "coherence") in present)
+    orders = tuple(order for order in sorted({c.order for c in present} - {1}) if has_order(order))
+    return Header(names, columns, channels, orders, bool(without), has_std, has_coherence)

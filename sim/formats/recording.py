@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel, MeasurementError, Run
-from rigtwin.sim.formats.settings import RunSettings, settle
+from rigtwin.sim.formats.settings import RunSettings
 
 
 @dataclass(frozen=True)
@@ -23,16 +24,27 @@ class Recording:
     harmonics: dict[int, ComplexArray] = field(default_factory=dict)  # order -> (n_freq, n_channels)
     magnitude_only: bool = False
     settings: RunSettings = field(default_factory=RunSettings)  # what the file itself says
+    force_N: FloatArray | None = None  # (n_freq,) peak force of each line
+    coherence: FloatArray | None = None  # (n_freq, n_channels)
+    swept_hz: FloatArray | None = None  # all lines that were swept, where only some of them are here
+
+    def on_lines(self, lines: NDArray[np.bool_] | slice) -> Recording:
+        """The same with some of its lines, or with all of them in another order."""
+        return replace(
+            self,
+            frequency_hz=self.frequency_hz[lines],
+            H=self.H[lines],
+            std=None if self.std is None else self.std[lines],
+            harmonics={order: values[lines] for order, values in self.harmonics.items()},
+            force_N=None if self.force_N is None else self.force_N[lines],
+            coherence=None if self.coherence is None else self.coherence[lines],
+        )
 
     def upwards(self) -> Recording:
         """A downward sweep with its lines in ascending order."""
+        swept = None if self.swept_hz is None else np.sort(self.swept_hz)
         return replace(
-            self,
-            frequency_hz=self.frequency_hz[::-1],
-            H=self.H[::-1],
-            std=None if self.std is None else self.std[::-1],
-            harmonics={order: values[::-1] for order, values in self.harmonics.items()},
-            settings={"sweep": "down", **self.settings},
+            self.on_lines(slice(None, None, -1)), swept_hz=swept, settings={"sweep": "down", **self.settings}
         )
 
 
@@ -53,27 +65,8 @@ def misplaced(frequency_hz: FloatArray) -> int | None:
     return int(np.argmax(wrong)) if wrong.any() else None
 
 
-def as_run(path: Path, recording: Recording, given: RunSettings, usual_node: int) -> Run:
-    """Check a recording and add the settings. Raises MeasurementError that names the file."""
-    if falls(recording.frequency_hz):
-        recording = recording.upwards()
-    settings = settle(path, given, recording.settings, usual_node)
-    _check_frequencies(path, recording.frequency_hz)
-    run = Run(
-        frequency_hz=recording.frequency_hz,
-        H=recording.H,
-        channels=recording.channels,
-        std=recording.std,
-        harmonics=recording.harmonics,
-        magnitude_only=recording.magnitude_only,
-        name=path.stem,
-        **settings,
-    )
-    check_run(run, path)
-    return run
-
-
-def _check_frequencies(path: Path, frequency_hz: FloatArray) -> None:
+def check_frequencies(path: Path, frequency_hz: FloatArray) -> None:
+    """Refuse lines that are not positive or not in order; ``path`` names the file."""
     if frequency_hz.size == 0:
         raise MeasurementError(f"{path}: no frequency lines; a run needs at least one")
     if (row := misplaced(frequency_hz)) is not None:
@@ -90,12 +83,33 @@ def check_run(run: Run, path: Path) -> None:
         raise MeasurementError(f"{path}: channels are [{names}]; a run needs one or more, each once, nodes from 1")
     if any(order < 2 for order in run.harmonics):
         raise MeasurementError(f"{path}: harmonics are of order {sorted(run.harmonics)}; they count from 2")
+    _check_lines(path, run)
     _check_values(path, run, "H", run.H)
     for order, values in run.harmonics.items():
         _check_values(path, run, f"h{order}", values)
     if run.std is not None:
         _refuse(path, run, "std", ~np.isfinite(run.std), "is not a finite number; remove the line")
         _refuse(path, run, "std", run.std < 0, "is negative; a standard error is not")
+
+
+def _check_lines(path: Path, run: Run) -> None:
+    if run.force_N is not None:
+        _refuse_line(path, run, "force_N", ~(np.isfinite(run.force_N) & (run.force_N > 0)), "is not a positive number")
+        if run.quantity == "acceleration":
+            raise MeasurementError(
+                f'{path}: force_N: quantity = "acceleration" is for a force that nobody recorded; divide the response '
+                'of each line by its force and write quantity = "accelerance"'
+            )
+    if run.swept_hz is not None:
+        check_frequencies(path, run.swept_hz)
+        _refuse_line(path, run, "frequency", ~np.isin(run.frequency_hz, run.swept_hz), "is not among the swept lines")
+
+
+def _refuse_line(path: Path, run: Run, label: str, wrong: NDArray[np.bool_], problem: str) -> None:
+    """Raise for the first True of ``wrong`` (n_freq,)."""
+    if wrong.any():
+        place = f"{label} at {float(run.frequency_hz[np.argmax(wrong)])!r} Hz"
+        raise MeasurementError(f"{path}: {place} {problem}; correct it or remove the line")
 
 
 def _check_values(path: Path, run: Run, label: str, values: ComplexArray) -> None:

@@ -6,11 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Unpack
 
+import numpy as np
+
 from rigtwin.sim.campaign import MeasurementError, Run
 from rigtwin.sim.formats import csv_file, hdf5, matlab, uff
 from rigtwin.sim.formats.atomic import replacing
-from rigtwin.sim.formats.recording import Recording, as_run, check_run
-from rigtwin.sim.formats.settings import RunSettings, check_settings, stored_settings
+from rigtwin.sim.formats.corrections import corrected
+from rigtwin.sim.formats.recording import Recording, check_frequencies, check_run, falls
+from rigtwin.sim.formats.settings import READING, RunSettings, check_settings, settle, stored_settings
 
 
 class _Format(NamedTuple):
@@ -37,8 +40,8 @@ def read_run(path: str | Path, usual_node: int = Run.excitation_node, **settings
     path : a .csv, .uff, .unv, .h5 or .mat file
     usual_node : the exciter's, where neither the file nor the settings say it
     settings : support, excitation_node, excitation_plane, force_amplitude_N [N], spin_rpm [rev/min],
-        quantity, sweep; see RunSettings. What is given here wins over what the file says; what neither
-        says takes its default. CSV files say nothing: there ``support`` must be given.
+        quantity, sweep and others; see RunSettings. What is given here wins over what the file says; what
+        neither says takes its default. CSV files say nothing: there ``support`` must be given.
 
     Returns
     -------
@@ -57,7 +60,32 @@ def read_run(path: str | Path, usual_node: int = Run.excitation_node, **settings
         recording = reader(path, given)
     except OSError as error:
         raise MeasurementError(f"{path}: cannot be read ({error.strerror or error})") from error
-    return as_run(path, recording, given, usual_node)
+    return _as_run(path, recording, given, usual_node)
+
+
+def _as_run(path: Path, recording: Recording, given: RunSettings, usual_node: int) -> Run:
+    """Check a recording and add the settings. Raises MeasurementError that names the file."""
+    if falls(recording.frequency_hz if recording.swept_hz is None else recording.swept_hz):
+        recording = recording.upwards()
+    settings = settle(path, given, recording.settings, usual_node)
+    check_frequencies(path, recording.frequency_hz)
+    recording = corrected(path, recording, settings)
+    if recording.force_N is not None and "force_amplitude_N" not in {**recording.settings, **given}:
+        settings["force_amplitude_N"] = float(np.median(recording.force_N))
+    run = Run(
+        frequency_hz=recording.frequency_hz,
+        H=recording.H,
+        channels=recording.channels,
+        std=recording.std,
+        harmonics=recording.harmonics,
+        magnitude_only=recording.magnitude_only,
+        name=path.stem,
+        swept_hz=recording.swept_hz,
+        force_N=recording.force_N,
+        **{key: value for key, value in settings.items() if key not in READING},
+    )
+    check_run(run, path)
+    return run
 
 
 def write_run(run: Run, path: str | Path) -> None:

@@ -8,10 +8,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
 from typing_extensions import TypedDict
 
-from rigtwin.sim.campaign import MeasurementError, Plane, Quantity, Run, SupportKind, SweepDirection
+from rigtwin.sim.campaign import Control, MeasurementError, Plane, Quantity, Roving, Run, SupportKind, SweepDirection
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +26,14 @@ def _unknown_is_none(value: Any) -> Any:
     return None if isinstance(value, str) and value == UNKNOWN else value
 
 
+def _ordered(band: tuple[float, float]) -> tuple[float, float]:
+    if not band[0] < band[1]:
+        raise ValueError("a band is [from, to] in Hz, from below to")
+    return band
+
+
 Force = Annotated[Positive | None, BeforeValidator(_unknown_is_none)]
+Band = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
 
 
 class UnknownSupportError(MeasurementError):
@@ -44,11 +51,29 @@ class RunSettings(TypedDict, total=False):
     spin_rpm: Finite  # [rev/min], the sign is the direction about +x; default 0
     quantity: Quantity  # default "accelerance"
     sweep: SweepDirection | None  # default None: lines measured one by one
+    control: Control  # default "force"
+    response_amplitude: Positive  # that a controller held, peak, unit of the quantity without "per newton"
+    response_node: Annotated[int, Field(ge=1)]  # whose response that is; default the exciter's node
+    roving: Roving | None  # default None: the accelerometers stayed, and so did the exciter
+    phase_offset_deg: Finite  # added to the phase of every channel; default 0
+    leave_out_Hz: list[Band]  # bands whose lines are not used; default none
+    keep_Hz: list[Band]  # bands outside which no line is used; default all
+    averages: Annotated[int, Field(ge=2)]  # spectra behind each response and its coherence
 
 
 SETTING_NAMES = tuple(RunSettings.__annotations__)
 
-_DEFAULTS = {"excitation_plane": "y", "spin_rpm": 0.0, "quantity": "accelerance", "sweep": None}
+# Keys that say how the data are read; a run keeps the result and not the key.
+READING = ("response_amplitude", "response_node", "phase_offset_deg", "leave_out_Hz", "keep_Hz", "averages")
+
+_DEFAULTS = {
+    "excitation_plane": "y",
+    "spin_rpm": 0.0,
+    "quantity": "accelerance",
+    "sweep": None,
+    "control": "force",
+    "roving": None,
+}
 
 _CHECK = TypeAdapter(RunSettings)
 
@@ -75,29 +100,34 @@ def settings_of(run: Run) -> RunSettings:
         spin_rpm=float(run.spin_rpm),
         quantity=run.quantity,
         sweep=run.sweep,
+        control=run.control,
+        roving=run.roving,
     )
 
 
 def stored_settings(run: Run) -> dict[str, str | int | float]:
-    """Settings without nulls: an unrecorded force is "unknown", no sweep is no key."""
+    """Settings without nulls: an unrecorded force is "unknown", and what is not said is no key."""
     settings: dict[str, Any] = {**settings_of(run)}
     if run.force_amplitude_N is None:
         settings["force_amplitude_N"] = UNKNOWN
-    if run.sweep is None:
-        del settings["sweep"]
-    return settings
+    usual = {"sweep": None, "control": "force", "roving": None}
+    return {key: value for key, value in settings.items() if key not in usual or value != usual[key]}
 
 
 def settle(path: Path, given: RunSettings, found: RunSettings, usual_node: int) -> dict[str, Any]:
-    """All settings of a run: the campaign's word first, then the data file's, then the defaults."""
+    """All settings of a run: the campaign's word first, then the data file's, then the defaults.
+
+    A force that nobody states is None where each line has its own, or where a controller or the exciter's current
+    decided it.
+    """
     for key in given.keys() & found.keys():
         if given[key] != found[key]:
             logger.warning("%s: says %s = %r; %r is used, as the campaign says", path, key, found[key], given[key])
     said: dict[str, Any] = {**found, **given}
     if "support" not in said:
         raise UnknownSupportError(f'{path}: support is not known; say support = "rigid" or "bearing"')
-    force = None if said.get("quantity") == "acceleration" else 1.0
-    return {**_DEFAULTS, "excitation_node": usual_node, "force_amplitude_N": force, **said}
+    varies = said.get("quantity") == "acceleration" or said.get("control") == "response"
+    return {**_DEFAULTS, "excitation_node": usual_node, "force_amplitude_N": None if varies else 1.0, **said}
 
 
 def explain(error: ValidationError, known: Collection[str] = SETTING_NAMES) -> str:

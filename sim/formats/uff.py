@@ -7,8 +7,12 @@ stand in record 6 (+Y = 2, +Z = 3), the exciter's as the reference. The ID lines
 
     1  RESPONSE node2 | STANDARD ERROR node2 | HARMONIC 3 node2
     2  the run's name
+    3  NONE, or of these two what holds: control=response roving=exciter
     4  rigtwin support=rigid quantity=accelerance sweep=up
     5  force_amplitude_N=1.0 spin_rpm=0.0
+
+A second sensor of a node is called node2b. FORCE holds the force of each line, SWEPT LINES all frequencies of a sweep
+of which only some have responses. Where the exciter roved, responses and references are exchanged (``roving``).
 """
 
 from __future__ import annotations
@@ -29,7 +33,8 @@ from rigtwin.sim.formats.settings import RunSettings, check_settings, stored_set
 
 MARK = "rigtwin"
 RESPONSE, STANDARD_ERROR, HARMONIC = "RESPONSE", "STANDARD ERROR", "HARMONIC"
-_OWN_ID1 = re.compile(rf"({RESPONSE}|{STANDARD_ERROR}|{HARMONIC} \d+) node\d+(_z)?")
+FORCE, SWEPT, COHERENCE = "FORCE", "SWEPT LINES", "COHERENCE"
+_OWN_ID1 = re.compile(rf"({RESPONSE}|{STANDARD_ERROR}|{FORCE}|{SWEPT}|{HARMONIC} \d+) node\d+([a-z]?)(_z)?")
 
 DIRECTION: dict[Plane, int] = {"y": 2, "z": 3}
 PLANE: dict[int, Plane] = {direction: plane for plane, direction in DIRECTION.items()}
@@ -50,7 +55,8 @@ LABELS = {
     0: ("NONE", "NONE"),
 }
 
-GENERAL, FREQUENCY_RESPONSE, SPECTRUM = 0, 4, 12  # function types of dataset 58
+# Function types of dataset 58.
+GENERAL, FREQUENCY_RESPONSE, COHERENCE_TYPE, SPECTRUM = 0, 4, 6, 12
 FREQUENCY_AXIS = (0, 1, 18)  # specific data types of an abscissa: unknown, general, frequency
 UNSAID = ((0, 0), (0, 13), (12, 0))  # ordinate types of software that leaves them out: an accelerance
 SI = 1  # units code of dataset 164
@@ -60,7 +66,7 @@ SI = 1  # units code of dataset 164
 class _Function:
     """One dataset 58 of interest."""
 
-    kind: str  # RESPONSE, STANDARD_ERROR or "HARMONIC <order>"
+    kind: str  # RESPONSE, STANDARD_ERROR, FORCE, SWEPT, COHERENCE or "HARMONIC <order>"
     channel: Channel
     reference: tuple[int, Plane | None]  # exciter's node and plane, None where the file does not say it
     frequency_hz: FloatArray  # (n_freq,)
@@ -79,15 +85,25 @@ def read(path: Path, given: RunSettings) -> Recording:
     kept = slice(1 if len(frequency_hz) and frequency_hz[0] == 0 else 0, None)
     channels = tuple(f.channel for f in responses)
     harmonics = sorted({int(f.kind.split()[1]) for f in functions if f.kind.startswith(HARMONIC)})
-    has_std = any(f.kind == STANDARD_ERROR for f in functions)
+
+    def errors(kind: str) -> FloatArray | None:
+        there = any(f.kind == kind for f in functions)
+        return np.real(_columns(path, functions, kind, channels)[kept]) if there else None
+
+    def whole(kind: str) -> FloatArray | None:
+        return next((np.real(f.values) for f in functions if f.kind == kind), None)
+
     return Recording(
         frequency_hz=frequency_hz[kept],
         H=_columns(path, functions, RESPONSE, channels)[kept].astype(complex),
         channels=channels,
-        std=_columns(path, functions, STANDARD_ERROR, channels)[kept] if has_std else None,
+        std=errors(STANDARD_ERROR),
         harmonics={n: _columns(path, functions, f"{HARMONIC} {n}", channels)[kept].astype(complex) for n in harmonics},
         magnitude_only=not np.iscomplexobj(responses[0].values),
         settings=_settings(path, responses[0]),
+        force_N=whole(FORCE),
+        coherence=errors(COHERENCE),
+        swept_hz=whole(SWEPT),
     )
 
 
@@ -116,10 +132,12 @@ def _functions(path: Path, given: RunSettings) -> list[_Function]:
             if not (length > 0 and force > 0):
                 raise MeasurementError(f"{path}: unit factors of dataset 164 are {length}, {force}; export it in SI")
             continue
+        dataset = _exchanged(dataset, given)
         kind = _kind(dataset, given)
         if kind and abs(dataset["rsp_dir"]) in PLANE and abs(dataset["ref_dir"]) in (0, *PLANE):
             per_force = given.get("quantity", _quantity(dataset)) != "acceleration"
-            functions.append(_function(path, dataset, kind, factor=force / length if per_force else 1 / length))
+            unit = (force if per_force else 1.0) / length if kind != COHERENCE else 1.0
+            functions.append(_function(path, dataset, kind, unit))
         else:
             beside = f" of a force in direction {dataset['ref_dir']}" if dataset["ref_dir"] else ""
             seen.append(f"type {dataset['func_type']} in direction {dataset['rsp_dir']}{beside}")
@@ -130,6 +148,17 @@ def _functions(path: Path, given: RunSettings) -> list[_Function]:
             "direction in the measuring software, or write CSV"
         )
     return functions
+
+
+def _exchanged(dataset: dict[str, Any], given: RunSettings) -> dict[str, Any]:
+    """A dataset of a roving exciter by reciprocity: the place of the blow as that of the response, and the reverse."""
+    own = {"roving": "exciter"} if _own_kind(dataset) and "roving=exciter" in dataset["id3"].split() else {}
+    if {**own, **given}.get("roving") != "exciter":
+        return dataset
+    pairs = {
+        f"{a}_{what}": dataset[f"{b}_{what}"] for a, b in (("rsp", "ref"), ("ref", "rsp")) for what in ("node", "dir")
+    }
+    return {**dataset, **pairs}
 
 
 def _own_kind(dataset: dict[str, Any]) -> str | None:
@@ -146,12 +175,15 @@ def _kind(dataset: dict[str, Any], given: RunSettings) -> str | None:
         and dataset["func_type"] == SPECTRUM
         and dataset["ordinate_spec_data_type"] in (0, DATA_TYPES["acceleration"][0])
     )
+    if dataset["func_type"] == COHERENCE_TYPE and "averages" in given:
+        return COHERENCE
     return RESPONSE if spectrum or dataset["func_type"] == FREQUENCY_RESPONSE else None
 
 
 def _function(path: Path, dataset: dict[str, Any], kind: str, factor: float) -> _Function:
     """One dataset 58 in SI and along the positive axes; ``factor`` turns the file's units into SI."""
-    channel = Channel(dataset["rsp_node"], PLANE[abs(dataset["rsp_dir"])])
+    own = _OWN_ID1.fullmatch(dataset["id1"]) if _own_kind(dataset) else None
+    channel = Channel(dataset["rsp_node"], PLANE[abs(dataset["rsp_dir"])], own[2] if own else "")
     points, values, frequency_hz = dataset["num_pts"], dataset["data"], dataset["x"]
     if dataset["abscissa_spec_data_type"] not in FREQUENCY_AXIS:
         raise MeasurementError(
@@ -188,8 +220,10 @@ def _one_reference(path: Path, functions: list[_Function], given: RunSettings) -
 
 
 def _check_lines(path: Path, functions: list[_Function]) -> None:
-    first = functions[0]
+    first = next(f for f in functions if f.kind == RESPONSE)
     for function in functions:
+        if function.kind == SWEPT:
+            continue
         if not np.array_equal(function.frequency_hz, first.frequency_hz):
             raise MeasurementError(
                 f"{path}: {first.channel} and {function.channel} have different frequency lines; "
@@ -234,8 +268,8 @@ def _settings(path: Path, response: _Function) -> RunSettings:
     quantity = _quantity(response.dataset)
     found: dict[str, Any] = {"excitation_node": node, "excitation_plane": plane, "quantity": quantity}
     if _own_kind(response.dataset):
-        words = f"{response.dataset['id4']} {response.dataset['id5']}".split()
-        found |= dict(word.split("=", 1) for word in words if "=" in word)
+        words = " ".join(str(response.dataset[line]) for line in ("id3", "id4", "id5")).split()
+        found |= {word.partition("=")[0]: word.partition("=")[2] for word in words if "=" in word}
     # Other software leaves fields it does not use at 0.
     return check_settings({key: value for key, value in found.items() if value not in (None, 0)}, path)
 
@@ -283,12 +317,16 @@ def _blocks(run: Run) -> Iterator[bytes]:
             yield _dataset_58(run, channel, kind, function_type, parts)
         if run.std is not None:
             yield _dataset_58(run, channel, STANDARD_ERROR, GENERAL, [run.std[:, i]])
+    for kind, values in ((FORCE, run.force_N), (SWEPT, run.swept_hz)):
+        if values is not None:
+            yield _dataset_58(run, run.channels[0], kind, GENERAL, [values])
 
 
 def _dataset_58(run: Run, channel: Channel, kind: str, function_type: int, parts: list[FloatArray]) -> bytes:
     """A binary dataset 58, abscissa uneven; ``parts`` are real values, or real and imaginary part, (n_freq,) each."""
-    body = np.column_stack([run.frequency_hz, *parts]).astype("<f8").tobytes()  # x1 re1 im1 x2 re2 im2 …
-    records = [*_id_lines(run, channel, kind), *_number_records(run, channel, function_type, len(parts))]
+    x = parts[0] if kind == SWEPT else run.frequency_hz
+    body = np.column_stack([x, *parts]).astype("<f8").tobytes()  # x1 re1 im1 x2 re2 im2 …
+    records = [*_id_lines(run, channel, kind), *_number_records(run, channel, function_type, np.shape(parts))]
     # Record 1: little endian (1), IEEE 754 (2), lines of text below, bytes below these.
     first = f"{58:6d}b{1:6d}{2:6d}{len(records):12d}{len(body):12d}{0:6d}{0:6d}{0:12d}{0:12d}"
     text = "".join(f"{line:<80}\n" for line in (first, *records))
@@ -298,26 +336,34 @@ def _dataset_58(run: Run, channel: Channel, kind: str, function_type: int, parts
 def _id_lines(run: Run, channel: Channel, kind: str) -> list[str]:
     """The five ID lines, records 1 to 5 of the text form."""
     settings = stored_settings(run)
-    words = [f"{key}={settings[key]}" for key in ("support", "quantity", "sweep") if key in settings]
+
+    def words(*keys: str) -> str:
+        return " ".join(f"{key}={settings[key]}" for key in keys if key in settings)
+
     force, spin = settings["force_amplitude_N"], settings["spin_rpm"]
     return [
         f"{kind} {channel}",
         _one_line(run.name),
-        "NONE",
-        " ".join([MARK, *words]),
+        words("control", "roving") or "NONE",
+        f"{MARK} {words('support', 'quantity', 'sweep')}",
         f"force_amplitude_N={force} spin_rpm={spin}",
     ]
 
 
-def _number_records(run: Run, channel: Channel, function_type: int, n_parts: int) -> list[str]:
-    """Records 6 to 11 of the text form: places and directions, data form, and what each axis is."""
+def _number_records(run: Run, channel: Channel, function_type: int, shape: tuple[int, ...]) -> list[str]:
+    """Records 6 to 11 of the text form: places and directions, data form, and what each axis is.
+
+    ``shape`` is that of the values, (1, n_lines) of real and (2, n_lines) of complex ones.
+    """
     response = f"{'NONE':>10}{channel.node:10d}{DIRECTION[channel.plane]:4d}"
     reference = f"{'NONE':>10}{run.excitation_node:10d}{DIRECTION[run.excitation_plane]:4d}"
-    double_precision = {1: 4, 2: 6}[n_parts]  # real, complex
+    if run.roving == "exciter":
+        response, reference = reference, response
+    double_precision = {1: 4, 2: 6}[shape[0]]
     uneven = 0
     return [
         f"{function_type:5d}{0:10d}{0:5d}{0:10d} {response} {reference}",
-        f"{double_precision:10d}{len(run.frequency_hz):10d}{uneven:10d}{0:13.5e}{0:13.5e}{0:13.5e}",
+        f"{double_precision:10d}{shape[1]:10d}{uneven:10d}{0:13.5e}{0:13.5e}{0:13.5e}",
         *(
             f"{data_type:10d}{0:5d}{0:5d}{0:5d} {LABELS[data_type][0]:<20} {LABELS[data_type][1]:<20}"
             for data_type in (18, *DATA_TYPES[run.quantity], 0)

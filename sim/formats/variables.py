@@ -7,7 +7,11 @@ name                 shape                    meaning
 ``H``                (n_freq, n_channels)     response; real where magnitudes only were recorded
 ``node``             (n_channels,)            node of each channel, from 1
 ``plane``            text of n_channels       "y" or "z" for each channel; left out: all y
+``sensor``           text of n_channels       a letter for each of several sensors of one node, "-" for none
 ``std``              (n_freq, n_channels)     standard error, optional
+``coherence``        (n_freq, n_channels)     coherence of averaged spectra, optional
+``force_N``          (n_freq,)                force of each line, optional
+``swept_Hz``         (n_swept,)               all lines that were swept, where only some are here
 ``h2``, ``h3`` …     (n_freq, n_channels)     harmonics, optional
 settings             scalar or text           ``support``, ``spin_rpm`` …, the keys of a ``[[run]]`` table
 ===================  =======================  ==========================================================
@@ -22,11 +26,13 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.campaign import Channel, MeasurementError, Run
 from rigtwin.sim.formats.recording import Recording
 from rigtwin.sim.formats.settings import SETTING_NAMES, check_settings, stored_settings
 
-_ARRAYS = ("frequency_Hz", "H", "node", "std")
+_ARRAYS = ("frequency_Hz", "H", "node", "std", "coherence", "force_N", "swept_Hz")
+_TEXTS = ("plane", "sensor")
 _HARMONIC = re.compile(r"h([2-9]|[1-9]\d+)")
 
 UNITS = {"accelerance": "(m/s^2)/N", "mobility": "(m/s)/N", "receptance": "m/N", "acceleration": "m/s^2"}
@@ -40,12 +46,15 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
         "node": np.array([channel.node for channel in run.channels], dtype=np.int64),
         **{name: values.real if run.magnitude_only else values.astype(complex) for name, values in responses.items()},
     }
-    return arrays if run.std is None else {**arrays, "std": run.std}
+    optional = {"std": run.std, "force_N": run.force_N, "swept_Hz": run.swept_hz}
+    return arrays | {name: values for name, values in optional.items() if values is not None}
 
 
 def texts_of(run: Run) -> dict[str, str | int | float]:
-    """Settings and planes of a run by name."""
-    return {**stored_settings(run), "plane": "".join(channel.plane for channel in run.channels)}
+    """Settings, planes and sensors' letters of a run by name."""
+    texts = {**stored_settings(run), "plane": "".join(channel.plane for channel in run.channels)}
+    labelled = any(channel.label for channel in run.channels)
+    return texts | ({"sensor": "".join(channel.label or "-" for channel in run.channels)} if labelled else {})
 
 
 def known(name: str) -> bool:
@@ -54,13 +63,13 @@ def known(name: str) -> bool:
     >>> known("h3"), known("force")
     (True, False)
     """
-    return name in _ARRAYS or name == "plane" or name in SETTING_NAMES or _HARMONIC.fullmatch(name) is not None
+    return name in (*_ARRAYS, *_TEXTS, *SETTING_NAMES) or _HARMONIC.fullmatch(name) is not None
 
 
 def recording_of(path: Path, variables: Mapping[str, Any]) -> Recording:
     """Assemble a recording from named arrays, scalars and texts. Raises MeasurementError that names the variable."""
     _check_names(path, variables)
-    frequency_hz = _real(path, "frequency_Hz", _numbers(path, "frequency_Hz", variables["frequency_Hz"])).ravel()
+    frequency_hz = _vector(path, "frequency_Hz", variables["frequency_Hz"])
     channels = _channels(path, variables)
     shape = (len(frequency_hz), len(channels))
     H = _matrix(path, "H", variables["H"], shape)
@@ -69,10 +78,13 @@ def recording_of(path: Path, variables: Mapping[str, Any]) -> Recording:
         frequency_hz=frequency_hz,
         H=H.astype(complex),
         channels=channels,
-        std=_real(path, "std", _matrix(path, "std", variables["std"], shape)) if "std" in variables else None,
+        std=_optional(path, "std", variables, shape),
         harmonics={order: values.astype(complex) for order, values in sorted(harmonics.items())},
         magnitude_only=not np.iscomplexobj(H),
         settings=check_settings({name: _scalar(variables[name]) for name in SETTING_NAMES if name in variables}, path),
+        force_N=_optional(path, "force_N", variables, shape[:1]),
+        coherence=_optional(path, "coherence", variables, shape),
+        swept_hz=_vector(path, "swept_Hz", variables["swept_Hz"]) if "swept_Hz" in variables else None,
     )
 
 
@@ -86,7 +98,7 @@ def _check_names(path: Path, variables: Mapping[str, Any]) -> None:
     for name in variables:
         if not known(name):
             raise MeasurementError(
-                f"{path}: unknown variable {name!r}; save only {', '.join(_ARRAYS)}, plane, h2, h3 … "
+                f"{path}: unknown variable {name!r}; save only {', '.join((*_ARRAYS, *_TEXTS))}, h2, h3 … "
                 f"and {', '.join(SETTING_NAMES)}"
             )
     for name in ("frequency_Hz", "H", "node"):
@@ -107,6 +119,22 @@ def _real(path: Path, name: str, array: np.ndarray) -> np.ndarray:
     return array.astype(float)
 
 
+def _vector(path: Path, name: str, value: Any) -> FloatArray:
+    return _real(path, name, _numbers(path, name, value)).ravel()
+
+
+def _optional(path: Path, name: str, variables: Mapping[str, Any], shape: tuple[int, ...]) -> FloatArray | None:
+    """Real numbers, (n_freq, n_channels) or (n_freq,); None where the file does not hold them."""
+    if name not in variables:
+        return None
+    if len(shape) == 2:
+        return _real(path, name, _matrix(path, name, variables[name], (shape[0], shape[1])))
+    vector = _vector(path, name, variables[name])
+    if vector.shape != shape:
+        raise MeasurementError(f"{path}: variable {name!r} has {vector.size} numbers; give one for each frequency_Hz")
+    return vector
+
+
 def _matrix(path: Path, name: str, value: Any, shape: tuple[int, int]) -> np.ndarray:
     """(n_freq, n_channels) numbers; with a single channel any vector will do."""
     array = _numbers(path, name, value)
@@ -121,7 +149,7 @@ def _matrix(path: Path, name: str, value: Any, shape: tuple[int, int]) -> np.nda
 
 
 def _channels(path: Path, variables: Mapping[str, Any]) -> tuple[Channel, ...]:
-    nodes = _real(path, "node", _numbers(path, "node", variables["node"])).ravel()
+    nodes = _vector(path, "node", variables["node"])
     if nodes.size == 0 or not np.isfinite(nodes).all() or np.any(nodes < 1) or np.any(nodes != np.round(nodes)):
         raise MeasurementError(f"{path}: variable 'node' must hold each channel's node, whole numbers from 1")
     planes = str(_scalar(variables["plane"])) if "plane" in variables else "y" * nodes.size
@@ -129,15 +157,24 @@ def _channels(path: Path, variables: Mapping[str, Any]) -> tuple[Channel, ...]:
         raise MeasurementError(
             f"{path}: variable 'plane' is {planes!r}; it must be a text of {nodes.size} letters, y or z for each node"
         )
-    return tuple(Channel(int(node), "z" if plane == "z" else "y") for node, plane in zip(nodes, planes, strict=True))
+    letters = str(_scalar(variables["sensor"])) if "sensor" in variables else "-" * nodes.size
+    if not re.fullmatch(f"[a-z-]{{{nodes.size}}}", letters):
+        raise MeasurementError(
+            f"{path}: variable 'sensor' is {letters!r}; it must be a text of {nodes.size} characters, for each node "
+            "a small letter, or - where it has one sensor"
+        )
+    return tuple(
+        Channel(int(node), "z" if plane == "z" else "y", letter.strip("-"))
+        for node, plane, letter in zip(nodes, planes, letters, strict=True)
+    )
 
 
 def _scalar(value: Any) -> Any:
-    """A number or text out of the array a file keeps it in; anything else as it is, to be refused by name."""
+    """A number, a text or nested lists out of the array a file keeps them in."""
     array = np.asarray(value)
     if array.dtype.kind == "S":
         array = np.char.decode(array, "utf-8", errors="replace")
     texts = array.ravel().tolist()
     if array.size and all(isinstance(text, str) for text in texts):
         return "".join(texts)
-    return array.item() if array.size == 1 else value
+    return array.item() if array.size == 1 else array.tolist()

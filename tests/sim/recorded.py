@@ -31,9 +31,10 @@ def a_run(**changes) -> Run:
 
 @st.composite
 def runs(draw, min_lines: int = 1) -> Run:
-    """Any run: uneven lines, some nodes and planes, with or without standard errors and harmonics, complex or not."""
+    """Any run: uneven lines, all or some of those swept, some sensors, with or without standard errors, harmonics and
+    forces of each line, complex or not; or one of a roving exciter."""
     frequency_hz = np.array(sorted(draw(st.sets(POSITIVE, min_size=min_lines, max_size=6))))
-    places = st.tuples(st.integers(1, 99), st.sampled_from(["y", "z"]))
+    places = st.tuples(st.integers(1, 99), st.sampled_from(["y", "z"]), st.sampled_from(["", "b", "z"]))
     channels = tuple(Channel(*place) for place in draw(st.lists(places, min_size=1, max_size=3, unique=True)))
     shape = (len(frequency_hz), len(channels))
     magnitude_only = draw(st.booleans())
@@ -45,21 +46,30 @@ def runs(draw, min_lines: int = 1) -> Run:
             values.imag = draw(hnp.arrays(float, shape, elements=ANY_NUMBER))
         return values
 
+    roving = draw(st.booleans())
+    quantity = draw(st.sampled_from(["receptance", "mobility", "accelerance"] + ["acceleration"] * (not roving)))
+    orders = st.sets(st.sampled_from([2, 3, 11]), max_size=0 if roving else 2)
+    forces = hnp.arrays(float, shape[0], elements=POSITIVE)
+    beside = draw(st.sets(POSITIVE, max_size=3)) - set(frequency_hz)
     return Run(
         frequency_hz=frequency_hz,
         H=response(),
         channels=channels,
         support=draw(st.sampled_from(["rigid", "bearing"])),
         std=draw(st.none() | hnp.arrays(float, shape, elements=NOT_NEGATIVE)),
-        harmonics={order: response() for order in draw(st.sets(st.sampled_from([2, 3, 11]), max_size=2))},
-        quantity=draw(st.sampled_from(["receptance", "mobility", "accelerance", "acceleration"])),
+        harmonics={order: response() for order in draw(orders)},
+        quantity=quantity,  # type: ignore[arg-type]
         magnitude_only=magnitude_only,
         excitation_node=draw(st.integers(1, 99)),
         excitation_plane=draw(st.sampled_from(["y", "z"])),
         force_amplitude_N=draw(st.none() | st.floats(5e-324, 1.7e308)),
-        spin_rpm=draw(ANY_NUMBER),
+        spin_rpm=0.0 if roving else draw(ANY_NUMBER),
         sweep=draw(st.sampled_from([None, "up", "down"])),
         name="run",
+        swept_hz=np.array(sorted(beside | set(frequency_hz))) if beside else None,
+        force_N=None if roving or quantity == "acceleration" else draw(st.none() | forces),
+        control=draw(st.sampled_from(["force", "response"])),
+        roving="exciter" if roving else None,
     )
 
 

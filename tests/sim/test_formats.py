@@ -603,7 +603,7 @@ def test_one_channel_may_be_a_vector(tmp_path, name, save):
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"Std": np.ones((2, 2))}, "unknown variable 'Std'; save only frequency_Hz, H, node, std, plane"),
+        ({"Std": np.ones((2, 2))}, "unknown variable 'Std'; save only frequency_Hz, H, node, std, coherence, force_N"),
         (
             {"H": np.ones((3, 2)) * 1j},
             r"variable 'H' has shape \(3, 2\), expected \(2, 2\): a row for each of frequency_Hz",

@@ -124,6 +124,7 @@ class Core:
             "n_nodes": s.n_nodes,
             "n_disks": len(s.disk_node),
             "n_supports": len(s.support_node),
+            "n_joints": len(s.joint_node),
         }
         assert {*arrays, *counts} == {*types}
         self.structure = Structure(**arrays, **counts)

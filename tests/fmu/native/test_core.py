@@ -82,13 +82,33 @@ def test_branches_of_several_relaxation_times_are_those_of_the_python_rotor(core
     assert_same_matrices(core, CONDITION, [ViscoelasticSupport(spread=0.6), PedestalFlexibility()])
 
 
-def assert_same_matrices(core, condition, effects):
-    expected = build_system(STRUCTURE, condition, effects)
+def assert_same_matrices(core, condition, effects, structure=STRUCTURE):
+    expected = build_system(structure, condition, effects)
     found = core.system(core.design(condition, effects))
     assert np.array_equal(found["free"], expected.free)
     assert np.array_equal(found["plane"], expected.plane)
     for name, matrix in (("C", expected.C_support), *((k, getattr(expected, k)) for k in ("M", "K", "G", "K_shaft"))):
         assert np.abs(found[name] - matrix).max() <= 4e-16 * np.abs(matrix).max(), name
+
+
+@pytest.mark.parametrize(
+    "effects", [(), ("open_crack", "shaft_modulus"), ("axial_load", "sensor_position")], ids="+".join
+)
+def test_a_rotor_with_joints_is_that_of_python(core, effects):
+    """Matrices, and then how it moves, with a joint at a node and one between two."""
+    joints = [
+        {"node": 4, "tilt_stiffness_Nm_per_rad": 2e4, "tilt_damping_Nms_per_rad": 0.3},
+        {"x_m": 0.25, "stiffness_N_per_m": 1e7, "damping_Ns_per_m": 20.0},
+    ]
+    structure = assemble(rigs.rig(**rigs.tables(name="jointed", joint=joints)))
+    jointed = Core(core.compiled, structure)
+    assert_same_matrices(jointed, CONDITION, effects_of(effects), structure)
+    python, c = (
+        RotorSimulator(structure, CONDITION, effects_of(effects)),
+        Rotor(jointed, CONDITION, effects_of(effects)),
+    )
+    steps = np.full(60, 7e-4)
+    assert_same_motion(moved(c, steps), moved(python, steps))
 
 
 def test_a_new_linear_effect_takes_one_class_and_one_line_of_c(tmp_path, monkeypatch):

@@ -15,6 +15,7 @@ from typing import Any
 from rigtwin.commands.effects import LOCATIONS, limits, parameters_of, places_of
 from rigtwin.gap.phrases import lowered
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
+from rigtwin.rotor.effects.scale import in_own_units
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.force_laws import ForceLaw
 from rigtwin.rotor.model.rotor_model import build_model
@@ -94,7 +95,7 @@ _HEADER = ("name", "unit", "meaning", "start", "prior range", "uniform in", "no 
 def _parameter_rows(effect: type[Effect]) -> Iterator[tuple[str, ...]]:
     for name, start, role in parameters_of(effect):
         even = "its logarithm" if role.log else "itself"
-        spread = f"{number(role.low)} to {number(role.high)}"
+        spread = f"{number(role.low)} to {number(role.high)} {in_own_units(role.unit)}".rstrip()
         yield f"`{name}`", unit(role.unit) or "–", role.meaning, number(start), spread, even, _off(role), limits(role)
 
 

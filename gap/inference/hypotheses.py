@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.effect import Parameter
 from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.effects.scale import RigScale, scale_of
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Run
@@ -71,6 +72,7 @@ class Term:
     effect: type[Effect]
     fixed: tuple[tuple[str, float], ...]  # places and numbers that are not fitted
     free: tuple[Free, ...]
+    forms: tuple[Free, ...] = ()  # numbers that bend its law, free or not
 
     def put(self, u: Sequence[float] | FloatArray) -> Effect:
         """The effect for fitted coordinates."""
@@ -79,15 +81,17 @@ class Term:
 
     @property
     def node(self) -> int:
-        """The node that the effect sits at. Raises StopIteration where it sits at none."""
-        return next(int(value) for name, value in self.fixed if name in self.effect.places())
+        """The node that the effect sits at. Raises ValueError where it sits at none."""
+        for name, value in self.fixed:
+            if name in self.effect.places():
+                return int(value)
+        raise ValueError(f"{self.effect.id} sits at no node")
 
     @property
     def bent(self) -> Term:
         """The same with the numbers free that bend its law."""
         known = {free.name for free in self.free}
-        roles = self.effect.parameters().items()
-        more = (_free(name, role) for name, role in roles if role.form and name not in known)
+        more = (free for free in self.forms if free.name not in known)
         return replace(self, free=(*self.free, *more))
 
     @property
@@ -233,10 +237,11 @@ def candidates(
     nonlinear : the nonlinear effects, or else the linear ones
     """
     found: list[Hypothesis] = []
+    scale = scale_of(structure, max((run.force_amplitude_N or 0.0 for run in runs), default=0.0))
     for name, effect in EFFECTS.items():
         if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs):
             continue
-        terms = list(_terms(effect, runs, structure))
+        terms = list(_terms(effect, runs, structure, scale))
         found += [Hypothesis((term,), 1.0 / len(terms)) for term in terms]
     total = sum(h.prior for h in found)
     return tuple(Hypothesis(h.terms, h.prior / total) for h in found)
@@ -256,29 +261,30 @@ def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
     return effect.moves_response and not (effect.needs_phase and all(run.magnitude_only for run in runs))
 
 
-def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> Iterator[Term]:
+def _terms(effect: type[Effect], runs: Sequence[Run], structure: Structure, scale: RigScale) -> Iterator[Term]:
     across = _across(runs)
     free = tuple(
-        _free(name, role, both_signs=across or not role.sign_seen_across)
+        _free(name, role, scale, both_signs=across or not role.sign_seen_across)
         for name, role in effect.parameters().items()
         if not role.form
     )
+    forms = tuple(_free(name, role, scale) for name, role in effect.parameters().items() if role.form)
     sensors = sorted({channel.node for run in runs for channel in run.channels})
     places = effect.places()
     if not places:
-        yield Term(effect, (), free)
+        yield Term(effect, (), free, forms)
     for name, place in places.items():
         if place.kind == "position":
             length = float(structure.x[-1])
             ends = RANGES.shaft_end * length, (1 - RANGES.shaft_end) * length
-            yield Term(effect, (), (*free, Free(name, *ends, log=False, along_shaft=True)))
+            yield Term(effect, (), (*free, Free(name, *ends, log=False, along_shaft=True)), forms)
         elif effect.location == "sensor":
             everyone = [0] if place.all_nodes and len(sensors) > 1 and not effect.common_is_calibrated else []
             for node in [*everyone, *sensors]:
-                yield Term(effect, ((name, node),), free)
+                yield Term(effect, ((name, node),), free, forms)
         else:
             for node in _moving(runs, structure):
-                yield Term(effect, ((name, node),), free)
+                yield Term(effect, ((name, node),), free, forms)
 
 
 def _across(runs: Sequence[Run]) -> bool:
@@ -286,14 +292,15 @@ def _across(runs: Sequence[Run]) -> bool:
     return any(channel.plane != run.excitation_plane for run in runs for channel in run.channels)
 
 
-def _free(name: str, role: Parameter, *, both_signs: bool = True) -> Free:
+def _free(name: str, role: Parameter, scale: RigScale, *, both_signs: bool = True) -> Free:
     """A parameter's range: the prior's, carried on towards the value at which the effect does nothing.
 
     Parameters
     ----------
+    scale : of the rig
     both_signs : whether the runs tell the number's sign; else its size alone is fitted
     """
-    low, high, fades = role.low, role.high, 0
+    (low, high), fades = scale.ends(role), 0
     if isinstance(role.null, str):
         low /= RANGES.towards_nominal
     elif role.null == 0.0 and role.log:

@@ -22,6 +22,7 @@ from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.tolerances import Bend, bend_of, bend_residues, sensitivity_of
 from rigtwin.gap.model.workshop import STEP, Anchor, Workshop
 from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.effects.structure import known_mass
 from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import channel_groups
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
@@ -236,14 +237,14 @@ class Forward:
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> RunModel:
         effects, manner, anchor = tuple(effects), self.manner, self.anchor.values
-        condition = self.condition(run, k_b)
-        plain = self._balance(condition, effects, anchor)
+        acting, condition = (*effects, *self._mounted(run)), self.condition(run, k_b)
+        plain = self._balance(condition, acting, anchor)
         if plain is None:
             return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
         top = 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1]
 
         def balance(tolerance: FloatArray) -> tuple[Balance, IntArray]:
-            made = self._balance(self.condition(run, k_b, tolerance), effects, tolerance)
+            made = self._balance(self.condition(run, k_b, tolerance), acting, tolerance)
             assert made is not None  # no tolerance takes a law away
             return made, resonance_numbers(made.values, top)
 
@@ -283,6 +284,11 @@ class Forward:
             change[name] = own + np.tensordot(factors, np.array(slopes), axes=1)
         return replace(plain, **change)
 
+    def _mounted(self, run: Run) -> tuple[Effect, ...]:
+        """The mass of every accelerometer of a run, where the campaign states it."""
+        mass = self.belief.sensor_mass_kg
+        return tuple(known_mass(mass, node) for node in sorted({c.node for c in run.channels})) if mass else ()
+
     def _sensitivity(self, system: LinearSystem, effects: Sequence[Effect]) -> ComplexArray:
         replaced = {role.null for e in effects for role in e.parameters().values() if isinstance(role.null, str)}
         return sensitivity_of(system, self.workshop.tolerances, replaced)
@@ -297,7 +303,8 @@ class Forward:
         columns: IntArray,
         bends: Sequence[Bend],
     ) -> tuple[Group, ComplexArray]:
-        rotor = self._rotor(mesh, run, condition, tuple(effects), tuple(run.channels[c] for c in columns))
+        acting = (*effects, *self._mounted(run))
+        rotor = self._rotor(mesh, run, condition, acting, tuple(run.channels[c] for c in columns))
         mode = resonance_numbers(rotor.poles, 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1])
         rest = rotor.upper.receptance(omega)[:, :, 0]
         known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)

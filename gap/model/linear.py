@@ -26,6 +26,9 @@ from rigtwin.sim.campaign import Run
 # Resonances of a run that may drift, at most.
 MODES = 8
 
+# Damping ratio of a pole, at least.
+_LEAST_DAMPING = 1e-7
+
 
 @dataclass(frozen=True)
 class Group:
@@ -105,7 +108,7 @@ class Modal(RunModel):
         H = np.empty((n_f, n_c), dtype=complex)
         D = np.zeros((MODES + len(factors) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
-            poles = group.poles * (1 + _pole_shifts(group, shift))
+            poles = _moved_poles(group, shift)
             shares = self._shares(poles)
             still = _heights(group, drift)
             Y, residues = self._motion(group, shares * still, factors)
@@ -132,7 +135,7 @@ class Modal(RunModel):
         factors = self._factors(tolerance)
         shift = self._shift(drift, factors)
         for group in self.groups:
-            shares = self._shares(group.poles * (1 + _pole_shifts(group, shift))) * _heights(group, drift)
+            shares = self._shares(_moved_poles(group, shift)) * _heights(group, drift)
             Y, residues = self._motion(group, shares, factors)
             force = self._force(Y[:, -1])
             for m in range(MODES):
@@ -189,11 +192,11 @@ class Modal(RunModel):
         """``change_to`` of one group, whose resonances stand at ``here`` in this model."""
         factors, others = self._factors(tolerance), other._factors(tolerance)
         own_shift, shift = self._shift(drift, factors), other._shift(drift, others)
-        poles = group.poles * (1 + _pole_shifts(group, shift))
+        poles = _moved_poles(group, shift)
         there = np.where(group.mode >= 0, here * (1 + _pole_shifts(group, own_shift)), poles)
         shares = 1 / (1j * self.omega[:, None] - there)
         moved, _ = other._motion(group, (shares + shares**2 * (poles - there)) * _heights(group, drift), others)
-        poles = own.poles * (1 + _pole_shifts(own, own_shift))
+        poles = _moved_poles(own, own_shift)
         plain, _ = self._motion(own, self._shares(poles) * _heights(own, drift), factors)
         places = np.searchsorted(own.columns, group.columns)
         Y, chain = plain[:, [*places, -1]], own.chain[:, places]
@@ -245,7 +248,7 @@ class Modal(RunModel):
         shift = self._shift(drift, factors)
         change = np.empty((len(dwells), len(self.omega), len(self.run.channels)), dtype=complex)
         for group in self.groups:
-            poles, still = group.poles * (1 + _pole_shifts(group, shift)), _heights(group, drift)
+            poles, still = _moved_poles(group, shift), _heights(group, drift)
             Y, residues = self._motion(group, self._shares(poles) * still, factors)
             dY = np.swapaxes((self._transient_shares(poles, dwells) * still) @ residues.T, 0, 1)
             force = self._force(Y[:, -1])
@@ -269,6 +272,12 @@ def _pole_shifts(group: Group, shift: ComplexArray) -> ComplexArray:
     """(n_states,) relative shift of every pole, of (MODES,) the resonances'; none of the modes that do not drift."""
     own = shift[group.mode]
     return np.where(group.mode < 0, 0.0, np.where(group.poles.imag < 0, own.conj(), own))
+
+
+def _moved_poles(group: Group, shift: ComplexArray) -> ComplexArray:
+    """(n_states,) poles with relative shifts (MODES,); what damps never drives, wherever the first order leads."""
+    poles = group.poles * (1 + _pole_shifts(group, shift))
+    return np.minimum(poles.real, -_LEAST_DAMPING * np.abs(poles)) + 1j * poles.imag
 
 
 def _heights(group: Group, drift: FloatArray | None) -> FloatArray:

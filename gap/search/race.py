@@ -105,7 +105,10 @@ def polish(problem: Problem, fit: Fit) -> Fit:
     for _ in range(RACE.anchors):
         problem = problem.at_fit(fit)
         problem.bend(fit)
-        fit = problem.fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=RACE.patience)
+        further = problem.try_fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=RACE.patience)
+        if further is None:
+            break
+        fit = further
         if problem.at_fit(fit) is problem:
             break
     return fit

@@ -23,7 +23,7 @@ from rigtwin.gap.verdict.thresholds import THRESHOLDS
 class Sampling:
     """Which candidates have their evidence sampled."""
 
-    least_probability: float = 1e-4
+    least_probability: float = 5e-3  # a quarter of what an answered set may leave out
     most: int = 4  # of the most probable ones
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from rigtwin.console import print_json, say, table
 from rigtwin.exits import UserError
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter, Place
+from rigtwin.rotor.effects.scale import in_own_units
 from rigtwin.wording import number, unit
 
 # Where an effect may sit, by its ``location``.
@@ -63,7 +64,12 @@ def _parameter(name: str, start: float, role: Parameter) -> dict[str, Any]:
         "unit": role.unit,
         "meaning": role.meaning,
         "start": start,
-        "prior": {"low": role.low, "high": role.high, "even_in": "log" if role.log else "linear"},
+        "prior": {
+            "low": role.low,
+            "high": role.high,
+            "in": in_own_units(role.unit),
+            "even_in": "log" if role.log else "linear",
+        },
         "zero": "infinity" if role.null == math.inf else role.null,
         "minimum": role.minimum,
         "maximum": role.maximum,
@@ -88,8 +94,10 @@ def _starts(effect: type[Effect]) -> Mapping[str, Any]:
 
 
 def prior(role: Parameter) -> str:
-    """'0.02 to 0.5, log': the prior range, and where its logarithm is what is uniform."""
-    return f"{number(role.low)} to {number(role.high)}" + (", log" if role.log else "")
+    """'0.004 to 0.5 m, log': the prior range in the rig's own units, and where its logarithm is what is uniform."""
+    return f"{number(role.low)} to {number(role.high)} {in_own_units(role.unit)}".rstrip() + (
+        ", log" if role.log else ""
+    )
 
 
 def zero(role: Parameter) -> str:
@@ -107,6 +115,7 @@ def print_effects(*, as_json: bool) -> None:
     for family in dict.fromkeys(effect.family for effect in EFFECTS.values()):
         rows = [row for effect in EFFECTS.values() if effect.family == family for row in _rows(effect)]
         table(("effect", "title", "where", *_PARAMETER_HEADER), rows, title=family)
+    say("prior range: in units of the rig: m mass of the rotor, l its length, t 1/(2 pi f1) on rigid supports")
     say("log: uniform in the logarithm; no effect at: empty where another parameter switches the effect off")
     say("rigtwin effects ID: what it adds, how it shows, where it comes from")
 

@@ -58,8 +58,8 @@ class SensorDelay(Effect):
         2e-4,
         "s",
         "Delay of the response against the force",
-        -2e-3,
-        2e-3,
+        -1.3,
+        1.3,
         null=0.0,
         minimum=-1.0,
         maximum=1.0,
@@ -92,7 +92,7 @@ class SensorMass(Effect):
     rides_on_sensor = True
 
     mass: float = parameter(
-        0.02, "kg", "Mass of the accelerometer", 0.005, 0.06, null=0.0, minimum=0.0, maximum=10.0, log=True
+        0.02, "kg", "Mass of the accelerometer", 0.001, 0.02, null=0.0, minimum=0.0, maximum=10.0, log=True
     )
     node: int = node(2, "Node of the sensor, 0: every sensor in turn", all_nodes=True)
 
@@ -118,7 +118,7 @@ class SensorPosition(Effect):
     reads_beside_node = True
 
     offset: float = parameter(
-        0.005, "m", "Distance from the node along x", -0.01, 0.01, null=0.0, minimum=-0.1, maximum=0.1
+        0.005, "m", "Distance from the node along x", -0.025, 0.025, null=0.0, minimum=-0.1, maximum=0.1
     )
     node: int = node(2, "Node of the sensor, 0: every sensor", all_nodes=True)
 
@@ -152,8 +152,8 @@ class ForceDropout(Effect):
         0.1,
         "kg",
         "Moving mass of the exciter",
-        0.02,
-        0.5,
+        0.004,
+        0.2,
         null=0.0,
         minimum=0.0,
         maximum=100.0,
@@ -161,17 +161,17 @@ class ForceDropout(Effect):
         starts=MANY_STARTS,
     )
     stiffness: float = parameter(
-        1e4, "N/m", "Suspension of the exciter", 1e3, 1e5, null=0.0, minimum=0.0, maximum=1e9, log=True
+        1e4, "N/m", "Suspension of the exciter", 0.0005, 0.1, null=0.0, minimum=0.0, maximum=1e9, log=True
     )
     damping: float = parameter(
-        5.0, "N.s/m", "Damping of the exciter, back EMF included", 0.0, 50.0, null=0.0, minimum=0.0, maximum=1e6
+        5.0, "N.s/m", "Damping of the exciter, back EMF included", 0.0, 0.02, null=0.0, minimum=0.0, maximum=1e6
     )
     time_constant: float = parameter(
         0.0,
         "s",
         "Time constant L/R of the coil, which delays the damping by the back EMF",
         0.0,
-        2e-3,
+        1.3,
         minimum=0.0,
         maximum=1.0,
         form=True,
@@ -200,7 +200,7 @@ class CoarseGrid(Effect):
     moves_response = False
     remedy = "Repeat the runs with lines as close together as the audit asks for under raster: then the peaks show."
 
-    step: float = parameter(1.0, "Hz", "Distance between the lines", 0.2, 10.0, minimum=1e-4, maximum=1e3, log=True)
+    step: float = parameter(1.0, "Hz", "Distance between the lines", 0.0003, 0.02, minimum=1e-4, maximum=1e3, log=True)
 
     def sweep_changes(self) -> Mapping[str, float]:
         """An even raster without refinement."""
@@ -229,8 +229,8 @@ class FastSweep(Effect):
         0.5,
         "s",
         "Time between setting a frequency and reading it",
-        0.05,
-        5.0,
+        30.0,
+        3200.0,
         null=np.inf,
         minimum=1e-3,
         maximum=1e9,

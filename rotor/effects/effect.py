@@ -36,8 +36,8 @@ MANY_STARTS = (0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9)
 class Parameter:
     """A number that says how strong an effect is.
 
-    ``low`` to ``high`` is the prior range for the paper's rotor, ``minimum`` and ``maximum`` what
-    is physically possible. A diagnosis fits a number that changes the form of a law (``form``) only
+    ``low`` to ``high`` is the prior range in the rig's own scale (``scale.RigScale``), ``minimum`` and ``maximum`` what
+    is physically possible, in SI. A diagnosis fits a number that changes the form of a law (``form``) only
     where the plain law is not enough. ``null`` is the value at which the effect does nothing: a number,
     a limit (inf), the name of the entry of the test condition that it replaces, or None where another
     parameter decides.
@@ -52,6 +52,9 @@ class Parameter:
     maximum: float | None = None
     log: bool = False  # whether the prior is even in the logarithm
     form: bool = False  # whether it bends the law, and may change the size of the equations where the effect does
+    amplitude: int = (
+        0  # the power of the force that its range follows, where it matters in motions of a certain size only
+    )
     sign_seen_across: bool = False  # whether only a sensor that looks across the force tells its sign
     starts: tuple[float, ...] = ()  # shares of its range where fits start, where the usual ones miss something
     step: float = 1e-5  # share of its range for a derivative: less where a response follows it wildly
@@ -146,13 +149,13 @@ class Effect(ABC):
 
     @classmethod
     def identity(cls, condition: Condition, **places: Any) -> Effect:
-        """The effect at severity zero; a limit at infinity is replaced by a million times the prior's end."""
+        """The effect at severity zero; a limit at infinity is replaced by a million times the start value."""
         values = {name: p.null for name, p in cls.parameters().items() if p.null is not None}
         for name, null in values.items():
             if isinstance(null, str):
                 values[name] = getattr(condition, null)
             elif math.isinf(null):
-                values[name] = 1e6 * cls.parameters()[name].high
+                values[name] = 1e6 * getattr(cls, name)
         return cls(**values, **places)
 
     def sits_at(self, node: int) -> bool:

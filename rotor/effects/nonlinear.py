@@ -39,8 +39,9 @@ class BearingCubic(Effect):
         1e15,
         "N/m3",
         "Cubic stiffness k_3 of each bearing",
-        1e13,
-        1e17,
+        1000000.0,
+        10000000000.0,
+        amplitude=-2,
         null=0.0,
         minimum=0.0,
         maximum=1e22,
@@ -72,8 +73,9 @@ class BearingHertz(Effect):
         5e-6,
         "m",
         "Approach d0 of the contacts under the preload",
-        1e-6,
-        2e-5,
+        2.3e-06,
+        5e-05,
+        amplitude=1,
         null=np.inf,
         minimum=1e-9,
         maximum=1e3,
@@ -103,10 +105,27 @@ class BearingClearance(Effect):
     acts_beyond_amplitude = True
 
     gap: float = parameter(
-        2e-6, "m", "Radial gap g", 5e-7, 1.4e-5, null=0.0, minimum=0.0, maximum=0.01, log=True, vague=True
+        2e-6,
+        "m",
+        "Radial gap g",
+        1.1e-06,
+        3.5e-05,
+        amplitude=1,
+        null=0.0,
+        minimum=0.0,
+        maximum=0.01,
+        log=True,
+        vague=True,
     )
     preload: float = parameter(
-        0.0, "N", "Static load in y on each bearing, for example by gravity", 0.0, 100.0, minimum=0.0, maximum=1e6
+        0.0,
+        "N",
+        "Static load in y on each bearing, for example by gravity",
+        0.0,
+        0.00014,
+        amplitude=1,
+        minimum=0.0,
+        maximum=1e6,
     )
 
     def add_to(self, design: Design) -> None:
@@ -143,10 +162,20 @@ class BearingFriction(Effect):
     shares_k_b = True
 
     force: float = parameter(
-        5.0, "N", "Friction limit of each bearing", 0.1, 50.0, null=0.0, minimum=0.0, maximum=1e6, log=True, grid=10
+        5.0,
+        "N",
+        "Friction limit of each bearing",
+        1.3e-07,
+        7e-05,
+        amplitude=1,
+        null=0.0,
+        minimum=0.0,
+        maximum=1e6,
+        log=True,
+        grid=10,
     )
     stiffness: float = parameter(
-        1e7, "N/m", "Stiffness of the sticking seat", 1e5, 1e8, minimum=1.0, maximum=1e12, log=True, grid=5
+        1e7, "N/m", "Stiffness of the sticking seat", 0.05, 60.0, minimum=1.0, maximum=1e12, log=True, grid=5
     )
     spread: float = parameter(
         0.0,
@@ -216,10 +245,28 @@ class Rub(Effect):
     acts_beyond_amplitude = True
 
     stiffness: float = parameter(
-        1e6, "N/m", "Stiffness of the stator", 1e5, 1e8, null=0.0, minimum=0.0, maximum=1e12, log=True, motion_power=-2
+        1e6,
+        "N/m",
+        "Stiffness of the stator",
+        0.05,
+        60.0,
+        null=0.0,
+        minimum=0.0,
+        maximum=1e12,
+        log=True,
+        motion_power=-2,
     )
     gap: float = parameter(
-        5e-5, "m", "Gap between shaft and stator", 1e-5, 2e-4, minimum=1e-9, maximum=0.1, log=True, motion_power=1
+        5e-5,
+        "m",
+        "Gap between shaft and stator",
+        2.3e-05,
+        0.0005,
+        amplitude=1,
+        minimum=1e-9,
+        maximum=0.1,
+        log=True,
+        motion_power=1,
     )
     node: int = node(4, "Node at which the rub happens")
 

@@ -47,7 +47,9 @@ class UnbalanceForce(Effect):
     turns_with_shaft = True
     moves_response = False
 
-    moment: float = parameter(1e-5, "kg.m", "Unbalance m e", 1e-7, 1e-3, null=0.0, minimum=0.0, maximum=1e3, log=True)
+    moment: float = parameter(
+        1e-5, "kg.m", "Unbalance m e", 5e-08, 0.0005, null=0.0, minimum=0.0, maximum=1e3, log=True
+    )
     phase: float = parameter(
         0.0, "rad", "Angle from y towards z at a spin angle of zero", -3.142, 3.142, minimum=-6.3, maximum=6.3
     )

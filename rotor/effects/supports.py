@@ -31,8 +31,8 @@ class BearingDamping(Effect):
         100.0,
         "N.s/m",
         "Damping of each bearing; it replaces the model's",
-        10.0,
-        500.0,
+        0.002,
+        0.4,
         null="bearing_damping",
         minimum=0.0,
         maximum=1e6,
@@ -60,7 +60,7 @@ class BearingTiltStiffness(Effect):
     family = "support"
 
     stiffness: float = parameter(
-        2e3, "N.m/rad", "Tilt stiffness of each bearing", 2e2, 2e4, null=0.0, minimum=0.0, maximum=1e9, log=True
+        2e3, "N.m/rad", "Tilt stiffness of each bearing", 0.0004, 0.2, null=0.0, minimum=0.0, maximum=1e9, log=True
     )
 
     def add_to(self, design: Design) -> None:
@@ -91,8 +91,8 @@ class PedestalFlexibility(Effect):
         1e7,
         "N/m",
         "Stiffness of each pedestal",
-        1e6,
-        5e7,
+        0.3,
+        50.0,
         null=np.inf,
         minimum=1.0,
         maximum=1e15,
@@ -103,15 +103,15 @@ class PedestalFlexibility(Effect):
         1.0,
         "kg",
         "Moving mass of each pedestal",
-        0.3,
-        8.0,
+        0.05,
+        3.0,
         minimum=1e-3,
         maximum=1e4,
         log=True,
         starts=(0.15, 0.5, 0.85),
     )
     damping: float = parameter(
-        50.0, "N.s/m", "Damping of each pedestal", 1.0, 1000.0, minimum=0.0, maximum=1e6, log=True
+        50.0, "N.s/m", "Damping of each pedestal", 0.0002, 0.5, minimum=0.0, maximum=1e6, log=True
     )
     block_compliance: float = parameter(
         0.0,
@@ -187,7 +187,7 @@ class BearingOffset(Effect):
     family = "support"
 
     offset: float = parameter(
-        0.003, "m", "Shift of each bearing towards the middle", -0.009, 0.009, null=0.0, minimum=-0.1, maximum=0.1
+        0.003, "m", "Shift of each bearing towards the middle", -0.025, 0.025, null=0.0, minimum=-0.1, maximum=0.1
     )
 
     def add_to(self, design: Design) -> None:
@@ -212,7 +212,7 @@ class CompliantRigidSupport(Effect):
     changes_size = True
 
     stiffness: float = parameter(
-        1e8, "N/m", "Stiffness of each rigid support", 1e7, 1e9, null=np.inf, minimum=1e3, maximum=1e15, log=True
+        1e8, "N/m", "Stiffness of each rigid support", 3.0, 100000.0, null=np.inf, minimum=1e3, maximum=1e15, log=True
     )
 
     def add_to(self, design: Design) -> None:
@@ -286,7 +286,7 @@ class ViscoelasticSupport(Effect):
         0.5, "1", "Stiffness of the branch divided by k_b", 0.1, 2.0, null=0.0, minimum=0.0, maximum=1e3, log=True
     )
     relaxation_time: float = parameter(
-        1e-3, "s", "Relaxation time of the branch", 1e-4, 1e-2, minimum=1e-7, maximum=1e3, log=True, starts=(0.3, 0.7)
+        1e-3, "s", "Relaxation time of the branch", 0.05, 8.0, minimum=1e-7, maximum=1e3, log=True, starts=(0.3, 0.7)
     )
     spread: float = parameter(
         0.0,

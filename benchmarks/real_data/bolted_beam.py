@@ -184,8 +184,9 @@ BOLTED_BEAM = DataSet(
     "four under force control and eight under response control, with force, acceleration and phase of every line. The "
     "campaigns hold the four under force control; each of them in turn is left out and predicted. In their rig the lap "
     "is a section that bends more easily. The controls that have a joint give it a stiffness that falls with the angle "
-    "until a second contact closes, and a loss that grows with the angle to the power of 1.7. The form of that law was "
-    "chosen with all sweeps in view, its numbers without the one that is predicted.",
+    "until a second contact closes, and a loss that grows with the angle to the power of 1.7. The form of that law, "
+    "and that the other modes are left out, was chosen with all sweeps in view: the error on new sweeps may be larger. "
+    "Its numbers come without the sweep that is predicted.",
     source="https://github.com/mattiacenedese/BRBtesting",
     licence="GPL-3.0",
     files=(MAT,),

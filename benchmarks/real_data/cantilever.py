@@ -32,8 +32,8 @@ CANTILEVER = DataSet(
     title="Cantilever",
     measured="A steel strip of 380 x 25.4 x 4.75 mm in a clamp carries six small masses. A hammer hit it 7 mm from "
     "the clamp, and an accelerometer at the tip measured up to 1.2 kHz, over four modes. The rig file was fitted to a "
-    "state in which the mass 50 mm from the clamp was missing; in the state that is diagnosed it is there. The right "
-    "answer is an additional mass of 10.5 g at node 3.",
+    "state in which one mass was missing; in the state that is diagnosed it is there. By the masses that the rig file "
+    "has, the right answer is an additional mass of 10.5 g at node 3, 50 mm from the clamp.",
     source="https://github.com/BalakumaranM/"
     "Transformer-based-Structural-Health-Monitoring-using-Frequency-Response-Function-FRF",
     licence="MIT",

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import fill
 
 import numpy as np
 
 from benchmarks.page import machine, table
 from benchmarks.real_data.data_set import Control, DataSet
 from benchmarks.real_data.diagnosing import Judged
+
+WIDTH = 120  # characters of a line of text on the page
 
 
 @dataclass(frozen=True)
@@ -27,9 +30,9 @@ def page(results: Sequence[Result]) -> str:
     return f"""# Data of other laboratories
 
 This page says how well the diagnosis works on rigs that others have built and measured.
-`python -m benchmarks.real_data FOLDER --page docs/real-data.md` writes it ({machine()}), with the folder that holds the
-data; `make benchmark-real-data DATA=FOLDER` does the same. The data are not part of rigtwin. They come from the
-repositories that are named, under the licences that are named.
+`python -m benchmarks.real_data FOLDER --page docs/real-data.md` writes it ({machine()}),
+with the folder that holds the data; `make benchmark-real-data DATA=FOLDER` does the same. The data are not part of
+rigtwin. They come from the repositories that are named, under the licences that are named.
 
 A campaign is diagnosed without the runs that are held out, and these are then predicted. All figures of predictions are
 √(Σ|H − Ĥ|²/Σ|H|²), averaged over the held-out runs. *Before* is the recalibrated nominal model. *After* is the model
@@ -44,13 +47,13 @@ def _section(result: Result) -> str:
     data = result.data
     return f"""## {data.title}
 
-{data.measured}
+{fill(data.measured, WIDTH)}
 
 Source: {data.source} ({data.licence}).
 
 {_folds(result.folds)}
 {_controls(result.controls)}
-**What these data cannot say.** {data.silent}
+{fill(f"**What these data cannot say.** {data.silent}", WIDTH)}
 """
 
 

@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from rigtwin.rotor.geometry.rig import SAME_PLACE_M, Rig
-from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.rotor.model.arrays import FloatArray, IntArray
 from rigtwin.rotor.model.elements import ElementMatrices, ElementType, Section, euler_bernoulli, timoshenko
 from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 
@@ -42,7 +43,6 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
     for left, pair in enumerate(sections):
         if x[left + 1] > x[left]:
             _add_element(M, K, G, K_tension, left, [of(section, _rounded(x[left + 1] - x[left])) for section in pair])
-    joint_node = np.array([int(np.argmin(np.abs(x - position))) for position in rig.joints_m], dtype=np.int64)
     stations = np.array([int(np.argmin(np.abs(x - position))) for position in rig.nodes_m])
     for disk in rig.disk:
         _add_rigid_body(M, G, stations[disk.node - 1], disk.mass, disk.diametral_inertia, disk.polar_inertia)
@@ -63,16 +63,30 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
         disk_thickness=np.array([d.thickness_m or 0.0 for d in rig.disk]),
         disk_lumped_diametral=np.array([d.own_diametral_inertia - d.diametral_inertia for d in rig.disk]),
         disk_lumped_polar=np.array([d.own_polar_inertia - d.polar_inertia for d in rig.disk]),
-        support_node=np.array([stations[s.node - 1] for s in rig.support], dtype=np.int64),
-        support_stiffness=np.array([_number(s.stiffness) for s in rig.support]),
-        support_tilt_stiffness=np.array([_number(s.tilt_stiffness_Nm_per_rad) for s in rig.support]),
-        support_damping=np.array([s.damping_Ns_per_m for s in rig.support]),
-        joint_node=joint_node,
-        joint_stiffness=np.array([_number(j.stiffness_N_per_m) for j in rig.joint]),
-        joint_tilt_stiffness=np.array([_number(j.tilt_stiffness_Nm_per_rad) for j in rig.joint]),
-        joint_damping=np.array([j.damping_Ns_per_m for j in rig.joint]),
-        joint_tilt_damping=np.array([j.tilt_damping_Nms_per_rad for j in rig.joint]),
+        **_supports(rig, stations),
+        **_joints(rig, x),
     )
+
+
+def _supports(rig: Rig, stations: IntArray) -> dict[str, Any]:
+    """The columns of a structure that hold its supports."""
+    return {
+        "support_node": np.array([stations[s.node - 1] for s in rig.support], dtype=np.int64),
+        "support_stiffness": np.array([_number(s.stiffness) for s in rig.support]),
+        "support_tilt_stiffness": np.array([_number(s.tilt_stiffness_Nm_per_rad) for s in rig.support]),
+        "support_damping": np.array([s.damping_Ns_per_m for s in rig.support]),
+    }
+
+
+def _joints(rig: Rig, x: FloatArray) -> dict[str, Any]:
+    """The columns of a structure that hold its joints; of two mesh nodes at a joint the left one is found."""
+    return {
+        "joint_node": np.array([int(np.argmin(np.abs(x - place))) for place in rig.joints_m], dtype=np.int64),
+        "joint_stiffness": np.array([_number(j.stiffness_N_per_m) for j in rig.joint]),
+        "joint_tilt_stiffness": np.array([_number(j.tilt_stiffness_Nm_per_rad) for j in rig.joint]),
+        "joint_damping": np.array([j.damping_Ns_per_m for j in rig.joint]),
+        "joint_tilt_damping": np.array([j.tilt_damping_Nms_per_rad for j in rig.joint]),
+    }
 
 
 def _number(stiffness: str | float) -> float:

@@ -4,7 +4,7 @@ The steps, each a function below:
 
 1. search single linear effects, unless the levels plainly differ;
 2. begin anew without errors that channels share, where they do not share what is left;
-3. finish the linear answer (bent laws, pairs, the finer mesh) where levels do not differ in what it leaves;
+3. finish the linear answer (bent laws, several effects, the finer mesh) where levels do not differ in what it leaves;
 4. else search force laws, and let the finished linear answer rival them on the same lines.
 """
 
@@ -24,7 +24,7 @@ from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.gap.search.laws.search import most_promised, search_nonlinear
 from rigtwin.gap.search.linear import bend_best, bend_laws, search, search_from_afar
 from rigtwin.gap.search.nominal import recalibrate
-from rigtwin.gap.search.pairs import each_alone, exchanged, most_left, pairs, straightened
+from rigtwin.gap.search.pairs import each_alone, exchanged, extended, most_left, pairs, straightened
 from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_all
 from rigtwin.gap.verdict.adequacy import judge, not_shared
 from rigtwin.gap.verdict.standing import adequate, excess_of, scale_of
@@ -33,6 +33,9 @@ from rigtwin.sim.campaign import Run
 
 # Pairs whose effects are tried alone.
 _TAKEN_APART = 3
+
+# Effects that act together, at most.
+_MOST_EFFECTS = 4
 
 
 @dataclass(frozen=True)
@@ -223,8 +226,25 @@ def _add_pairs(task: Task, found: Search) -> list[Fit]:
     best = max(singles.values(), key=lambda fit: fit.log_evidence(scale))
     needed = best.log_evidence(scale) + PRIORS.pair_log_odds
     bend = _gain_of_another_form(problem, found.nominal, best, scale)
-    earned = (pair for pair in twos if pair.log_evidence(scale) > needed + (bend if _at_one_joint(pair) else 0.0))
-    return best_first([*singles.values(), *earned])
+    earned = [pair for pair in twos if pair.log_evidence(scale) > needed + (bend if _at_one_joint(pair) else 0.0)]
+    return best_first([*singles.values(), *earned, *_more(task, earned[:1], scale)])
+
+
+def _more(task: Task, leaders: Sequence[Fit], scale: float) -> list[Fit]:
+    """The best several effects, with one more as long as it earns its evidence."""
+    found: list[Fit] = []
+    while leaders and len(leaders[0].hypothesis.terms) < _MOST_EFFECTS:
+        leader = leaders[0]
+        if most_left(task.problem, leader, task.library.linear) < 2 * PRIORS.pair_log_odds * scale**2:
+            break
+        needed = leader.log_evidence(scale) + PRIORS.pair_log_odds
+        leaders = [
+            fit
+            for fit in extended(task.problem, leader, task.library.linear, task.progress)
+            if fit.log_evidence(scale) > needed
+        ]
+        found += leaders
+    return found
 
 
 def _gain_of_another_form(problem: Problem, nominal: Fit, best: Fit, scale: float) -> float:

@@ -20,7 +20,7 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.race import BENT, CLOSE, FAR, RACE, Progress, Search, best_first, first_of_each, race
-from rigtwin.gap.search.starts import Promise, Start, begin, several
+from rigtwin.gap.search.starts import Promise, Start, begin, promises, several
 from rigtwin.gap.search.strategies.bearing_stiffness import MeasuredStiffness, law_starts, measured_stiffness
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.strategies.strategy import Strategy
@@ -34,6 +34,8 @@ class NearSearch:
 
     near: float = 5.0  # close: the nominal model's mean square misfit is below this,
     calm: float = 40.0  # and its nuisances are less far outside their priors, in standard deviations
+    explained: float = 1.3  # an effect that leaves so much of the misfit per value explains what is far off
+    strained: int = 24  # starts beside a nominal model that is not close
     worth_gain: float = 0.3  # to first order, a candidate is worth a fit from this share of the largest gain,
     worth_misfit: float = 40.0  # or within so much misfit of it
     # Where neither the misfit nor resonances and shapes of each run's own show more than noise, by this chance, only
@@ -76,11 +78,16 @@ def search(
     progress : called with (done, total, words)
     """
     nominal = nominal or recalibrate(problem)
+    problem = problem.at_fit(nominal)
     if _close(nominal):
         starts = weak_starts(problem, hypotheses, nominal, progress)
         return Search(nominal, tuple(race(problem, starts, CLOSE, progress)))
+    strained = race(problem, _promised(problem, hypotheses, nominal), FAR, progress)
+    if strained and strained[0].chi2 < NEAR_SEARCH.explained * strained[0].n_data:
+        return Search(nominal, tuple(strained))
     starts, rough = _rough_starts(problem, hypotheses, nominal, progress)
-    return Search(nominal, tuple(race(problem, starts, FAR, progress)), rough)
+    fits = best_first([*strained, *race(problem, starts, FAR, progress)])
+    return Search(nominal, tuple(first_of_each(fits, lambda fit: fit.hypothesis)), rough)
 
 
 def search_from_afar(
@@ -96,6 +103,14 @@ def search_from_afar(
     starts, _ = _rough_starts(problem, of_several, found.nominal, progress)
     fits = best_first([*found.fits, *race(problem, starts, FAR, progress)])
     return replace(found, fits=tuple(first_of_each(fits, lambda fit: fit.hypothesis)))
+
+
+def _promised(problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit) -> list[Start]:
+    """Starts next to a nominal model whose resonances have drifted to where they were measured, as far as need be."""
+    score = Score(problem, nominal)
+    found = [promise for h in hypotheses for promise in promises(score, h)[: RACE.rivals] if promise.gain > 0]
+    found.sort(key=lambda promise: promise.gain, reverse=True)
+    return [promise.start for promise in found[: NEAR_SEARCH.strained]]
 
 
 def _close(nominal: Fit) -> bool:
@@ -160,7 +175,7 @@ def _rough_starts(
     by_grid = {h: strategy_of(h).scan(problem, h, nominal) for h in hypotheses}
     most = max(FAR_SEARCH.all * nominal.cost, nominal.cost - FAR_SEARCH.nothing * nominal.n_data)
     found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
-    weak = {h: (by_grid[h] or strategy_of(h).promise(problem, score, h))[0] for h in hypotheses}
+    weak = {h: (by_grid[h] or promises(score, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
     on_grid = {
         h: [] if found_by_grid else strategy_of(h).grid_starts(few, h, nominal, FAR[0].added) for h in hypotheses

@@ -21,7 +21,7 @@ class NominalFits:
     every: int = 3  # on every third line, which tell enough to start from
     added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors that make lines alike,
     within: float = 1.1  # and the mean square misfit that is within them
-    anchors: int = 6  # how often the model is made anew at the tolerances that a fit has come to, at most
+    anchors: int = 4  # how often the model is made anew at the tolerances that a fit has come to, at most
     strain: tuple[float, ...] = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # factors of the nuisances' priors, in turn
 
 

@@ -55,6 +55,13 @@ def pairs(
     return race(problem, pair_starts(problem, leaders, hypotheses, not found.rough, progress), FAR, progress)
 
 
+def extended(
+    problem: Problem, leader: Fit, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+) -> list[Fit]:
+    """Several effects and one more, from where the several ended; best first by evidence and prior."""
+    return race(problem, pair_starts(problem, [leader], hypotheses, near=True, progress=progress), FAR, progress)
+
+
 def exchanged(
     problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis], near: bool, progress: Progress | None = None
 ) -> list[Fit]:
@@ -109,7 +116,7 @@ def pair_starts(
     beside: list[Start] = []
     for number, leader in enumerate(leaders):
         by_score: list[Promise] = []
-        seconds = [second for second in hypotheses if second.ids != leader.hypothesis.ids]
+        seconds = [second for second in hypotheses if second.ids[0] not in leader.hypothesis.ids]
         promised = each(partial(_beside, Score(problem, leader, settled=near)), seconds)
         for second, gained in zip(seconds, promised, strict=True):
             if progress:
@@ -120,7 +127,7 @@ def pair_starts(
             beside += [begin(pair, pair.clipped(point), leader) for point in points]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
         starts += [promise.start for promise in by_score[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
-    return starts + _by_logarithms(problem.thinned(PAIRS.every), beside, near)
+    return starts if near else starts + _by_logarithms(problem.thinned(PAIRS.every), beside, near)
 
 
 def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[Start]:
@@ -138,10 +145,10 @@ def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[St
 
 
 def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
-    """Both effects at once."""
-    return Hypothesis(
-        (*first.terms, *second.terms), float(np.exp(-PRIORS.pair_log_odds) * np.sqrt(first.prior * second.prior))
-    )
+    """All effects at once: each further one has the odds of a pair against it."""
+    k, odds = len(first.terms), PRIORS.pair_log_odds
+    mean = (k * (np.log(first.prior) + odds * (k - 1)) + np.log(second.prior)) / (k + 1)
+    return Hypothesis((*first.terms, *second.terms), float(np.exp(mean - odds * k)))
 
 
 def _beside(score: Score, second: Hypothesis) -> list[Promise]:

@@ -44,6 +44,27 @@ class WideDistance(Distance):
         """Square root of the least chi^2; see ``Distance.of``."""
         return super().of(responses, iterations)
 
+    def _starts(self, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> list[FloatArray]:
+        """The rig as it is; where that is far off, also the best with its resonances on the campaign's."""
+        starts = super()._starts(responses, weights)
+        if not starts[0].any():
+            return starts
+        matched = [start + damping for start in self._candidates(responses)[1] for damping in self._other_dampings()]
+        return [*starts, min(matched, key=lambda theta: self._profile(theta, responses, weights).chi)]
+
+    def _other_dampings(self) -> list[FloatArray]:
+        """(q,) the dampings as they are, and twice their tolerances off."""
+        known = self.case.tolerances
+        shaft, bearing = np.eye(self.n_physical)[self.n_affine : self.n_steady]
+        offs = [(i * known.shaft_damping, j * known.bearing_damping) for i in (-2, 0, 2) for j in (-2, 0, 2)]
+        return [i * shaft + j * bearing for i, j in offs]
+
+    def _longest_step(self, step: FloatArray) -> float:
+        """Logarithms of dampings may change by more than what is relative to the rig."""
+        dampings = np.zeros(len(step), dtype=bool)
+        dampings[self.n_affine : self.n_steady] = True
+        return min(super()._longest_step(step[~dampings]), 1.0 / max(1e-12, float(np.abs(step[dampings]).max())))
+
     def _drifts(self, number: int, theta: FloatArray) -> FloatArray:
         """(N_DRIFTS,) of a run."""
         start = self.n_steady + N_DRIFTS * number

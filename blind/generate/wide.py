@@ -80,7 +80,8 @@ class WideDistance(Distance):
         """(n_freq, n_nodes) response of a run and (n_freq, n_nodes, N_DRIFTS) its slopes by the drifts."""
         drifts = self._drifts(number, theta)
         log_dampings = np.clip(theta[self.n_affine : self.n_steady], -20.0, 20.0)  # a trial may be anywhere
-        state = State(*np.exp(log_dampings).tolist(), drifts)
+        shaft, bearing = np.exp(log_dampings).tolist()
+        state = State(shaft, bearing, drifts)
         x, slopes = self.runs[number].with_drift_slopes(theta[: self.n_affine], N_DRIFTS, state)
         return x, slopes / (1 + drifts)  # by the drift itself, not by what it adds to a resonance that has drifted
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from rigtwin.blind.generate import real_rigs
 from rigtwin.blind.generate.campaigns import Order, make
 from rigtwin.blind.generate.case import Case, Tolerances, measure, plan_lines
-from rigtwin.blind.generate.draw import empty_case
-from rigtwin.blind.generate.effects import KINDS, LINEAR, STRANGERS, Effect, draw_effect, ranges_of
+from rigtwin.blind.generate.draw import Draw, empty_case
+from rigtwin.blind.generate.effects import CHAIN, KINDS, LINEAR, STRANGERS, Effect, draw_effect, ranges_of
 from rigtwin.blind.generate.lines import resonances
 from rigtwin.blind.generate.machine import Setting, Workshop, build_machine
 from rigtwin.blind.generate.nonlinear import telling_levels
@@ -316,3 +317,54 @@ def test_what_an_effect_replaces_is_as_it_is_believed():
     assert replaced(case, ("bearing_damping",), rig).c_b == rig.c_b
     assert replaced(case, ("attached_mass",), rig) == case
     assert {"shaft_damping", "bearing_damping"} <= set(LINEAR)
+
+
+# -- which effect is taken, without measuring its size ----------------------------------------------------
+
+
+@pytest.fixture
+def draws(monkeypatch):
+    """Stands in for what is drawn: sizes by name, 5 where none is given; a size of 0 cannot be seen."""
+    sizes: dict[str, float] = {}
+
+    def stand_in(rig, case, name, wanted, rng, *, attempts):
+        if not sizes.get(name, 5.0):
+            raise ValueError("cannot be seen")
+        return Draw(replace(case, effects=(Effect(name, {}),), levels=(1.0, 2.0, 3.0)), (sizes.get(name, 5.0),))
+
+    monkeypatch.setattr(real_rigs, "draw_sized", stand_in)
+    return sizes
+
+
+def test_an_effect_that_cannot_have_the_size_is_passed_over(draws):
+    rig, rng = read_rig("spindle"), np.random.default_rng(0)
+    draws |= dict.fromkeys([*LINEAR, *CHAIN], 0.0) | {"axial_load": 4.0, "open_crack": 40.0}
+    assert KINDS_OF_CAMPAIGN.index("large") == 1
+    assert KINDS_OF_CAMPAIGN.index("small") == 3
+    for index, name in ((1, "open_crack"), (3, "axial_load")):
+        assert [e.id for e in draw_real(rig, index, rng).case.effects] == [name]
+    draws["open_crack"] = 0.0
+    assert draw_real(rig, 1, rng).ratios == (4.0,)  # none is large: the one that can be seen
+    draws["axial_load"] = 0.0
+    with pytest.raises(ValueError, match="can be seen in this rig"):
+        draw_real(rig, 1, rng)
+
+
+@pytest.mark.parametrize("kind", ["nonlinear", "beside"])
+def test_nonlinear_effects_have_three_levels_and_no_repeat(draws, kind):
+    rig, index = read_rig("spindle"), KINDS_OF_CAMPAIGN.index(kind)
+    for seed in range(30):
+        case = draw_real(rig, index, np.random.default_rng(seed)).case
+        first, *beside = case.effects
+        assert (len(case.levels), case.repeats, first.is_nonlinear) == (3, 0, True)
+        assert len(beside) == (kind == "beside")
+        assert not any(e.is_nonlinear or e.id in real_rigs.NOT_BESIDE for e in beside)
+
+
+def test_pairs_do_not_join_what_needs_both_planes_with_what_acts_along_the_force(draws):
+    rig = read_rig("spindle")
+    for seed in range(200):
+        names = {e.id for e in draw_real(rig, 2, np.random.default_rng(seed)).case.effects}
+        assert len(names) == 2
+        assert names != real_rigs.BOTH_PLANES
+        assert not names & set(real_rigs.LEFT_OUT)

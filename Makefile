@@ -3,6 +3,7 @@
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects, benchmark-native, benchmark-scale, benchmark-diagnosis, benchmark-prediction-limit, benchmark-lab-data   the figures in docs/, measured again
 # make lint   ruff and pyright
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
+# make benchmark-real-rigs   docs/real-rigs.md: the same on 200 campaigns of three rotors that are known as a workshop knows them
 # make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
 # make fmus, train   the FMUs alone; the estimator's network anew
 # make clean   without dist, build and runs
@@ -25,7 +26,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind benchmark-real-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -91,6 +92,9 @@ benchmark-real-data: $(VENV)/installed
 benchmark-blind: $(VENV)/installed
 	$(VENV)/bin/rigtwin blind W1 --split report --seed $(BLIND_SEED) --count 200 --out runs/blind --page docs/blind.md
 	$(VENV)/bin/rigtwin blind W2 W3 W4 W5 W6 W7 W8 --split report --seed $(BLIND_SEED) --count 60 --out runs/blind --page docs/blind.md
+
+benchmark-real-rigs: $(VENV)/installed
+	$(VENV)/bin/rigtwin blind W9 --split report --seed $(BLIND_SEED) --count 200 --out runs/blind --page docs/real-rigs.md
 
 method-figures: $(VENV)/installed
 	$(PYTHON) -m benchmarks.method_figures

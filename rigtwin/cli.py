@@ -289,7 +289,7 @@ def predict(
 
 @app.command(short_help="The diagnosis on campaigns whose cause is sealed.")
 def blind(
-    sets: Annotated[list[str] | None, typer.Argument(metavar="[SET...]", help="W1 to W8; default all.")] = None,
+    sets: Annotated[list[str] | None, typer.Argument(metavar="[SET...]", help="W1 to W9; default all.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for campaigns, answers and blind.md.")] = Path("runs/blind"),
     split: Annotated[str, typer.Option(help="tuning or report.")] = "tuning",
     count: Annotated[int, typer.Option(help="Campaigns of each set.", min=1)] = 20,

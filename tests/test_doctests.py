@@ -18,7 +18,7 @@ from rigtwin.rotor.model.force_laws import CUBIC
 from rigtwin.rotor.model.rotor_model import build_system
 
 # Packages whose docstrings have examples, and how many of their modules have one at least.
-ROOMS = {"rigtwin.rotor": 20, "rigtwin.sim": 8, "rigtwin.estimator": 5, "rigtwin.gap": 6}
+ROOMS = {"rigtwin.rotor": 20, "rigtwin.sim": 8, "rigtwin.estimator": 5, "rigtwin.gap": 6, "rigtwin.blind": 2}
 
 # Modules that need torch, which is only installed for training.
 NEEDS_TORCH = {"rigtwin.estimator.network", "rigtwin.estimator.training"}

@@ -25,9 +25,10 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from rigtwin.blind.generate.case import FREQUENCY_DRIFT, GAIN_TOLERANCE, Case, Run  # noqa: E402
-from rigtwin.blind.generate.draw import Draw, empty_case, label_of  # noqa: E402
+from rigtwin.blind.generate.draw import Draw, empty_case  # noqa: E402
 from rigtwin.blind.generate.effects import Effect  # noqa: E402
 from rigtwin.blind.generate.folder import HELD_OUT, MEASURED, TRUTH, write_campaign, write_json, write_truth  # noqa: E402
+from rigtwin.blind.generate.label import label_of  # noqa: E402
 from rigtwin.blind.generate.lines import choose_lines, resonances  # noqa: E402
 from rigtwin.blind.generate.machine import Machine, Setting  # noqa: E402
 from rigtwin.blind.generate.response import N_DRIFTING  # noqa: E402

@@ -116,15 +116,7 @@ def plain_run(
     """
     base = build_machine(rig, setting, beside, workshop)
     basis = _basis(base)
-    changed = [
-        build_machine(rig, setting, beside, replace(workshop, modulus=workshop.modulus + 1e-3)),
-        build_machine(rig, setting, beside, replace(workshop, span=workshop.span + 1e-3)),
-    ]
-    for i, deviation in enumerate(workshop.disk_masses):
-        masses = [*workshop.disk_masses]
-        masses[i] = deviation + 1e-3
-        changed.append(build_machine(rig, setting, beside, replace(workshop, disk_masses=tuple(masses))))
-    changed.append(build_machine(rig, replace(setting, k_b=setting.k_b * (1 + 1e-3)), beside, workshop))
+    changed = _changed(rig, setting, workshop, beside)
 
     def small(matrix: FloatArray) -> FloatArray:
         return basis.T @ matrix @ basis
@@ -145,6 +137,17 @@ def plain_run(
         base.drive @ basis,
         base.read @ basis,
     )
+
+
+def _changed(rig: Rig, setting: Setting, workshop: Workshop, beside: Sequence[Effect]) -> list[Machine]:
+    """Machines of which one parameter each is larger by a thousandth."""
+    workshops = [replace(workshop, modulus=workshop.modulus + 1e-3), replace(workshop, span=workshop.span + 1e-3)]
+    for i, deviation in enumerate(workshop.disk_masses):
+        masses = [*workshop.disk_masses]
+        masses[i] = deviation + 1e-3
+        workshops.append(replace(workshop, disk_masses=tuple(masses)))
+    changed = [build_machine(rig, setting, beside, other) for other in workshops]
+    return [*changed, build_machine(rig, replace(setting, k_b=setting.k_b * (1 + 1e-3)), beside, workshop)]
 
 
 def _stretched(
@@ -198,7 +201,14 @@ class Distance:
         responses : (n_freq, n_nodes) accelerance of each run with the effect, on the lines
         """
         weights = [np.sqrt(2) / standard_error(H, self.case.noise) for H in responses]
-        fit = self._profile(self._start(responses, weights), responses, weights)
+        starts = self._starts(responses, weights)
+        return min(self._fitted(start, responses, weights, iterations) for start in starts)
+
+    def _fitted(
+        self, start: FloatArray, responses: Sequence[ComplexArray], weights: Sequence[FloatArray], iterations: int
+    ) -> float:
+        """Square root of the least chi^2 that Gauss-Newton finds from a start."""
+        fit = self._profile(start, responses, weights)
         for _ in range(iterations):
             step = self._step(fit, responses, weights)
             for shortened in (1.0, 0.3, 0.1, 0.01):
@@ -210,20 +220,25 @@ class Distance:
             fit = trial
         return fit.chi
 
-    def _start(self, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
-        """(q,) parameters whose resonances fall on the campaign's: a fit that begins beside narrow ones stays there."""
-        zero, by_k_b = np.zeros(self.n_physical), np.eye(self.n_physical)[self.place_of_k_b]
+    def _starts(self, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> list[FloatArray]:
+        """(q,) parameters to begin with, here one: a fit that begins beside narrow resonances stays there."""
+        zero = np.zeros(self.n_physical)
         if self._profile(zero, responses, weights).chi < 10 * THRESHOLD:
-            return zero
+            return [zero]
+        near, matched = self._candidates(responses)
+        return [min([*near, *matched], key=lambda theta: self._profile(theta, responses, weights).chi)]
+
+    def _candidates(self, responses: Sequence[ComplexArray]) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Parameters (q,) that are near the rig's by some k_b, and with resonances that fall on the campaign's."""
+        zero, by_k_b = np.zeros(self.n_physical), np.eye(self.n_physical)[self.place_of_k_b]
         peaks = [
             run.omega[_tops(np.abs(H[:, self.channels]).sum(axis=1))]
             for run, H in zip(self.runs, responses, strict=True)
         ]
         shifts = np.exp(np.arange(-1.5, 1.5, 0.005)) - 1
         misses = [np.abs(self._resonance_misses(shift * by_k_b, peaks)).sum() for shift in shifts]
-        starts = [zero, *(shifts[k] * by_k_b for k in np.argsort(misses)[:4])]
-        starts += [self._with_resonances(start, peaks) for start in starts]
-        return min(starts, key=lambda theta: self._profile(theta, responses, weights).chi)
+        near = [zero, *(shifts[k] * by_k_b for k in np.argsort(misses)[:4])]
+        return near, [self._with_resonances(start, peaks) for start in near]
 
     def _resonance_misses(self, theta: FloatArray, peaks: Sequence[FloatArray]) -> FloatArray:
         """(n_peaks,) how far the nearest mode lies above each peak of each run, relative."""
@@ -259,7 +274,11 @@ class Distance:
         at = np.concatenate([fit.theta, fit.linear])
         gradient = J.T @ (fit.residual - fit.columns @ fit.linear) + weight * at
         step = -np.linalg.solve(J.T @ J + np.diag(weight), gradient)[: self.n_physical]
-        return step * min(1.0, 0.2 / max(1e-12, float(np.abs(step).max())))
+        return step * min(1.0, self._longest_step(step))
+
+    def _longest_step(self, step: FloatArray) -> float:
+        """Share of a step that is not too long to be trusted."""
+        return 0.2 / max(1e-12, float(np.abs(step).max()))
 
     def _slopes(self, fit: Fit, n: int, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
         """(n_rows, n) derivatives of the residual by the first n physical parameters."""

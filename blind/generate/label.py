@@ -57,6 +57,8 @@ def of_real_rig(draw: Draw, rig: Rig) -> dict[str, object]:
     return {
         "rotor": rig.name,
         "nodes_m": list(rig.nodes),
+        "bearings": list(rig.bearings),
+        "drive_node": rig.drive_node,
         "drift": case.tolerances.drift,
         "gain_repeatability": case.tolerances.repeatability,
         "sensor_mass_kg": case.workshop.sensor_mass,

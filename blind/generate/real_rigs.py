@@ -6,7 +6,7 @@ the accelerometers weigh something. ``KINDS_OF_CAMPAIGN`` says how many effects 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -66,11 +66,11 @@ def draw_real(rig: Rig, index: int, rng: np.random.Generator) -> Draw:
         case "nothing":
             return Draw(case, ())
         case "large" | "small" as size:
-            return _first_of_size(rig, case, rng.permutation(_library(rig)), size, rng)
+            return _first_of_size(rig, case, _shuffled(_library(rig), rng), size, rng)
         case "nonlinear":
             return _first_nonlinear(rig, case, wanted, rng)
         case "stranger":
-            return _first_of_size(rig, case, rng.permutation(list(STRANGERS)), wanted, rng)
+            return _first_of_size(rig, case, _shuffled(STRANGERS, rng), wanted, rng)
         case "two":
             return _several(rig, case, 2, wanted, rng)
         case "three":
@@ -144,6 +144,10 @@ def _stated(known: Tolerances, rng: np.random.Generator) -> dict[str, float]:
     return told
 
 
+def _shuffled(names: Iterable[str], rng: np.random.Generator) -> list[str]:
+    return [str(name) for name in rng.permutation(list(names))]
+
+
 def _library(rig: Rig) -> list[str]:
     """Linear effects and errors of the measurement that can act on the rig and be told from what is not known."""
     names = [name for name in (*LINEAR, *CHAIN) if name not in LEFT_OUT]
@@ -162,7 +166,7 @@ def _first_of_size(rig: Rig, case: Case, names: Sequence[str], wanted: str, rng:
 
 def _first_nonlinear(rig: Rig, case: Case, wanted: str, rng: np.random.Generator) -> Draw:
     """The first nonlinear effect that can be seen; to find its size takes long, so that any will do."""
-    names = rng.permutation(NONLINEAR)
+    names, case = _shuffled(NONLINEAR, rng), replace(case, repeats=0)  # three levels, and no repeat besides
     return _found(next(_seen(rig, case, names, wanted, rng, ATTEMPTS_NONLINEAR), None), names)
 
 
@@ -170,7 +174,7 @@ def _seen(
     rig: Rig, case: Case, names: Sequence[str], wanted: str, rng: np.random.Generator, attempts: int
 ) -> Iterator[Draw]:
     """One draw of each of these effects that can be seen; what it replaces is as it is believed."""
-    for name in map(str, names):
+    for name in names:
         try:
             yield draw_sized(rig, replaced(case, (name,), rig), name, wanted, rng, attempts=attempts)
         except ValueError:  # this one cannot
@@ -179,7 +183,7 @@ def _seen(
 
 def _found(draw: Draw | None, names: Sequence[str]) -> Draw:
     if draw is None:
-        raise ValueError(f"none of {', '.join(map(str, names))} can be seen in this rig")
+        raise ValueError(f"none of {', '.join(names)} can be seen in this rig")
     return draw
 
 
@@ -203,17 +207,17 @@ def _several(rig: Rig, case: Case, count: int, wanted: str, rng: np.random.Gener
     for names in chosen:
         before = {e.id for d in draws for e in d.case.effects}
         left = [n for n in names if len(BOTH_PLANES & (before | {n})) < 2]
-        draws.append(_first_of_size(rig, case, rng.permutation(left), wanted, rng))
+        draws.append(_first_of_size(rig, case, _shuffled(left, rng), wanted, rng))
     return _together(rig, case, draws)
 
 
 def _beside(rig: Rig, case: Case, wanted: str, rng: np.random.Generator) -> Draw:
     """A nonlinear effect and, beside it, a linear one."""
     linear = [n for n in _library(rig) if n in (*LINEAR, *STEADY_CHAIN) and n not in NOT_BESIDE]
-    partner = _first_of_size(rig, case, rng.permutation(linear), wanted, rng)
+    partner = _first_of_size(rig, case, _shuffled(linear, rng), wanted, rng)
     nonlinear = _first_nonlinear(rig, case, wanted, rng)
     both = _together(rig, case, [nonlinear, partner])
-    return replace(both, case=replace(both.case, levels=nonlinear.case.levels))
+    return replace(both, case=replace(both.case, levels=nonlinear.case.levels, repeats=0))
 
 
 def _together(rig: Rig, case: Case, draws: Sequence[Draw]) -> Draw:

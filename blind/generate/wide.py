@@ -44,6 +44,27 @@ class WideDistance(Distance):
         """Square root of the least chi^2; see ``Distance.of``."""
         return super().of(responses, iterations)
 
+    def _starts(self, responses: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> list[FloatArray]:
+        """The rig as it is; where that is far off, also the best with its resonances on the campaign's."""
+        starts = super()._starts(responses, weights)
+        if not starts[0].any():
+            return starts
+        matched = [start + damping for start in self._candidates(responses)[1] for damping in self._other_dampings()]
+        return [*starts, min(matched, key=lambda theta: self._profile(theta, responses, weights).chi)]
+
+    def _other_dampings(self) -> list[FloatArray]:
+        """(q,) the dampings as they are, and twice their tolerances off."""
+        known = self.case.tolerances
+        shaft, bearing = np.eye(self.n_physical)[self.n_affine : self.n_steady]
+        offs = [(i * known.shaft_damping, j * known.bearing_damping) for i in (-2, 0, 2) for j in (-2, 0, 2)]
+        return [i * shaft + j * bearing for i, j in offs]
+
+    def _longest_step(self, step: FloatArray) -> float:
+        """Logarithms of dampings may change by more than what is relative to the rig."""
+        dampings = np.zeros(len(step), dtype=bool)
+        dampings[self.n_affine : self.n_steady] = True
+        return min(super()._longest_step(step[~dampings]), 1.0 / max(1e-12, float(np.abs(step[dampings]).max())))
+
     def _drifts(self, number: int, theta: FloatArray) -> FloatArray:
         """(N_DRIFTS,) of a run."""
         start = self.n_steady + N_DRIFTS * number
@@ -59,7 +80,8 @@ class WideDistance(Distance):
         """(n_freq, n_nodes) response of a run and (n_freq, n_nodes, N_DRIFTS) its slopes by the drifts."""
         drifts = self._drifts(number, theta)
         log_dampings = np.clip(theta[self.n_affine : self.n_steady], -20.0, 20.0)  # a trial may be anywhere
-        state = State(*np.exp(log_dampings).tolist(), drifts)
+        shaft, bearing = np.exp(log_dampings).tolist()
+        state = State(shaft, bearing, drifts)
         x, slopes = self.runs[number].with_drift_slopes(theta[: self.n_affine], N_DRIFTS, state)
         return x, slopes / (1 + drifts)  # by the drift itself, not by what it adds to a resonance that has drifted
 

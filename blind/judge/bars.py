@@ -78,7 +78,7 @@ def number_bar(what: str, value: float, count: int, limit: Limit, beside: str = 
 
 
 def bars(outcomes: Sequence[Outcome]) -> list[Bar]:
-    """Every bar, in the order of the page."""
+    """Every bar of the sets W1 to W8, in the order of the page."""
     groups = (_names, _strangers, _sets, _shrinks, _numbers, _times)
     return [bar for group in groups for bar in group(outcomes)]
 

@@ -8,21 +8,49 @@ from pathlib import Path
 
 import numpy as np
 
-from rigtwin.blind.judge.bars import bars, detection_curve
+from rigtwin.blind.judge.bars import Bar, bars, detection_curve
+from rigtwin.blind.judge.real_bars import KINDS, REAL, by_rotor, real_bars
 from rigtwin.blind.judge.score import Outcome, group_table, shuffled
 from rigtwin.blind.judge.statistics import rate
 
 # What the page says whatever the results are.
 _PROSE = Path(__file__).with_name("prose.md").read_text(encoding="utf-8").removesuffix("\n")
+_REAL_PROSE = Path(__file__).with_name("real_prose.md").read_text(encoding="utf-8").removesuffix("\n")
 _INTRODUCTION, _BARS, _GROUPS = _PROSE.split("\n<!-- next -->\n")
 
 
 def page(outcomes: Sequence[Outcome], facts: Mapping[str, str]) -> str:
-    """Everything; facts: what the figures come from, by name."""
+    """Everything; facts: what the figures come from, by name. W9 alone has a page of its own, else it comes last."""
+    real = [o for o in outcomes if o.label.set == REAL]
+    others = [o for o in outcomes if o.label.set != REAL]
+    if real and not others:
+        return real_page(real, facts)
+    text = _page(others, facts)
+    return f"{text}\n{real_page(real, facts)}" if real else text
+
+
+def real_page(outcomes: Sequence[Outcome], facts: Mapping[str, str]) -> str:
+    """Of the campaigns with rotors of several sizes."""
+    introduction, words = _REAL_PROSE.split("\n<!-- next -->\n")
+    rows = [(KINDS[each], rotor, good.of, good) for each, rotor, good in by_rotor(outcomes) if good.of]
+    parts = [
+        introduction,
+        "## Where the figures come from\n\n" + _table(("", ""), facts.items()),
+        f"## Bars\n\n{words}\n\n{_bar_rows(real_bars(outcomes))}",
+        "## Good answers by rotor\n\n" + _table(("what is hidden", "rotor", "campaigns", "good answers"), rows),
+        f"## Groups\n\n{_GROUPS}\n\n{group_table(outcomes)}",
+        "## Answers by effect\n\n" + confusions(outcomes),
+        "## Failures\n\n" + failures(outcomes),
+    ]
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def _page(outcomes: Sequence[Outcome], facts: Mapping[str, str]) -> str:
+    """Of the sets W1 to W8."""
     parts = [
         _INTRODUCTION,
         "## Where the figures come from\n\n" + _table(("", ""), facts.items()),
-        f"## Bars\n\n{_BARS}\n\n{bar_table(outcomes)}",
+        f"## Bars\n\n{_BARS}\n\n{_bar_rows(bars(outcomes))}",
         "## Detection by size (W7)\n\n" + detection_curve(outcomes),
         f"## Groups\n\n{_GROUPS}\n\n{group_table(outcomes)}",
         "## Answers by effect\n\n" + confusions(outcomes),
@@ -34,8 +62,15 @@ def page(outcomes: Sequence[Outcome], facts: Mapping[str, str]) -> str:
 
 
 def bar_table(outcomes: Sequence[Outcome]) -> str:
-    """Rates have Wilson 95 % intervals."""
-    rows = [(b.what, b.count, b.measured, b.interval, b.limit, b.words) for b in bars(outcomes)]
+    """The bars of all sets that there are; rates have Wilson 95 % intervals."""
+    real = [o for o in outcomes if o.label.set == REAL]
+    others = [o for o in outcomes if o.label.set != REAL]
+    found = bars(others) if others or not real else []
+    return _bar_rows([*found, *(real_bars(real) if real else [])])
+
+
+def _bar_rows(found: Iterable[Bar]) -> str:
+    rows = [(b.what, b.count, b.measured, b.interval, b.limit, b.words) for b in found]
     return _table(("bar", "of", "measured", "95 % interval", "has to be", ""), rows)
 
 

@@ -11,7 +11,8 @@ from rigtwin.blind.judge.score import Label, Outcome, Shrink, label_from
 
 _IN_LABEL = (
     "campaign", "set", "split", "effects", "exclude", "size", "size_ratio", "k_b", "sensors", "levels",
-    "rejected_draws", "not_periodic_draws", "source",
+    "rejected_draws", "not_periodic_draws", "source", "rotor", "nodes_m", "bearings", "drive_node", "drift",
+    "n_effects",
 )  # fmt: skip
 _FLOATS = {"k_b_error", "k_b_error_nominal", "k_b_miss", "seconds", "processor_seconds", "probability", "unknown_score"}
 

@@ -29,11 +29,12 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.blind.generate.effects import NONLINEAR
+from rigtwin.blind.generate.effects import NONLINEAR, STRANGERS
 from rigtwin.blind.generate.folder import HELD_OUT, TRUTH, read_csv
 from rigtwin.blind.judge.statistics import Rate, auroc, brier, calibration_error, median, rate
 
-POSITION_TOLERANCE = 0.010  # m
+POSITION_TOLERANCE = 0.010  # m, on a rotor as long as the reference
+REFERENCE_SPAN = 0.426  # m
 Z_90 = 1.645
 QUIET_CHANNEL = 1e-4  # of the largest: left out of a gap
 FAILED = "failed"  # in place of a verdict
@@ -69,11 +70,32 @@ class Label:
 
     @property
     def outside_library(self) -> bool:
-        return self.set == "W8" or bool(self.ids & set(self.exclude))
+        return self.set == "W8" or bool(self.ids & {*self.exclude, *STRANGERS})
 
     @property
     def is_nonlinear(self) -> bool:
         return len(self.levels) > 1 and bool(self.ids.intersection(NONLINEAR))
+
+    @property
+    def rotor(self) -> str:
+        """Name of the rig, where a set has several."""
+        return self.table.get("rotor", "")
+
+    @property
+    def position_tolerance(self) -> float:
+        """How far beside a crack a right answer may lie [m]."""
+        nodes = self.table.get("nodes_m")
+        return POSITION_TOLERANCE * (nodes[-1] / REFERENCE_SPAN if nodes else 1.0)
+
+    @property
+    def places(self) -> frozenset[int]:
+        """Nodes where the effects act, as far as they act at nodes."""
+        at_kind = {"bearings": self.table.get("bearings", ()), "exciter": (self.table.get("drive_node"),)}
+        found: set[int | None] = set()
+        for effect in self.effects:
+            location = effect["location"]
+            found |= {location["node"]} if location.get("node") else set(at_kind.get(location["kind"], ()))
+        return frozenset(node for node in found if node is not None)
 
 
 @dataclass(frozen=True)
@@ -124,6 +146,7 @@ class Outcome:
     no_effect: Shrink | None = None  # as shrink, of gains and tolerances alone
     processor_seconds: float = math.nan
     failure: str = ""
+    place: int | None = None  # node at which the answer sees the gap, whatever its cause
 
     @property
     def top_right(self) -> bool:
@@ -152,8 +175,22 @@ class Outcome:
     @property
     def has_equivalent(self) -> bool:
         """Whether the answered effect, or none, predicts the held-out transfer to twice the repeat floor."""
-        answered = self.verdict in ("cause", "ambiguous", "no_gap")
-        return answered and self.shrink is not None and self.shrink.after <= 2 * self.shrink.floor
+        return self.verdict in ("cause", "ambiguous", "no_gap") and self.predicts
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the answer's prediction of the held-out transfer reaches twice the repeat floor."""
+        return self.shrink is not None and self.shrink.after <= 2 * self.shrink.floor
+
+    @property
+    def near_place(self) -> bool:
+        """Whether the gap is seen within a node of where it comes from."""
+        return self.place is not None and any(abs(self.place - node) <= 1 for node in self.label.places)
+
+    @property
+    def harmless(self) -> bool:
+        """Named, or one of an ambiguous set; or no gap, from which the held-out transfer follows as from a repeat."""
+        return self.top_right or self.set_right or (self.verdict == "no_gap" and self.predicts)
 
 
 def read_labels(folder: Path) -> list[Label]:
@@ -204,7 +241,7 @@ def outcome(label: Label, diagnosis: Mapping[str, Any], shrink: Shrink | None = 
         _answered(verdict, causes, diagnosis.get("equivalent") or ()),
         float(first.get("probability", 0.0)),
         _unknown_score(diagnosis, float(first.get("probability", 0.0))),
-        bool(right) and _located(first.get("locations") or first.get("location"), label.effects),
+        bool(right) and _located(first.get("locations") or first.get("location"), label),
         inside,
         errors,
         _relative(k_b, label.k_b),
@@ -212,7 +249,16 @@ def outcome(label: Label, diagnosis: Mapping[str, Any], shrink: Shrink | None = 
         _deviation(nominal, label.k_b),
         sum((diagnosis.get("timing_s") or {}).values()) or math.nan,
         shrink,
+        place=_place(diagnosis.get("where") or {}),
     )
+
+
+def _place(where: Mapping[str, Any]) -> int | None:
+    """The joint's node, or the one with the largest share of the gap."""
+    joint, nodes = where.get("joint"), where.get("nodes") or ()
+    if joint:
+        return int(joint["node"])
+    return int(max(nodes, key=lambda n: n["share"])["node"]) if nodes else None
 
 
 def _unknown_score(diagnosis: Mapping[str, Any], probability: float) -> float:
@@ -246,17 +292,17 @@ def _parameters(
     return tuple(inside), tuple(errors)
 
 
-def _located(answer: object, effects: Sequence[Mapping[str, Any]]) -> bool:
-    """Exact node, x within 10 mm, else the kind; of a pair, every place has to be among the answers."""
+def _located(answer: object, label: Label) -> bool:
+    """Exact node, x within the tolerance, else the kind; of a pair, every place has to be among the answers."""
     answers: list[Mapping[str, Any]] = [
         a for a in (answer if isinstance(answer, list) else [answer]) if isinstance(a, Mapping)
     ]
-    return all(any(_same_place(a, e["location"]) for a in answers) for e in effects)
+    return all(any(_same_place(a, e["location"], label.position_tolerance) for a in answers) for e in label.effects)
 
 
-def _same_place(answer: Mapping[str, Any], true: Mapping[str, Any]) -> bool:
+def _same_place(answer: Mapping[str, Any], true: Mapping[str, Any], tolerance: float) -> bool:
     if "x_m" in true:
-        return answer.get("x_m") is not None and abs(answer["x_m"] - true["x_m"]) <= POSITION_TOLERANCE
+        return answer.get("x_m") is not None and abs(answer["x_m"] - true["x_m"]) <= tolerance
     if answer.get("kind") != true["kind"]:
         return False
     # Node 0 stands for all sensors.
@@ -371,7 +417,7 @@ def score(group: str, outcomes: Sequence[Outcome]) -> Score:
 
 
 def groups(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
-    """Sets, and in them sizes, sensors and nonlinear effects."""
+    """Sets, and in them sizes, sensors, rotors and nonlinear effects."""
     result: dict[str, list[Outcome]] = {}
     for o in sorted(outcomes, key=lambda o: o.label.set):
         label = o.label
@@ -380,6 +426,8 @@ def groups(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
             keys.append(f"{label.set} {label.size}")
         if label.set == "W1" and not label.is_nonlinear:
             keys.append(f"W1 {label.size}, {label.sensors} sensor{'s' * (label.sensors == 'all')}")
+        if label.rotor:
+            keys.append(f"{label.set} {label.rotor}")
         if label.is_nonlinear:
             keys.append(f"{label.set} nonlinear")
         for key in keys:

@@ -57,7 +57,7 @@ def random_setting(rng: np.random.Generator, rigid: bool) -> Setting:
 def test_linear_effects_agree(name, rigid):
     rng = np.random.default_rng(STEADY.index(name) + 100 * rigid)
     setting = random_setting(rng, rigid)
-    effects = (draw_effect(rng, name, RIG.nodes[-1]),)
+    effects = (draw_effect(rng, name, RIG),)
     peaks = [p for m in machines(RIG, setting, effects, None) for p in resonances(with_armature(m, effects))]
     lines = choose_lines(peaks, rng)[::2]
     expected = measured_response(
@@ -94,7 +94,7 @@ def test_two_halves_of_a_collar_are_an_attached_mass_of_some_width(node, rigid):
 def test_nonlinear_effects_agree_along_an_upward_sweep(name):
     rng = np.random.default_rng(5)
     setting = Setting(False, log_uniform(rng, 3e5, 5e6), rng.uniform(5, 50), rng.uniform(1e-3, 3e-3))
-    effect = draw_effect(rng, name, RIG.nodes[-1])
+    effect = draw_effect(rng, name, RIG)
     level = telling_levels(RIG, setting, effect, rng)[1]
     first = [p for m in machines(RIG, setting, (effect,), None) for p in resonances(m)]
     lines = choose_lines(bent_peaks(RIG, setting, (effect,), level, None, first), rng)

@@ -34,7 +34,7 @@ def test_jenkins_element_is_what_following_it_sample_by_sample_gives():
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_slopes_are_derivatives(name):
     rng = np.random.default_rng(0)
-    effect = draw_effect(rng, name, RIG.nodes[-1])
+    effect = draw_effect(rng, name, RIG)
     scale = {"bearing_friction": 2 * effect.parameters.get("force", 0.0) / effect.parameters.get("stiffness", 1.0)}
     scale |= {
         "rub": 1.5 * effect.parameters.get("gap", 0.0),
@@ -53,11 +53,11 @@ def test_slopes_are_derivatives(name):
 @pytest.mark.parametrize(("name", "form"), [f for f in FORMS if KINDS[f[0]].group != "nonlinear"])
 def test_other_forms_act_like_the_effect_but_are_not_it(name, form):
     rng = np.random.default_rng(2)
-    effect = draw_effect(rng, name, RIG.nodes[-1])
+    effect = draw_effect(rng, name, RIG)
     other = in_form(effect, form, rng)
     lines = np.linspace(20, 400, 25)
     setting = Setting(False, 1.3e6, 20.0, 0.002)
-    known = reported(RIG, setting, [draw_effect(np.random.default_rng(2), name, RIG.nodes[-1])], lines)
+    known = reported(RIG, setting, [draw_effect(np.random.default_rng(2), name, RIG)], lines)
     strange = reported(RIG, setting, [other], lines)
     assert np.isfinite(strange).all()
     assert np.abs(strange - known).max() > 1e-5 * np.abs(known).max()

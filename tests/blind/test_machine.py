@@ -48,7 +48,7 @@ def test_four_frequencies_are_converged(monkeypatch):
 
 @pytest.mark.parametrize("name", [*STEADY, *STRANGERS])
 def test_an_effect_changes_the_response_and_fades_to_nothing(name):
-    effect = draw_effect(np.random.default_rng(4), name, RIG.nodes[-1])
+    effect = draw_effect(np.random.default_rng(4), name, RIG)
     off = {"damping_ratio": BEARING.zeta, "damping": BEARING.c_b}
     change = []
     for severity in (1.0, 1e-5):
@@ -67,7 +67,7 @@ def _change(setting: Setting, effect: Effect) -> float:
 def test_bearing_effects_do_not_act_on_rigid_supports():
     for name in LINEAR:
         if KINDS[name].group == "support" and name != "compliant_rigid_support":
-            effect = draw_effect(np.random.default_rng(1), name, RIG.nodes[-1])
+            effect = draw_effect(np.random.default_rng(1), name, RIG)
             assert _change(RIGID, effect) < 1e-9, name
 
 

@@ -27,7 +27,7 @@ def rubbing():
     """A rub whose motion is not stable at some lines of a sweep: case, setting, level and lines."""
     rng = np.random.default_rng(2)
     case = empty_case(RIG, "W1", rng)
-    effect = draw_effect(rng, "rub", RIG.nodes[-1])
+    effect = draw_effect(rng, "rub", RIG)
     case = with_levels(RIG, replace(case, effects=(effect,)), 1.0, rng)
     setting = case.setting(False, 2)
     return case, setting, case.levels[1], plan_lines(RIG, case, setting, case.levels[1], rng)

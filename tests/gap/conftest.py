@@ -13,8 +13,9 @@ from rigtwin.gap.diagnose import diagnose
 from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.campaign_model import structure_of
+from rigtwin.gap.model.campaign_model import structure_of, workshop_of
 from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.model.workshop import Workshop
 from rigtwin.rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes
@@ -25,8 +26,28 @@ from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, Run
 
 RIG = "nit-rourkela"
+
+
+def workshop(belief: NominalBelief) -> Workshop:
+    """The shipped rig, and what is known of it."""
+    return workshop_of(Campaign("", RIG, nominal=belief))
+
+
 STRUCTURE = structure_of(RIG)
-BELIEF = NominalBelief(shaft_damping_ratio=0.003, bearing_damping_Ns_per_m=20.0)
+# A workshop that knows its rotor to 0.1 % and its dampings exactly, and whose runs repeat as it says.
+BELIEF = NominalBelief(
+    shaft_damping_ratio=0.003,
+    bearing_damping_Ns_per_m=20.0,
+    frequency_drift=1e-4,
+    gain_repeatability=0.0,
+    modulus_tolerance=6e-4,
+    disk_mass_tolerance=6e-4,
+    span_tolerance=6e-4,
+    shaft_damping_tolerance=0.0,
+    bearing_damping_tolerance=0.0,
+)
+WORKSHOP = workshop(BELIEF)
+TOLERANCES = WORKSHOP.names
 K_B = 2e6
 NOISE = 0.01
 CHANNELS = tuple(Channel(node) for node in range(1, 8))
@@ -127,7 +148,7 @@ def campaign_of(*runs: Run) -> Campaign:
 
 def problem_of(*runs: Run) -> Problem:
     """The fitting problem of runs whose errors are known."""
-    return Problem(Forward(STRUCTURE, BELIEF), [observe(run, run.std) for run in runs])  # type: ignore[arg-type]
+    return Problem(Forward(WORKSHOP), [observe(run, run.std) for run in runs])  # type: ignore[arg-type]
 
 
 def candidate(runs: Sequence[Run], name: str, node: int | None = None) -> Hypothesis:

@@ -64,6 +64,7 @@ from tests.gap.conftest import (
     problem_of,
     truth,
     with_noise,
+    workshop,
 )
 
 
@@ -792,7 +793,7 @@ def test_what_a_fast_sweep_still_rings_with_is_no_noise_of_the_force():
     peaks = [f * (1 + 0.0019 * sign * near) for f in (100.5, 323.5) for sign in (-1, 1)]
     frequency_hz = np.unique(np.round(np.r_[np.linspace(20, 400, 190) + rng.uniform(-0.5, 0.5, 190), *peaks], 6))
     run = blank("rigid", frequency_hz, sweep="up")
-    run = with_noise(run, Forward(STRUCTURE, belief).modal(run, K_B, [effect]).response(), 1)
+    run = with_noise(run, Forward(workshop(belief)).modal(run, K_B, [effect]).response(), 1)
     assert common_error(run) > NOISE
     campaign = replace(campaign_of(run), nominal=belief)
     found = diagnose(campaign, exclude=all_but("fast_sweep", *RIVALS)).diagnosis

@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
 from rigtwin.gap.model.forward import Forward
-from rigtwin.gap.model.linear import MODES, TOLERANCES
+from rigtwin.gap.model.linear import MODES
+from rigtwin.gap.model.workshop import Workshop
 from rigtwin.rotor.effects import (
     EFFECTS,
     AttachedMass,
@@ -32,7 +33,19 @@ from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.sim.campaign import Channel
-from tests.gap.conftest import BELIEF, K_B, LINEAR, RIG, STRUCTURE, blank, condition, lines, rebuilt, truth
+from tests.gap.conftest import (
+    BELIEF,
+    K_B,
+    LINEAR,
+    STRUCTURE,
+    TOLERANCES,
+    WORKSHOP,
+    blank,
+    condition,
+    lines,
+    rebuilt,
+    truth,
+)
 
 # Resonances are narrow: what they say must be right to this share of a channel's peak.
 CLOSE = 1e-4
@@ -40,14 +53,13 @@ CLOSE = 1e-4
 
 @pytest.fixture(scope="module")
 def forward():
-    return Forward(STRUCTURE, BELIEF)
+    return Forward(WORKSHOP)
 
 
 @pytest.fixture(scope="module")
 def tolerant():
     """A model that knows what the workshop's tolerances do to both runs."""
-    model = Forward(STRUCTURE, BELIEF)
-    model.allow_for_tolerances(load_rig(RIG), [blank(support, lines(support)) for support in ("rigid", "bearing")], K_B)
+    model = Forward(WORKSHOP)
     return model
 
 
@@ -218,8 +230,7 @@ def test_a_tolerance_acts_beside_an_effect(tolerance, support, drive):
     """Driven at midspan the nominal rotor has modes that do not move; with a mass on one side they do."""
     size, effect = 1e-3, AttachedMass(mass=0.1, node=3)
     run = blank(support, lines(support, [effect]), excitation_node=drive)
-    model = Forward(STRUCTURE, BELIEF)
-    model.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    model = Forward(WORKSHOP)
     structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
     expected = measured_response(structure, condition(support, drive), [effect], run.frequency_hz)
     given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
@@ -233,8 +244,7 @@ def test_a_tolerance_acts_beside_an_effect(tolerance, support, drive):
 def test_a_tolerance_acts_as_it_does_under_the_effect(tolerance, effect):
     size, support = 1e-3, "rigid" if effect.location == "rigid_support" else "bearing"
     run = blank(support, lines(support, [effect]))
-    model = Forward(STRUCTURE, BELIEF)
-    model.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    model = Forward(WORKSHOP)
     model.bend(run, K_B, [effect])
     structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
     expected = measured_response(structure, condition(support), [effect], run.frequency_hz)
@@ -247,8 +257,7 @@ def test_a_tolerance_changes_how_much_the_bearings_damp(tolerance):
     """A stiffer shaft moves more in its bearings: by as much the dashpots there take from each mode."""
     size, here = 1e-4, condition("bearing")
     run = blank("bearing", lines("bearing"))
-    model = Forward(STRUCTURE, BELIEF)
-    model.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    model = Forward(WORKSHOP)
     structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
     before, after = (damped_modes(build_system(each, here, ())).damping_ratio[:4:2] for each in (STRUCTURE, structure))
     relative = model.modal(run, K_B).sensitivity[:2, TOLERANCES.index(tolerance)] * size
@@ -266,8 +275,7 @@ def test_tolerances_let_the_exciter_reach_a_mode_that_it_hardly_reached():
     expected, plain = (
         measured_response(each, condition("bearing"), [effect], run.frequency_hz) for each in (structure, STRUCTURE)
     )
-    model = Forward(STRUCTURE, BELIEF)
-    model.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    model = Forward(WORKSHOP)
     model.bend(run, K_B, [effect])
     given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index("span")])
     assert np.abs(given - expected).max() < 0.02 * np.abs(expected - plain).max()
@@ -347,8 +355,7 @@ def test_a_fast_sweep_pulls_peaks_along(forward):
 )
 def test_many_dwells_at_once_change_what_each_alone_changes(effects, quantity, sweep, images):
     run = blank("rigid", lines("rigid"), quantity=quantity, sweep=sweep)
-    forward = Forward(STRUCTURE, BELIEF).made(images=images)
-    forward.allow_for_tolerances(load_rig(RIG), [run], K_B)
+    forward = Forward(WORKSHOP).made(images=images)
     drift, tolerance, dwells = np.full(MODES, 1e-4), np.full(len(TOLERANCES), -5e-4), np.array([0.05, 0.4, 3.0])
     together = forward.modal(run, K_B, effects).change_by_dwells(dwells, drift, tolerance)
     steady = forward.modal(run, K_B, effects).response(drift, tolerance)
@@ -361,10 +368,9 @@ def test_tolerances_of_a_stepped_shaft_are_meshed_as_the_rig():
     """Sections that change between nodes cut the mesh as well."""
     rig = load_rig("nit-rourkela")
     parts = [rig.segment[0].model_copy(update={"length_m": length}) for length in (0.05, 0.1, 0.12, 0.156)]
-    stepped = rig.model_copy(update={"segment": parts})
-    forward = Forward(assemble(stepped, elements_between_nodes=2), BELIEF)
-    forward.allow_for_tolerances(stepped, [blank("rigid", np.linspace(80.0, 120.0, 5))], K_B)
-    assert {variant.n for variant in forward._variants} == {forward.structure.n}
+    made = Workshop(rig.model_copy(update={"segment": parts}), BELIEF, 2, 8)
+    anchor = made.anchor(np.zeros(len(made.tolerances)))
+    assert {variant.n for variant in anchor.variants} == {anchor.structure.n}
 
 
 @pytest.fixture
@@ -391,16 +397,16 @@ def solved(monkeypatch):
     ],
 )
 def test_a_rotor_is_solved_anew_where_it_changes(solved, support, k_b, effects, rotors):
-    run, fresh = blank(support, lines(support)), Forward(STRUCTURE, BELIEF)
+    run, fresh = blank(support, lines(support)), Forward(WORKSHOP)
     fresh.modal(run, K_B)
     H = fresh.modal(run, k_b, effects).response()
     assert len(solved) == rotors
-    assert_allclose(H, Forward(STRUCTURE, BELIEF).modal(run, k_b, effects).response(), rtol=1e-12)
+    assert_allclose(H, Forward(WORKSHOP).modal(run, k_b, effects).response(), rtol=1e-12)
 
 
 def test_another_process_gets_no_rotors(solved):
-    run, forward = blank("bearing", lines("bearing")), Forward(STRUCTURE, BELIEF)
-    H, empty = forward.modal(run, K_B).response(), len(pickle.dumps(Forward(STRUCTURE, BELIEF)))
+    run, forward = blank("bearing", lines("bearing")), Forward(WORKSHOP)
+    H, empty = forward.modal(run, K_B).response(), len(pickle.dumps(Forward(WORKSHOP)))
     there = pickle.loads(pickle.dumps(forward))
     assert len(pickle.dumps(forward)) == empty
     assert_allclose(there.modal(run, K_B).response(), H, rtol=1e-12)
@@ -411,7 +417,7 @@ def test_another_process_gets_no_rotors(solved):
 def test_both_kinds_of_model_answer_the_same_questions():
     """A linear response per newton is the same at every level; a law's is not, and has no sum of resonances."""
     run = blank("bearing", lines("bearing")[::16], force_amplitude_N=0.5, sweep="up")
-    forward = Forward(STRUCTURE, BELIEF).made(with_data=False)
+    forward = Forward(WORKSHOP).made(with_data=False)
     linear, law = forward.modal(run, K_B), forward.modal(run, K_B, (BearingCubic(stiffness=1e14),))
     assert (linear.level_is_parameter, law.level_is_parameter) == (False, True)
     assert (linear.as_linear, linear.as_nonlinear, law.as_linear, law.as_nonlinear) == (linear, None, None, law)

@@ -16,9 +16,8 @@ from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.race import polish_all
 from rigtwin.gap.search.workers import each, helped_by
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
-from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.scale_out import executor
-from tests.gap.conftest import K_B, RIG, STRUCTURE, all_but, both_supports, of, problem_of
+from tests.gap.conftest import STRUCTURE, all_but, both_supports, of, problem_of
 from tests.gap.test_nonlinear import runs_of
 
 MET = threading.Barrier(2, timeout=10)
@@ -102,7 +101,6 @@ def test_another_process_makes_the_same_nonlinear_search():
 def test_what_helpers_polish_is_predicted_here_as_there():
     """A candidate's tolerances act as they do at its own numbers, in this process too."""
     problem = problem_of(*both_supports(AttachedMass(mass=0.1, node=4), seed=3))
-    problem.allow_for_tolerances(load_rig(RIG), K_B)
     starts = weak_starts(problem, of(problem.runs, "attached_mass"), recalibrate(problem))[:4]
     fits = [problem.fit(start.hypothesis, start.u + np.array([0.0, 0.5]), steps=2) for start in starts]
     with executor(workers=1) as pool, helped_by(pool):

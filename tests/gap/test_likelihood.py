@@ -19,22 +19,24 @@ from rigtwin.gap.inference.observed import (
 )
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.model.workshop import Workshop
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.verdict.adequacy import judge
 from rigtwin.rotor.effects import AttachedMass, BearingDamping
-from rigtwin.rotor.geometry.rig import load_rig
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,
     K_B,
     NOISE,
-    RIG,
-    STRUCTURE,
+    blank,
     both_supports,
     candidate,
     lines,
     measure,
     problem_of,
+    rebuilt,
+    with_noise,
+    workshop,
 )
 
 MASS = AttachedMass(mass=0.1, node=3)
@@ -63,7 +65,6 @@ def sigmas(fit, place, truth):
 @pytest.fixture(scope="module")
 def heavy() -> Problem:
     problem = problem_of(*two_runs(MASS))
-    problem.allow_for_tolerances(load_rig(RIG), K_B)
     return problem
 
 
@@ -232,7 +233,7 @@ def test_gains_of_each_sensor_in_each_run_are_recovered():
     runs = [measure(s, seed=k, gain=gains[k]) for k, s in enumerate(("rigid", "bearing"))]
     problem = problem_of(*runs)
     assert judge(problem, recalibrate(problem)).misfit > 1.5
-    free = problem.remounted()
+    free = Problem(Forward(workshop(replace(BELIEF, gain_repeatability=None))), problem.observed)
     fit = recalibrate(free)
     assert judge(free, fit).misfit < 1.1
     found = [np.log(free.nuisances.gains(fit.nu, r, modal)) for r, modal in enumerate(free.modals(fit.k_b, ()))]
@@ -243,12 +244,42 @@ def test_gains_of_each_sensor_in_each_run_are_recovered():
 
 
 def test_gains_of_each_sensor_in_each_run_are_as_wide_as_the_campaign_says():
-    runs = both_supports()
-    told = Problem(Forward(STRUCTURE, replace(BELIEF, gain_repeatability=0.003)), problem_of(*runs).observed)
-    for problem, wide in ((told, 0.003), (told.remounted(), 0.003), (problem_of(*runs).remounted(), 0.01)):
-        own = [problem.nuisances.std[each] for each in problem.nuisances.own_gain]
-        assert_allclose(own, np.full((2, 7), wide))
-        assert problem.thinned(3).nuisances.n == problem.nuisances.n == problem_of(*runs).nuisances.n + 14
+    observed = problem_of(*both_supports()).observed
+    told = Problem(Forward(workshop(replace(BELIEF, gain_repeatability=0.003))), observed)
+    own = [told.nuisances.std[each] for each in told.nuisances.own_gain]
+    assert_allclose(own, np.full((2, 7), 0.003))
+    assert told.thinned(3).nuisances.n == told.nuisances.n == problem_of(*both_supports()).nuisances.n + 14
+
+
+@pytest.mark.parametrize("true", [1e-4, 2e-3])
+def test_a_drift_that_nobody_states_is_learned(true):
+    """Six runs of one rotor, whose resonances differ by so much."""
+    drifts = true * np.random.default_rng(4).standard_normal(6)
+    runs = [measure(s, seed=k, drift=drifts[k]) for k, s in enumerate(("rigid", "bearing") * 3)]
+    problem = Problem(Forward(workshop(replace(BELIEF, frequency_drift=None))), problem_of(*runs).observed)
+    fit = recalibrate(problem)
+    learned = fit.prior_std[problem.nuisances.drift[0].start]
+    assert 0.3 < learned / true < 3
+    assert judge(problem, fit).misfit < 1.1
+
+
+def test_what_a_workshop_does_not_know_is_calibrated():
+    """A rotor that is 1.5 % stiffer and damped twice as much as believed, beside tolerances that allow for it."""
+    stiffer = rebuilt("modulus", 0.015)
+    belief = replace(BELIEF, modulus_tolerance=0.01, shaft_damping_tolerance=0.7, frequency_drift=None)
+    believed = replace(belief, shaft_damping_ratio=BELIEF.shaft_damping_ratio / 2)
+    made = Forward(Workshop(stiffer, belief, 2, 8))
+    runs = [
+        with_noise(empty, made.modal(empty, K_B).response(), seed)
+        for seed, empty in enumerate(blank(support, lines(support), name=support) for support in ("rigid", "bearing"))
+    ]
+    problem = Problem(Forward(workshop(believed)), problem_of(*runs).observed)
+    nominal = recalibrate(problem)
+    taken = dict(zip(problem.forward.workshop.names, nominal.nu[problem.nuisances.tolerance], strict=True))
+    assert judge(problem, nominal).misfit < 1.1
+    assert_allclose(nominal.k_b, K_B, rtol=0.02)
+    assert_allclose(taken["shaft_damping"], np.log(2), atol=0.05)
+    assert 0.005 < taken["modulus"] < 0.025
 
 
 def test_the_mean_magnitude_of_a_noisy_response_is_that_of_many_draws():

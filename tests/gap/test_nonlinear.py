@@ -17,7 +17,7 @@ from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.branch import Branch, BranchSearch
 from rigtwin.gap.model.forward import Forward, ModelSize
-from rigtwin.gap.model.linear import MODES, TOLERANCES
+from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.model.motions import FINAL, FINE, MIDDLE, ROUGH
 from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.predict import predict
@@ -49,7 +49,6 @@ from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
 from rigtwin.rotor.effects.effect import Effect
 from rigtwin.rotor.frequency import periodic_force
-from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.force_laws import LAWS
 from rigtwin.rotor.model.printed_laws import SCALAR
 from tests.gap.conftest import (
@@ -58,21 +57,23 @@ from tests.gap.conftest import (
     CUBIC,
     K_B,
     LEVELS,
-    RIG,
     STRUCTURE,
+    TOLERANCES,
+    WORKSHOP,
     all_but,
     blank,
     campaign_of,
     lines,
     truth,
     with_noise,
+    workshop,
 )
 
 
 def swept(effect: Effect, level: float, seed: int = 0, resolution=FINE, **settings):
     """A run swept upwards under a nonlinear effect, with noise and its standard errors; without lines of no motion."""
     run = blank("bearing", lines("bearing"), force_amplitude_N=level, sweep="up", name=f"{level} N", **settings)
-    forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=resolution)
+    forward = Forward(WORKSHOP).made(with_data=False, resolution=resolution)
     modal = forward.modal(run, K_B, (effect,))
     return with_noise(run, np.where(modal.found()[:, None], modal.response(), np.nan), seed)
 
@@ -84,7 +85,7 @@ def runs_of(effect: Effect):
 
 
 def problem_of(runs):
-    return Problem(Forward(STRUCTURE, BELIEF), [observe(run, run.std) for run in runs])
+    return Problem(Forward(WORKSHOP), [observe(run, run.std) for run in runs])
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +115,7 @@ def test_all_steps_of_a_law_with_memory_are_those_of_its_printed_form(law, few, 
 
 
 def test_derivatives_by_drift_are_those_of_the_motion(hardening):
-    forward = Forward(STRUCTURE, BELIEF)
+    forward = Forward(WORKSHOP)
     modal = forward.modal(hardening[2], K_B, (CUBIC,))
     drift, tolerance, step = np.zeros(MODES), np.zeros(len(TOLERANCES)), 1e-7
     H, D = modal.with_derivatives(drift, tolerance)
@@ -126,8 +127,7 @@ def test_derivatives_by_drift_are_those_of_the_motion(hardening):
 
 
 def test_derivatives_by_the_tolerances_follow_the_shapes(hardening):
-    forward = Forward(STRUCTURE, BELIEF).made(resolution=replace(FINAL, harmonics=3, samples=128))
-    forward.allow_for_tolerances(load_rig(RIG), hardening[1:2], K_B)
+    forward = Forward(WORKSHOP).made(resolution=replace(FINAL, harmonics=3, samples=128))
     modal = forward.modal(hardening[1], K_B, (BearingCubic(stiffness=1e13),))
     drift, tolerance, step = np.zeros(MODES), np.full(len(TOLERANCES), 3e-4), 1e-6
     H, D = modal.with_derivatives(drift, tolerance)
@@ -138,9 +138,8 @@ def test_derivatives_by_the_tolerances_follow_the_shapes(hardening):
 
 @pytest.mark.parametrize("law", [CUBIC, BearingFriction(force=2.0, stiffness=3e6)], ids=lambda law: law.id)
 def test_changes_by_numbers_of_a_law_are_those_of_the_motion(hardening, law):
-    forward = Forward(STRUCTURE, BELIEF).made(resolution=replace(FINAL, harmonics=3, samples=128))
+    forward = Forward(WORKSHOP).made(resolution=replace(FINAL, harmonics=3, samples=128))
     drift, tolerance = np.full(MODES, 1e-4), np.full(len(TOLERANCES), 3e-4)
-    forward.allow_for_tolerances(load_rig(RIG), hardening[1:2], K_B)
     modal = forward.modal(hardening[1], K_B, (law,))
     before = modal.response(drift, tolerance, 0.02)
     for k_b, share in ((K_B * 1.0001, 0.0), (K_B, 0.001)):
@@ -151,7 +150,7 @@ def test_changes_by_numbers_of_a_law_are_those_of_the_motion(hardening, law):
 
 
 def test_derivatives_by_the_level_are_those_of_the_motion(hardening):
-    forward = Forward(STRUCTURE, BELIEF)
+    forward = Forward(WORKSHOP)
     modal = forward.modal(hardening[1], K_B, (CUBIC,))
     drift, tolerance, step = np.zeros(MODES), np.zeros(len(TOLERANCES)), 1e-6
     for level in (0.0, 0.03):
@@ -203,7 +202,7 @@ def test_lines_that_a_law_is_far_from_do_not_tell_of_sensors_that_were_mounted_a
 def test_a_start_has_the_forces_of_a_hard_contact_that_the_data_tell_of():
     rub = Rub(stiffness=2e7, gap=2e-5, node=5)
     run = swept(rub, 1.0)
-    modal = Forward(STRUCTURE, BELIEF).modal(run, K_B, (rub,))
+    modal = Forward(WORKSHOP).modal(run, K_B, (rub,))
     assert isinstance(modal, NonlinearModal)
     told = modal.branch.measured_joints(modal.balance)[1][:, 0]
     every = np.arange(len(told))
@@ -367,7 +366,6 @@ def test_a_contact_is_carried_over_to_other_places():
 
 def test_thinned_runs_bend_with_the_tolerances(hardening):
     problem = problem_of(hardening[:1])
-    problem.allow_for_tolerances(load_rig(RIG), K_B)
     (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, thin_out(problem, 2, K_B, 0.0)))
     tolerance = np.full(len(TOLERANCES), 1e-3)
     assert np.allclose(whole.response(None, tolerance)[::2], few.response(None, tolerance))
@@ -378,12 +376,10 @@ def test_first_fits_follow_the_tolerances():
     rub, tolerance = Rub(stiffness=1e5, gap=2.2e-5, node=3), 1e-3 * np.array([1.0, -1.0, 1.0, -1.0])
     empty = [blank("rigid", lines("rigid"), force_amplitude_N=0.3)]
     empty += [blank("bearing", lines("bearing"), force_amplitude_N=level, sweep="up") for level in (0.3, 1.0)]
-    forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=FINE)
-    forward.allow_for_tolerances(load_rig(RIG), empty, K_B)
+    forward = Forward(WORKSHOP).made(with_data=False, resolution=FINE)
     made = [forward.modal(run, K_B, (rub,)).response(None, tolerance) for run in empty]
     runs = [with_noise(run, H, seed, 0.003) for seed, (run, H) in enumerate(zip(empty, made, strict=True))]
     problem = problem_of(runs)
-    problem.allow_for_tolerances(load_rig(RIG), K_B)
     place = next(h for h in candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True) if str(h) == "rub node 3")
     several = thin_out(problem.made(resolution=SEVERAL), 1, K_B, MODEL_ERROR)
     fit = robust_fit(several, place, np.log([K_B, rub.stiffness, rub.gap]), rounds=1, steps=3)
@@ -431,7 +427,7 @@ def test_lines_that_no_start_brings_to_the_data_are_given_up(hardening, monkeypa
     run = hardening[2]
     strange = np.arange(len(run.frequency_hz)) == 20
     run = replace(run, H=np.where(strange[:, None], 30 * run.H, run.H))
-    forward, given_up = Forward(STRUCTURE, BELIEF), []
+    forward, given_up = Forward(WORKSHOP), []
     start_again, in_vain = Branch.start_again, BranchSearch().in_vain
 
     def watched(self, balance, best, lost):
@@ -453,7 +449,7 @@ def test_lines_on_the_upper_branch_are_found_by_their_magnitudes(monkeypatch):
     run = replace(run, H=np.abs(run.H), magnitude_only=True)
 
     def lost():
-        modal = Forward(STRUCTURE, BELIEF).made(resolution=FINAL).modal(run, K_B, (CUBIC,))
+        modal = Forward(WORKSHOP).made(resolution=FINAL).modal(run, K_B, (CUBIC,))
         assert isinstance(modal, NonlinearModal)
         return np.count_nonzero(modal.drive.miss(modal.motions()) > 0.1)
 
@@ -467,7 +463,7 @@ def test_hysteresis_needs_no_more_samples_than_it_has(monkeypatch):
     for size in (ModelSize(), ModelSize(hysteresis_samples=1024)):
         monkeypatch.setattr(forward_module, "_SIZE", size)
         run = blank("bearing", lines("bearing")[::16], force_amplitude_N=3.0, sweep="up")
-        forward = Forward(STRUCTURE, BELIEF).made(with_data=False, resolution=FINAL)
+        forward = Forward(WORKSHOP).made(with_data=False, resolution=FINAL)
         H[size.hysteresis_samples] = forward.modal(run, K_B, (friction,)).response()
     few, many = H.values()
     off = np.abs(few - many).max() / np.abs(many).max()
@@ -493,7 +489,7 @@ def test_the_interval_of_a_nonlinear_cause_holds_what_the_correction_explains(ha
     assert fit is not None
     low, high = transfer_interval(problem, problem.fit(NOMINAL, fit.u[:1]), fit, 1.0)
     there = swept(CUBIC, LEVELS[1], excitation_node=4)
-    forward = Forward(STRUCTURE, BELIEF).made(with_data=False)
+    forward = Forward(WORKSHOP).made(with_data=False)
     truth, corrected = (forward.modal(there, k_b, e).response() for k_b, e in ((K_B, (CUBIC,)), (fit.k_b, fit.effects)))
     shrink = 1 - nrmse(truth, corrected) / nrmse(truth, forward.modal(there, K_B).response())
     assert 0.5 < low < high <= 1
@@ -573,7 +569,7 @@ def document(effect: str, **parameters):
 def test_a_sweep_stays_on_its_branch_however_far_apart_its_lines_are():
     """From below a contact to far above it the way has to be made in short steps more than once."""
     rub = Rub(stiffness=3e6, gap=4.8e-5, node=6)
-    forward = Forward(STRUCTURE, replace(BELIEF, shaft_damping_ratio=1e-3)).made(with_data=False, resolution=FINAL)
+    forward = Forward(workshop(replace(BELIEF, shaft_damping_ratio=1e-3))).made(with_data=False, resolution=FINAL)
     sparse, dense = np.array([99.0, 100.9, 102.8]), np.linspace(99.0, 102.8, 77)
     found = []
     for hz in (sparse, dense):

@@ -54,14 +54,11 @@ from rigtwin.rotor.effects import (
 )
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
-    BELIEF,
     K_B,
     NOISE,
-    RIG,
-    STRUCTURE,
+    WORKSHOP,
     both_supports,
     candidate,
     condition,
@@ -76,7 +73,6 @@ from tests.gap.conftest import (
 
 def problem_with(*effects, seed=0, **settings):
     problem = problem_of(*both_supports(*effects, seed=seed, **settings))
-    problem.allow_for_tolerances(load_rig(RIG), K_B)
     return problem
 
 
@@ -237,7 +233,7 @@ def test_effects_of_several_numbers_are_looked_for_from_afar_too():
 
 def test_the_chain_leaves_the_rotor_as_it_is():
     """Candidates that differ in the measurement chain share a rotor, and answer as if they did not."""
-    mass, belief = AttachedMass(mass=0.1, node=3), Forward(STRUCTURE, BELIEF)
+    mass, belief = AttachedMass(mass=0.1, node=3), Forward(WORKSHOP)
     chain = (SensorGain(gain=1.1, node=3), SensorDelay(delay=5e-5, node=2), FastSweep(dwell=0.8))
     problem = problem_with(mass)
     problem.modals(K_B, (mass,))
@@ -249,15 +245,13 @@ def test_the_chain_leaves_the_rotor_as_it_is():
 @pytest.mark.parametrize(("dwell", "within"), [(0.13, 1e-5), (0.48, 1e-5), (1.2, 1e-5), (3.4, 1e-3)])
 def test_a_dwell_is_found_among_its_many_minima(dwell, within):
     """The transients are in the model only, so the model makes these data, on a rig whose resonances are off."""
-    effect, forward = FastSweep(dwell=dwell), Forward(STRUCTURE, BELIEF)
-    forward.allow_for_tolerances(load_rig(RIG), both_supports(), K_B)
+    effect, forward = FastSweep(dwell=dwell), Forward(WORKSHOP)
     tolerance, runs = np.array([1e-3, -5e-4, 8e-4, -8e-4]), []
     for run in both_supports():
         H = forward.modal(run, K_B, [effect]).response(None, tolerance)
         error = (run.H - truth(run)) / np.where(truth(run) == 0, 1.0, truth(run))
         runs.append(replace(run, H=H * (1 + error), std=NOISE * np.abs(H)))
     problem = problem_of(*runs)
-    problem.allow_for_tolerances(load_rig(RIG), K_B)
     best = search(problem, of(problem.runs, "fast_sweep", "bearing_damping", "shaft_damping")).fits[0]
     assert best.hypothesis.ids == ("fast_sweep",)
     assert_allclose(best.effects[0].dwell, dwell, rtol=within)
@@ -445,8 +439,7 @@ def problem_of_longer(*effects):
         H = measured_response(longer, condition(run.support), acting(effects, run.support), run.frequency_hz, nodes)
         error = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
         runs.append(replace(run, H=H * (1 + noise * error), std=noise * np.abs(H)))
-    problem = Problem(Forward(STRUCTURE, BELIEF), [observe(run, run.std) for run in runs], model_error=0.0)
-    problem.allow_for_tolerances(load_rig(RIG), K_B)
+    problem = Problem(Forward(WORKSHOP), [observe(run, run.std) for run in runs], model_error=0.0)
     return problem
 
 

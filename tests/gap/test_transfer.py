@@ -14,7 +14,7 @@ from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from rigtwin.sim.campaign import Channel
-from tests.gap.conftest import BELIEF, K_B, STRUCTURE, all_but, blank, both_supports, candidate, lines, problem_of
+from tests.gap.conftest import K_B, STRUCTURE, WORKSHOP, all_but, blank, both_supports, candidate, lines, problem_of
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_no_node_left_to_drive_has_no_interval(heavy, monkeypatch):
 def swept_law(level, channels):
     """A cubic law's problem, and its fit, driven so hard that lines have several motions."""
     run = blank("bearing", lines("bearing"), channels=channels, name="hard", force_amplitude_N=level, sweep="up")
-    swept = Forward(STRUCTURE, BELIEF).made(with_data=False).modal(run, K_B, (BearingCubic(stiffness=1e15),))
+    swept = Forward(WORKSHOP).made(with_data=False).modal(run, K_B, (BearingCubic(stiffness=1e15),))
     run = replace(run, H=swept.response(), std=0.01 * np.abs(swept.response()))
     problem = problem_of(run)
     (law,) = candidates([run], STRUCTURE, all_but("bearing_cubic"), nonlinear=True)

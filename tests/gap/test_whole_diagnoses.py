@@ -19,13 +19,13 @@ from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.sim.lines import NotSettledError
 from rigtwin.sim.setup import SetupError
 from tests.gap.conftest import (
-    BELIEF,
     CUBIC,
     K_B,
     LEVELS,
     MASS,
     NOISE,
     STRUCTURE,
+    WORKSHOP,
     all_but,
     blank,
     both_supports,
@@ -48,7 +48,7 @@ def on_the_virtual_rig(runs, effects, k_b):
 def _response(run, effects, k_b):
     if not any(effect.family == "nonlinear" for effect in effects):
         return truth(run, effects, k_b=k_b)
-    return Forward(STRUCTURE, BELIEF).made(with_data=False).modal(run, k_b, effects).response()
+    return Forward(WORKSHOP).made(with_data=False).modal(run, k_b, effects).response()
 
 
 # -- the virtual rig's figures ----------------------------------------------------------------------

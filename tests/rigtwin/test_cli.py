@@ -371,7 +371,7 @@ def test_the_blind_benchmark_is_asked_for_what_the_options_say(monkeypatch, tmp_
 
 
 def test_sets_and_splits_that_do_not_exist_are_refused(refused):
-    assert "W9: no such set; the sets are W1, W2" in refused("blind", "W9")
+    assert "W10: no such set; the sets are W1, W2" in refused("blind", "W10")
     assert "--split other: give tuning or report" in refused("blind", "W1", "--split", "other")
 
 

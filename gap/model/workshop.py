@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -105,6 +105,10 @@ class Anchor:
     def __init__(self, workshop: Workshop, values: FloatArray):
         self.workshop, self.values = workshop, values
         self.key = values.tobytes()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs to make the rest."""
+        return {name: self.__dict__[name] for name in ("workshop", "values", "key")}
 
     @cached_property
     def structure(self) -> Structure:

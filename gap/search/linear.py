@@ -34,8 +34,6 @@ class NearSearch:
 
     near: float = 5.0  # close: the nominal model's mean square misfit is below this,
     calm: float = 40.0  # and its nuisances are less far outside their priors, in standard deviations
-    explained: float = 1.3  # an effect that leaves so much of the misfit per value explains what is far off
-    strained: int = 24  # starts beside a nominal model that is not close
     worth_gain: float = 0.3  # to first order, a candidate is worth a fit from this share of the largest gain,
     worth_misfit: float = 40.0  # or within so much misfit of it
     # Where neither the misfit nor resonances and shapes of each run's own show more than noise, by this chance, only
@@ -82,12 +80,8 @@ def search(
     if _close(nominal):
         starts = weak_starts(problem, hypotheses, nominal, progress)
         return Search(nominal, tuple(race(problem, starts, CLOSE, progress)))
-    strained = race(problem, _promised(problem, hypotheses, nominal), FAR, progress)
-    if strained and strained[0].chi2 < NEAR_SEARCH.explained * strained[0].n_data:
-        return Search(nominal, tuple(strained))
     starts, rough = _rough_starts(problem, hypotheses, nominal, progress)
-    fits = best_first([*strained, *race(problem, starts, FAR, progress)])
-    return Search(nominal, tuple(first_of_each(fits, lambda fit: fit.hypothesis)), rough)
+    return Search(nominal, tuple(race(problem, starts, FAR, progress)), rough)
 
 
 def search_from_afar(
@@ -103,14 +97,6 @@ def search_from_afar(
     starts, _ = _rough_starts(problem, of_several, found.nominal, progress)
     fits = best_first([*found.fits, *race(problem, starts, FAR, progress)])
     return replace(found, fits=tuple(first_of_each(fits, lambda fit: fit.hypothesis)))
-
-
-def _promised(problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit) -> list[Start]:
-    """Starts next to a nominal model whose resonances have drifted to where they were measured, as far as need be."""
-    score = Score(problem, nominal)
-    found = [promise for h in hypotheses for promise in promises(score, h)[: RACE.rivals] if promise.gain > 0]
-    found.sort(key=lambda promise: promise.gain, reverse=True)
-    return [promise.start for promise in found[: NEAR_SEARCH.strained]]
 
 
 def _close(nominal: Fit) -> bool:

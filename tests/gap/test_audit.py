@@ -23,6 +23,7 @@ from rigtwin.gap.audit.wild import wild_lines, without_wild_lines
 from rigtwin.gap.document import Finding
 from rigtwin.rotor.effects import Gyroscopic, SensorDelay
 from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.geometry.assembly import assemble
@@ -35,6 +36,7 @@ from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, PeakList, Run
 RIG = "nit-rourkela"
 OWN_ROTOR = str(Path(__file__).parents[2] / "examples/own_rotor.toml")
 STRUCTURE = assemble(load_rig(RIG))
+SCALE = scale_of(STRUCTURE)
 CHANNELS = tuple(Channel(node) for node in range(1, 8))
 EVEN = np.arange(20.0, 400.5, 1.0)
 RIGID = Condition(rigid_support=True, shaft_damping_ratio=0.005)
@@ -706,7 +708,8 @@ LINEAR = [effect for effect in EFFECTS.values() if effect.family not in ("nonlin
 @pytest.mark.parametrize("end", ["low", "high"])
 @pytest.mark.parametrize("effect", LINEAR, ids=lambda effect: effect.id)
 def test_no_linear_effect_passes_for_a_wrong_name(effect, end):
-    numbers = {name: getattr(role, end) for name, role in effect.parameters().items() if not role.form}
+    ends = {name: SCALE.ends(role) for name, role in effect.parameters().items() if not role.form}
+    numbers = {name: both[end == "high"] for name, both in ends.items()}
     for node in (2, 4, 6):
         places = {name: node if place.kind == "node" else 0.05 * node for name, place in effect.places().items()}
         made = effect(**numbers, **places)

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis, candidates
 from rigtwin.rotor.effects import EFFECTS
+from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import STRUCTURE, blank
 
@@ -92,13 +93,14 @@ def test_ranges_reach_to_where_an_effect_does_nothing(nonlinear):
             if free.name not in roles:
                 continue
             role = roles[free.name]
-            assert free.low <= role.low or (free.name, free.low) == ("angle", 0.0)  # only its size shows
-            assert free.high >= role.high
+            low, high = scale_of(STRUCTURE).ends(role)
+            assert free.low <= low or (free.name, free.low) == ("angle", 0.0)  # only its size shows
+            assert free.high >= high
             if isinstance(role.null, (int, float)) and np.isfinite(role.null):
                 # In a logarithm nothing is out of reach; it is come near to.
-                assert free.low <= role.null <= free.high or (free.log and free.low <= role.low / 10)
+                assert free.low <= role.null <= free.high or (free.log and free.low <= low / 10)
             elif role.null is not None and not isinstance(role.null, str):
-                assert free.high >= 10 * role.high
+                assert free.high >= 10 * high
 
 
 def test_starts_are_effects_inside_their_ranges():

@@ -499,7 +499,7 @@ def draw_criteria(axes: Axes, example: Example, fits: Sequence[tuple[str, Fit, s
 def where_figure(example: Example) -> None:
     """Shares of the gap by band and by node, and the joint stiffness of the best node."""
     figure, (bands, nodes, joint) = panels(3, 3.6)
-    where = locate(example.problem, example.said, example.problem.bare(example.said), "linear")
+    where = locate(example.problem, example.said, example.problem.recalibrated(example.said), "linear")
     labels = [f"{band.f_lo:.0f} to {band.f_hi:.0f} Hz" for band in where.bands]
     bands.bar(labels, [100 * band.share for band in where.bands], color=BLUE, width=0.6)
     bands.set(ylabel="share of the gap, %", xlabel="band with one resonance")
@@ -550,7 +550,7 @@ def shrink_figure(example: Example) -> None:
     left.fill_between(lines, 0, 1, where=held.tolist(), transform=left.get_xaxis_transform(), color="0.92", linewidth=0)
     left.plot(lines, np.abs(run.H[:, place]), ".", color="black", markersize=4, label="measured")
     for label, fit, colour in (("nominal", example.said, RED), ("corrected", example.found.best, GREEN)):
-        H = example.problem.bare(fit)[example.bearing_run]
+        H = example.problem.recalibrated(fit)[example.bearing_run]
         left.plot(lines, np.abs(H[:, place]), color=colour, linewidth=1.1, label=f"{label} model")
     left.set(xlabel="number of the line, 20 to 400 Hz", yscale="log")
     left.set_ylabel(f"|acceleration / force| at node {SEEN_NODE}, (m/s²)/N")

@@ -32,7 +32,7 @@ def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     first = recalibrate(problem)
     problem, nominal = problem.in_si(first)
     nominal = nominal if np.array_equal(nominal.nu, first.nu) else recalibrate(problem, nominal)
-    return problem.at_fit(nominal), nominal
+    return problem.near_fit(nominal), nominal
 
 
 def without_odd_lines(

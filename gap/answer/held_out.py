@@ -40,9 +40,9 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
     pairs = zip(problem.observed, masks, strict=True)
     training = problem.on([replace(o, std=np.where(mask[:, None], np.inf, o.std)) for o, mask in pairs])
-    without = training.fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
+    without = training.at_fit(nominal).fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
     with_it = _refit(training, best)
-    before = problem.calibrated(without)  # drifts would follow any gap between the lines that they were fitted to
+    before = problem.recalibrated(without)  # drifts would follow any gap between the lines that they were fitted to
     after = problem.predict(with_it)
     model_after, verified = after, "model"
     if confirm is not None:
@@ -67,7 +67,9 @@ def _refit(training: Problem, best: Fit) -> Fit:
     """Fit the corrected model to the lines that were not held out, a nonlinear one as robustly as before."""
     if nonlinear(best.effects):
         return robust_fit(training, best.hypothesis, best.u, best.nu) or best
-    return training.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
+    there = training.at_fit(best)
+    there.bend(best)
+    return there.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
 
 
 def _held_out(n: int) -> BoolArray:
@@ -127,11 +129,12 @@ def _on_all_lines(H: ComplexArray, lines: BoolArray) -> ComplexArray:
 
 def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
     """What gains, drift and tolerances of a run do to its response: they are the run's, not the effect's."""
-    modal = problem.modals(fit.k_b, fit.effects)[r]
+    modal = problem.at_fit(fit).modals(fit.k_b, fit.effects)[r]
     nuisances = problem.nuisances
     own = nuisances.of_run(fit.nu, r, modal)
     with_them = modal.response(*own) * nuisances.gains(fit.nu, r, modal)
-    without = modal.response(None, None, *own[2:])
+    drawn = problem.at(np.zeros(len(problem.forward.anchor.values))).modals(fit.k_b, fit.effects)[r]
+    without = drawn.response(None, None, *own[2:])
     return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
 
 

@@ -151,7 +151,7 @@ def _name_causes(campaign: Campaign, answer: Answer, findings: Sequence[Finding]
 def _curves(answer: Answer, named: _Named) -> tuple[Curve, ...]:
     """All lines of the runs, with the nominal model and, where there is one, the corrected model."""
     drawn = answer.all_lines
-    before = drawn.calibrated(answer.nominal)
+    before = drawn.recalibrated(answer.nominal)
     corrects = named.best is not answer.nominal or named.verdict == "no_gap"
     after = drawn.predict(named.best) if corrects else [None] * len(before)
     return tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, before, after, strict=True))

@@ -83,6 +83,11 @@ class Problem:
         tolerance = fit.nu[self.nuisances.tolerance]
         return self._like(forward=self.forward.at(tolerance)) if exactly else self.at(tolerance)
 
+    def near_fit(self, fit: Fit) -> Problem:
+        """The same with a model that holds where the tolerances of a fit are plausible: other fits begin there."""
+        limit = 2 * self.forward.workshop.std
+        return self.at(np.clip(fit.nu[self.nuisances.tolerance], -limit, limit))
+
     def _like(self, **other: Any) -> Problem:
         """The same runs, nuisances and model, but for what is given."""
         made = copy.copy(self)
@@ -140,9 +145,13 @@ class Problem:
             made.append(H * self.nuisances.gains(fit.nu, r, modal))
         return made
 
-    def bare(self, fit: Fit) -> list[ComplexArray]:
-        """Response of every run, nuisances left out; an arbitrary unit is not one."""
-        return self.predict(replace(fit, nu=self._units(fit)))
+    def recalibrated(self, fit: Fit) -> list[ComplexArray]:
+        """Response of every run, of the nuisances only tolerances as far as they are plausible; an arbitrary unit is
+        none."""
+        nu, tolerance = self._units(fit), self.nuisances.tolerance
+        limit = 2 * self.nuisances.std[tolerance]
+        nu[tolerance] = np.clip(fit.nu[tolerance], -limit, limit)
+        return self.predict(replace(fit, nu=nu))
 
     def calibrated(self, fit: Fit) -> list[ComplexArray]:
         """Response of every run, of the nuisances only those that all runs of the rig share: sensors, tolerances."""

@@ -76,7 +76,7 @@ def search(
     progress : called with (done, total, words)
     """
     nominal = nominal or recalibrate(problem)
-    problem = problem.at_fit(nominal)
+    problem = problem.near_fit(nominal)
     if _close(nominal):
         starts = weak_starts(problem, hypotheses, nominal, progress)
         return Search(nominal, tuple(race(problem, starts, CLOSE, progress)))

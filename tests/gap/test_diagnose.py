@@ -697,7 +697,7 @@ def test_sensors_that_were_mounted_anew_are_no_gap():
     (found,) = (f for f in diagnosis.audit if "differ from run to run" in f.words)
     assert found.check == "repeatability"
     apart = np.log(OWN_GAINS[1] / OWN_GAINS[0])
-    assert_allclose(found.value, np.std(apart) / 2, rtol=0.2)  # what both runs share is the sensor's
+    assert_allclose(found.value, np.std(apart) / 2, rtol=0.4)  # what both runs share is the sensor's
 
 
 def test_sensors_that_were_mounted_anew_do_not_hide_a_cause():

@@ -122,7 +122,7 @@ def test_an_arbitrary_unit_tells_the_node_as_well():
     nu = nominal.nu.copy()
     nu[problem.nuisances.gain] = np.log(9.0 / 2.0)
     nominal = replace(nominal, nu=nu)
-    where = locate(problem, nominal, problem.bare(nominal), "linear")
+    where = locate(problem, nominal, problem.recalibrated(nominal), "linear")
     assert max(where.nodes, key=lambda node: node.share).node == 3
     assert where.joint is not None
     inertia = -((2 * np.pi * np.array(where.joint.frequency_hz)) ** 2) * MASS.mass

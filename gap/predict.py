@@ -11,6 +11,7 @@ from rigtwin.gap.document import DAMPING, Cause, Diagnosis
 from rigtwin.gap.model.campaign_model import forward_of
 from rigtwin.gap.model.forward import acting
 from rigtwin.gap.model.motions import FINAL
+from rigtwin.gap.model.workshop import TOLERANCE_KEYS
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.model.arrays import ComplexArray
@@ -58,29 +59,37 @@ class _Models:
     k_b: float  # of the corrected model [N/m]
     effects: tuple[Effect, ...]
     damping: Mapping[str, float]
-    tolerance: Mapping[str, float]  # by its name
+    nominal_tolerance: Mapping[str, float]  # by its name, of the nominal model
+    tolerance: Mapping[str, float]  # of the corrected model
     sensor_gain: Mapping[str, float]  # by channel
 
 
 def _models(diagnosis: Diagnosis) -> _Models:
     effects, k_b = corrected_rotor(diagnosis)
-    calibration = diagnosis.calibration if diagnosis.names_a_cause else {}
+    nominal = diagnosis.nominal.get("calibration", {})
+    calibration = diagnosis.calibration if diagnosis.names_a_cause else nominal
     return _Models(
         nominal_k_b=Condition(k_b=_nominal_k_b(diagnosis)).k_b,  # which refuses what is no stiffness
         k_b=Condition(k_b=k_b).k_b,
         effects=effects,
         damping={key: float(value) for key in DAMPING if (value := diagnosis.nominal.get(key)) is not None},
+        nominal_tolerance=nominal.get("tolerance", {}),
         tolerance=calibration.get("tolerance", {}),
         sensor_gain=calibration.get("sensor_gain", {}),
     )
 
 
 def _predict(models: _Models, campaign: Campaign) -> Iterator[Predicted]:
-    forward = forward_of(replace(campaign, nominal=replace(campaign.nominal, **models.damping)))
+    belief = replace(campaign.nominal, **models.damping, **dict.fromkeys(TOLERANCE_KEYS, 1.0))  # every number may move
+    forward = forward_of(replace(campaign, nominal=belief))
     forward = forward.made(refined=True, resolution=FINAL, with_data=False)
-    corrected = forward.at(np.array([models.tolerance.get(name, 0.0) for name in forward.workshop.names]))
+    names = forward.workshop.names
+    nominal, corrected = (
+        forward.at(np.array([values.get(name, 0.0) for name in names]))
+        for values in (models.nominal_tolerance, models.tolerance)
+    )
     for run in campaign.runs:
-        before = forward.modal(run, models.nominal_k_b).response()
+        before = nominal.modal(run, models.nominal_k_b).response()
         after = corrected.modal(run, models.k_b, acting(models.effects, run.support)).response()
         gains = np.array([models.sensor_gain.get(str(channel), 1.0) for channel in run.channels])
         yield Predicted(run, _with(run, before), _with(run, after * gains))

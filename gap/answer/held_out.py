@@ -128,13 +128,12 @@ def _on_all_lines(H: ComplexArray, lines: BoolArray) -> ComplexArray:
 
 
 def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
-    """What gains, drift and tolerances of a run do to its response: they are the run's, not the effect's."""
+    """What gains, drift, tolerances and mounted sensors do to a run's response: they are not the effect's."""
     modal = problem.at_fit(fit).modals(fit.k_b, fit.effects)[r]
     nuisances = problem.nuisances
     own = nuisances.of_run(fit.nu, r, modal)
     with_them = modal.response(*own) * nuisances.gains(fit.nu, r, modal)
-    drawn = problem.at(np.zeros(len(problem.forward.anchor.values))).modals(fit.k_b, fit.effects)[r]
-    without = drawn.response(None, None, *own[2:])
+    without = problem.as_drawn().modals(fit.k_b, fit.effects)[r].response(None, None, *own[2:])
     return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
 
 

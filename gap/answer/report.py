@@ -201,7 +201,7 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
         "gap_dB": _mean([log_distance_db(c.run.H, c.nominal) for c in curves]),
         "misfit": judge(problem, answer.fitted).misfit,
         "probability": _known(answer) * answer.ranked.no_gap if answer.verdict != "not_enough_data" else math.nan,
-        "calibration": calibration(problem, nominal),
+        "calibration": calibration(problem, problem.plausible(nominal)),
         **{key: getattr(campaign.nominal, key) for key in DAMPING},
     }
 

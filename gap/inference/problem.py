@@ -83,10 +83,15 @@ class Problem:
         tolerance = fit.nu[self.nuisances.tolerance]
         return self._like(forward=self.forward.at(tolerance)) if exactly else self.at(tolerance)
 
+    def as_drawn(self) -> Problem:
+        """The same with the model of the rig as drawn, without accelerometers on it."""
+        forward = Forward(self.forward.workshop.without_sensors())
+        forward.manner = self.forward.manner
+        return self._like(forward=forward)
+
     def near_fit(self, fit: Fit) -> Problem:
         """The same with a model that holds where the tolerances of a fit are plausible: other fits begin there."""
-        limit = 2 * self.forward.workshop.std
-        return self.at(np.clip(fit.nu[self.nuisances.tolerance], -limit, limit))
+        return self.at_fit(self.plausible(fit))
 
     def _like(self, **other: Any) -> Problem:
         """The same runs, nuisances and model, but for what is given."""
@@ -149,9 +154,15 @@ class Problem:
         """Response of every run, of the nuisances only tolerances as far as they are plausible; an arbitrary unit is
         none."""
         nu, tolerance = self._units(fit), self.nuisances.tolerance
-        limit = 2 * self.nuisances.std[tolerance]
-        nu[tolerance] = np.clip(fit.nu[tolerance], -limit, limit)
+        nu[tolerance] = self.plausible(fit).nu[tolerance]
         return self.predict(replace(fit, nu=nu))
+
+    def plausible(self, fit: Fit) -> Fit:
+        """A fit with its tolerances at most two standard deviations from nothing: beyond, they stand in for a cause."""
+        nu, tolerance = fit.nu.copy(), self.nuisances.tolerance
+        limit = 2 * self.forward.workshop.std
+        nu[tolerance] = np.clip(nu[tolerance], -limit, limit)
+        return replace(fit, nu=nu)
 
     def calibrated(self, fit: Fit) -> list[ComplexArray]:
         """Response of every run, of the nuisances only those that all runs of the rig share: sensors, tolerances."""

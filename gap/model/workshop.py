@@ -7,7 +7,7 @@ gives their standard deviations; a tolerance of zero is left out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -24,6 +24,11 @@ STEP = 1e-3
 
 # Change of a damping, or of a tilt stiffness, that its first order follows: they are small parts of the whole.
 _SMALL_SHARE = 0.03
+
+# Keys of [nominal] that are tolerances of what is in the model.
+TOLERANCE_KEYS = tuple(
+    f.name for f in fields(NominalBelief) if f.name.endswith("_tolerance") and f.name != "gain_tolerance"
+)
 
 Body = TypeVar("Body", Disk, Mass)
 
@@ -54,6 +59,11 @@ class Workshop:
         self._elements, self._fine_elements = elements, fine_elements
         self.tolerances = tuple(each for each in _tolerances(rig, belief) if each.std > 0)
         self._anchors: dict[bytes, Anchor] = {}
+
+    def without_sensors(self) -> Workshop:
+        """The same without accelerometers on it, as the FMU of the rig has none."""
+        belief = replace(self.belief, sensor_mass_kg=0.0)
+        return Workshop(self.rig, belief, self._elements, self._fine_elements)
 
     @property
     def names(self) -> tuple[str, ...]:

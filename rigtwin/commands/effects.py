@@ -94,7 +94,7 @@ def _starts(effect: type[Effect]) -> Mapping[str, Any]:
 
 
 def prior(role: Parameter) -> str:
-    """'0.004 to 0.5 m, log': the prior range in the rig's own units, and where its logarithm is what is uniform."""
+    """'0.004 to 0.5 m_r, log': the prior range in the rig's own units, and where its logarithm is what is uniform."""
     return f"{number(role.low)} to {number(role.high)} {in_own_units(role.unit)}".rstrip() + (
         ", log" if role.log else ""
     )
@@ -115,7 +115,7 @@ def print_effects(*, as_json: bool) -> None:
     for family in dict.fromkeys(effect.family for effect in EFFECTS.values()):
         rows = [row for effect in EFFECTS.values() if effect.family == family for row in _rows(effect)]
         table(("effect", "title", "where", *_PARAMETER_HEADER), rows, title=family)
-    say("prior range: in units of the rig: m mass of the rotor, l its length, t 1/(2 pi f1) on rigid supports")
+    say("prior range: in units of the rig: m_r mass of the rotor, l_r its length, t_r 1/(2 pi f1) on rigid supports")
     say("log: uniform in the logarithm; no effect at: empty where another parameter switches the effect off")
     say("rigtwin effects ID: what it adds, how it shows, where it comes from")
 

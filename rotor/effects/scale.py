@@ -37,12 +37,12 @@ _USUAL_FORCE = 1.5e-6
 
 
 def in_own_units(unit: str) -> str:
-    """A unit in those of a rig: its mass m, its length l, its time t.
+    """A unit in those of a rig: its mass m_r, its length l_r, its time t_r.
 
     >>> in_own_units("N/m"), in_own_units("1")
-    ('m t^-2', '')
+    ('m_r t_r^-2', '')
     """
-    powers = zip("mlt", UNITS[unit], strict=True)
+    powers = zip(("m_r", "l_r", "t_r"), UNITS[unit], strict=True)
     return " ".join(name if power == 1 else f"{name}^{power}" for name, power in powers if power)
 
 

@@ -202,7 +202,7 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
         "misfit": judge(problem, answer.fitted).misfit,
         "probability": _known(answer) * answer.ranked.no_gap if answer.verdict != "not_enough_data" else math.nan,
         "calibration": calibration(problem, problem.plausible(nominal)),
-        **{key: getattr(campaign.nominal, key) for key in DAMPING},
+        **{key: getattr(problem.forward.belief, key) for key in DAMPING},
     }
 
 

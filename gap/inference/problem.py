@@ -39,6 +39,9 @@ class RunLimits:
 
 LIMITS = RunLimits()
 
+# Share of the reach of a model, round its anchor, within which a fit is taken for settled.
+SETTLED = 0.02
+
 
 class Problem:
     """The runs of a campaign, and the model of each.
@@ -82,6 +85,10 @@ class Problem:
         """The same with a model that holds at the tolerances of a fit; exactly, where small changes are compared."""
         tolerance = fit.nu[self.nuisances.tolerance]
         return self._like(forward=self.forward.at(tolerance)) if exactly else self.at(tolerance)
+
+    def settled(self, fit: Fit) -> bool:
+        """Whether the model is all but exact at the tolerances of a fit: it would go nowhere else from a new anchor."""
+        return self.forward.workshop.near(fit.nu[self.nuisances.tolerance], self.forward.anchor.values, SETTLED)
 
     def as_drawn(self) -> Problem:
         """The same with the model of the rig as drawn, without accelerometers on it."""

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.model.workshop import Workshop
+from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.rotor.model.structure import Structure
-from rigtwin.sim.campaign import Campaign
+from rigtwin.sim.campaign import UNKNOWN_DAMPING, Campaign, NominalBelief
 
 # Elements between two nodes of the diagnosis model, at least: at zeta = 0.1 % a mesh error of 0.02 % is a gap.
 # A crack or a hub inside an element needs more of them.
 _ELEMENTS = 2
 _FINE_ELEMENTS = 8
+
+# Damping of bearings that nobody states, over the critical one of the rotor's mass on k_b, and how far it may be off:
+# ball bearings have 0.05 to 5 %.
+_GUESSED_DAMPING, _GUESSED_TOLERANCE = 3e-3, 1.5
 
 
 def elements_between_nodes(rig: str, least: int = _ELEMENTS) -> int:
@@ -27,8 +36,21 @@ def structure_of(rig: str, least: int = _ELEMENTS) -> Structure:
 
 def workshop_of(campaign: Campaign) -> Workshop:
     """The campaign's rig and what is known of it."""
+    rig, belief = load_rig(campaign.rig), campaign.nominal
     elements, fine = (elements_between_nodes(campaign.rig, least) for least in (_ELEMENTS, _FINE_ELEMENTS))
-    return Workshop(load_rig(campaign.rig), campaign.nominal, elements, fine)
+    if not belief.bearing_damping_Ns_per_m and belief.bearing_damping_tolerance >= UNKNOWN_DAMPING:
+        belief = _with_guessed_damping(belief, rig)
+    return Workshop(rig, belief, elements, fine)
+
+
+def _with_guessed_damping(belief: NominalBelief, rig: Rig) -> NominalBelief:
+    """Of bearings whose damping neither the campaign nor the rig file states: vague."""
+    critical = 2 * float(np.sqrt(rig.k_b.start_N_per_m * scale_of(assemble(rig)).mass))
+    return replace(
+        belief,
+        bearing_damping_Ns_per_m=_GUESSED_DAMPING * critical,
+        bearing_damping_tolerance=max(belief.bearing_damping_tolerance, _GUESSED_TOLERANCE),
+    )
 
 
 def forward_of(campaign: Campaign) -> Forward:

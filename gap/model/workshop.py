@@ -92,9 +92,10 @@ class Workshop:
             bearing_damping_Ns_per_m=belief.bearing_damping_Ns_per_m * factors.get("bearing_damping", 1.0),
         )
 
-    def near(self, a: FloatArray, b: FloatArray) -> bool:
-        """Whether a model that is exact at the one holds at the other, tolerances (n_tolerances,) each."""
-        return bool(np.all(np.abs(a - b) <= [each.reach for each in self.tolerances]))
+    def near(self, a: FloatArray, b: FloatArray, share: float = 1.0) -> bool:
+        """Whether a model that is exact at the one holds at the other, tolerances (n_tolerances,) each; where every
+        digit counts, within a share of its reach."""
+        return bool(np.all(np.abs(a - b) <= share * np.array([each.reach for each in self.tolerances])))
 
     def anchor(self, values: FloatArray) -> Anchor:
         """The rig with these tolerances, remembered."""

@@ -12,6 +12,9 @@ import pytest
 from fmpy.model_description import ScalarVariable
 
 from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.effects.scale import scale_of
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.session import FmuSession
 from tests.tolerances import ROUND_OFF
 
@@ -39,6 +42,8 @@ ESTIMATOR_VALUES = {
 
 Values = dict[str, float]
 Read = Callable[[], Values]
+
+SCALE = scale_of(assemble(load_rig("nit-rourkela")))
 
 
 def reader(session: FmuSession) -> Read:
@@ -143,7 +148,7 @@ def test_an_effect_acts_at_initialisation_if_and_only_if_it_is_declared(rotor_se
     assert acts == (switch in declared_names) == effect.acts_at_once
     for name, parameter in effect.parameters().items():
         variable = f"{effect.id}.{name}"
-        other = {variable: 0.5 * (getattr(effect, name) + parameter.high)}
+        other = {variable: 0.5 * (getattr(effect, name) + SCALE.ends(parameter)[1])}
         moved = any(
             changes(*at_initialisation(rotor_session, {**base, switch: True}), variable, other) for base in bases
         )

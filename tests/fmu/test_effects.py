@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from rigtwin.rotor.effects import EFFECTS
+from rigtwin.rotor.effects.scale import scale_of
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.time.simulator import RotorSimulator
 from rigtwin.sim.session import FmuSession
@@ -22,6 +25,8 @@ DRIVE = {"force_amplitude": 20.0, "force_frequency": 71.0, "spin_speed": 300.0, 
 
 each_effect = pytest.mark.parametrize("effect", IN_FMU, ids=lambda e: e.id)
 each_nonlinear = pytest.mark.parametrize("effect", NONLINEAR, ids=lambda e: e.id)
+
+SCALE = scale_of(assemble(load_rig("nit-rourkela")))
 
 
 def switched_on(effect, **values) -> dict:
@@ -45,7 +50,7 @@ def test_an_effect_switched_on_changes_the_simulated_rig(rotor_session, effect):
 @each_effect
 def test_parameters_of_an_effect_that_is_off_do_nothing(rotor_session, effect):
     nominal = ride(rotor_session, DRIVE)
-    changed = {f"{effect.id}.{name}": parameter.high for name, parameter in effect.parameters().items()}
+    changed = {f"{effect.id}.{name}": SCALE.ends(parameter)[1] for name, parameter in effect.parameters().items()}
     np.testing.assert_array_equal(ride(rotor_session, {**DRIVE, **changed}), nominal)
 
 
@@ -55,7 +60,7 @@ def test_the_fmu_is_the_simulator_with_that_effect(rotor_session, structure, eff
     values = {}
     for f in fields(effect):
         role = effect.roles()[f.name]
-        values[f.name] = 0.6 * f.default + 0.4 * role.high if f.name in effect.parameters() else f.default
+        values[f.name] = 0.6 * f.default + 0.4 * SCALE.ends(role)[1] if f.name in effect.parameters() else f.default
     start = switched_on(effect, **{f"{effect.id}.{name}": value for name, value in values.items()})
     readings = ride(rotor_session, start)
     condition = Condition(

@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable
+from functools import cache
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
+from rigtwin.rotor.effects.scale import RigScale, scale_of
 from rigtwin.rotor.frequency.frequency_response import ComplexArray, dynamic_stiffness, receptance
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
@@ -55,6 +57,12 @@ conditions = st.builds(
 )
 
 
+@cache
+def paper_scale() -> RigScale:
+    """The scale of the paper's rotor."""
+    return scale_of(paper())
+
+
 def drawn(key: str) -> st.SearchStrategy[Effect]:
     """An effect with parameters from its prior and any place on the paper's rotor."""
     fields = {name: _value(role) for name, role in EFFECTS[key].roles().items()}
@@ -63,9 +71,10 @@ def drawn(key: str) -> st.SearchStrategy[Effect]:
 
 def _value(role: Any) -> st.SearchStrategy[Any]:
     if isinstance(role, Parameter):
+        low, high = paper_scale().ends(role)
         if role.log:
-            return st.floats(math.log(role.low), math.log(role.high)).map(math.exp)
-        return st.floats(role.low, role.high)
+            return st.floats(math.log(low), math.log(high)).map(math.exp)
+        return st.floats(low, high)
     if role.kind == "position":
         return st.floats(0.0, float(paper().x[-1]))
     return st.integers(0 if role.all_nodes else 1, paper().n_nodes)

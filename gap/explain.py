@@ -31,11 +31,16 @@ from rigtwin.gap.verdict.standing import adequate, excess_of, scale_of
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.sim.campaign import Run
 
-# Pairs whose effects are tried alone.
-_TAKEN_APART = 3
 
-# Effects that act together, at most.
-_MOST_EFFECTS = 4
+@dataclass(frozen=True)
+class SeveralEffects:
+    """How effects that act together are looked for."""
+
+    taken_apart: int = 3  # pairs whose effects are tried alone
+    most: int = 4  # effects that act together
+
+
+_SEVERAL = SeveralEffects()
 
 
 @dataclass(frozen=True)
@@ -219,8 +224,8 @@ def _add_pairs(task: Task, found: Search) -> list[Fit]:
     twos = pairs(problem, found, hypotheses, task.progress)
     if twos and not any(adequate(problem, fit) for fit in (found.best, twos[0])):
         twos = best_first([*twos, *exchanged(problem, twos[0], hypotheses, not found.rough, task.progress)])
-    twos = best_first([*twos, *(fit for pair in twos[:_TAKEN_APART] for fit in straightened(problem, pair))])
-    alone = [fit for pair in twos[:_TAKEN_APART] for fit in each_alone(problem, pair, hypotheses)]
+    twos = best_first([*twos, *(fit for pair in twos[: _SEVERAL.taken_apart] for fit in straightened(problem, pair))])
+    alone = [fit for pair in twos[: _SEVERAL.taken_apart] for fit in each_alone(problem, pair, hypotheses)]
     singles = {fit.hypothesis: fit for fit in sorted((*found.fits, *alone), key=lambda fit: fit.log_weight)}
     scale = scale_of(judge(problem, max([*singles.values(), *twos], key=lambda fit: fit.log_weight)))
     best = max(singles.values(), key=lambda fit: fit.log_evidence(scale))
@@ -233,7 +238,7 @@ def _add_pairs(task: Task, found: Search) -> list[Fit]:
 def _more(task: Task, leaders: Sequence[Fit], scale: float) -> list[Fit]:
     """The best several effects, with one more as long as it earns its evidence."""
     found: list[Fit] = []
-    while leaders and len(leaders[0].hypothesis.terms) < _MOST_EFFECTS:
+    while leaders and len(leaders[0].hypothesis.terms) < _SEVERAL.most:
         leader = leaders[0]
         if most_left(task.problem, leader, task.library.linear) < 2 * PRIORS.pair_log_odds * scale**2:
             break

@@ -35,12 +35,10 @@ class RunLimits:
     few_lines: int = 32  # a run is thinned to no fewer
     no_si_unit: float = 3.0  # factor on a response from which its unit cannot be one of SI
     models: int = 64  # that are remembered
+    settled: float = 0.02  # share of a model's reach round its anchor within which a fit is taken for settled
 
 
 LIMITS = RunLimits()
-
-# Share of the reach of a model, round its anchor, within which a fit is taken for settled.
-SETTLED = 0.02
 
 
 class Problem:
@@ -88,7 +86,7 @@ class Problem:
 
     def settled(self, fit: Fit) -> bool:
         """Whether the model is all but exact at the tolerances of a fit: it would go nowhere else from a new anchor."""
-        return self.forward.workshop.near(fit.nu[self.nuisances.tolerance], self.forward.anchor.values, SETTLED)
+        return self.forward.workshop.near(fit.nu[self.nuisances.tolerance], self.forward.anchor.values, LIMITS.settled)
 
     def as_drawn(self) -> Problem:
         """The same with the model of the rig as drawn, without accelerometers on it."""

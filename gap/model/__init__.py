@@ -7,7 +7,8 @@ module              what it holds                                               
 ``forward``         rotors built and solved for runs, remembered                  ``Forward``
 ``run_model``       what the diagnosis may ask of a run's model                   ``RunModel``
 ``linear``          a linear run's response, resonance by resonance               ``Modal``
-``tolerances``      how modulus, span and disk masses bend the modes              ``bend_of``
+``workshop``        what a workshop knows of a rig only within a tolerance        ``Workshop``
+``tolerances``      how these numbers bend the modes                              ``bend_of``
 ``transients``      what a fast sweep leaves of a rotor's transients              ``transients``
 ``nonlinear``       a run's response under a force law, by harmonic balance       ``NonlinearModal``
 ``motions``         motions under a force law, and how a run drives and reads     ``Drive``

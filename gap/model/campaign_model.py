@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,9 +19,16 @@ from rigtwin.sim.campaign import UNKNOWN_DAMPING, Campaign, NominalBelief
 _ELEMENTS = 2
 _FINE_ELEMENTS = 8
 
-# Damping of bearings that nobody states, over the critical one of the rotor's mass on k_b, and how far it may be off:
-# ball bearings have 0.05 to 5 %.
-_GUESSED_DAMPING, _GUESSED_TOLERANCE = 3e-3, 1.5
+
+@dataclass(frozen=True)
+class GuessedDamping:
+    """Damping of bearings that nobody states; ball bearings have 0.05 to 5 % of the critical one."""
+
+    share: float = 3e-3  # of the critical damping of the rotor's mass on k_b
+    tolerance: float = 1.5  # standard deviation of its logarithm
+
+
+_GUESS = GuessedDamping()
 
 
 def elements_between_nodes(rig: str, least: int = _ELEMENTS) -> int:
@@ -48,8 +55,8 @@ def _with_guessed_damping(belief: NominalBelief, rig: Rig) -> NominalBelief:
     critical = 2 * float(np.sqrt(rig.k_b.start_N_per_m * scale_of(assemble(rig)).mass))
     return replace(
         belief,
-        bearing_damping_Ns_per_m=_GUESSED_DAMPING * critical,
-        bearing_damping_tolerance=max(belief.bearing_damping_tolerance, _GUESSED_TOLERANCE),
+        bearing_damping_Ns_per_m=_GUESS.share * critical,
+        bearing_damping_tolerance=max(belief.bearing_damping_tolerance, _GUESS.tolerance),
     )
 
 

@@ -104,7 +104,7 @@ def sensitivity_of(
         "span": -1.5 * strain - 0.5 * np.clip(1 - sum(bodies.values(), np.zeros(count)), 0.0, 1.0),
     }
     if "shaft_damping_ratio" not in replaced:
-        slopes["shaft_damping"] = 1j * system.shaft_damping_ratio * strain
+        slopes["shaft_damping_ratio"] = 1j * system.shaft_damping_ratio * strain
     if "bearing_damping" not in replaced:
         slopes["bearing_damping"] = 0.5j * np.einsum("im,ij,jm->m", Phi, system.C_support, Phi) / omega
     at = np.zeros((MODES, len(tolerances)), dtype=complex)

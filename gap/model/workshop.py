@@ -88,7 +88,7 @@ class Workshop:
         factors = {each.name: float(np.exp(value)) for each, value in zip(self.tolerances, values, strict=True)}
         return replace(
             belief,
-            shaft_damping_ratio=belief.shaft_damping_ratio * factors.get("shaft_damping", 1.0),
+            shaft_damping_ratio=belief.shaft_damping_ratio * factors.get("shaft_damping_ratio", 1.0),
             bearing_damping_Ns_per_m=belief.bearing_damping_Ns_per_m * factors.get("bearing_damping", 1.0),
         )
 
@@ -139,7 +139,7 @@ class Anchor:
     @cached_property
     def variants(self) -> list[Structure]:
         """The rotor with each tolerance a step larger."""
-        structural = (each.name not in ("shaft_damping", "bearing_damping") for each in self.workshop.tolerances)
+        structural = (each.name not in ("shaft_damping_ratio", "bearing_damping") for each in self.workshop.tolerances)
         return [
             self.workshop.structure(values) if builds else self.structure
             for values, builds in zip(self.stepped, structural, strict=True)
@@ -149,7 +149,7 @@ class Anchor:
 def _tolerances(rig: Rig, belief: NominalBelief) -> list[Tolerance]:
     std = belief.disk_mass_tolerance
     dampings = (
-        ("shaft_damping", belief.shaft_damping_tolerance, belief.shaft_damping_ratio),
+        ("shaft_damping_ratio", belief.shaft_damping_tolerance, belief.shaft_damping_ratio),
         ("bearing_damping", belief.bearing_damping_tolerance, belief.bearing_damping_Ns_per_m),
     )
     masses = [

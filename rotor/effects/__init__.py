@@ -9,6 +9,7 @@ module            what it holds
 ``nonlinear``     local force laws at the bearings or at a node
 ``chain``         sensors, exciter, raster and sweep
 ``spinning``      gyroscopic moments and unbalance
+``scale``         a rig's own units, in which ranges of numbers are stated
 ``library``       all of them by id
 ================  ==========================================================
 

@@ -278,7 +278,7 @@ def test_what_a_workshop_does_not_know_is_calibrated():
     taken = dict(zip(problem.forward.workshop.names, nominal.nu[problem.nuisances.tolerance], strict=True))
     assert judge(problem, nominal).misfit < 1.1
     assert_allclose(nominal.k_b, K_B, rtol=0.02)
-    assert_allclose(taken["shaft_damping"], np.log(2), atol=0.05)
+    assert_allclose(taken["shaft_damping_ratio"], np.log(2), atol=0.05)
     assert 0.005 < taken["modulus"] < 0.025
 
 

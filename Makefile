@@ -32,7 +32,7 @@ demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
 
 test: $(VENV)/installed
-	$(PYTHON) -m pytest -n 2 --dist worksteal
+	$(PYTHON) -m pytest -n 2 --dist loadfile
 
 PACKAGES := rotor sim estimator fmu_src gap blind
 

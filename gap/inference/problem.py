@@ -73,16 +73,14 @@ class Problem:
         """What a helper in another process needs: all but what is remembered."""
         return {**self.__dict__, "_memory": {}}
 
-    def at(self, tolerance: FloatArray) -> Problem:
-        """The same with a model that holds at these tolerances (n_tolerances,)."""
-        if self.forward.workshop.near(tolerance, self.forward.anchor.values):
-            return self
-        return self._like(forward=self.forward.at(tolerance))
+    def at_fit(self, fit: Fit) -> Problem:
+        """The same with a model that is exact at the tolerances of a fit.
 
-    def at_fit(self, fit: Fit, *, exactly: bool = False) -> Problem:
-        """The same with a model that holds at the tolerances of a fit; exactly, where small changes are compared."""
-        tolerance = fit.nu[self.nuisances.tolerance]
-        return self._like(forward=self.forward.at(tolerance)) if exactly else self.at(tolerance)
+        Under a force law matrices follow the tolerances, which is all but exact, and grazing motions feel any change.
+        """
+        if nonlinear(fit.effects):
+            return self
+        return self._like(forward=self.forward.at(fit.nu[self.nuisances.tolerance]))
 
     def settled(self, fit: Fit) -> bool:
         """Whether the model is all but exact at the tolerances of a fit: it would go nowhere else from a new anchor."""

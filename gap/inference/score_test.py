@@ -15,7 +15,7 @@ from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 
 # Share of an effect's change below which it counts as one that the nuisances make, too.
-INDISTINCT = 1e-9
+INDISTINCT = 1e-12
 
 
 class Score:
@@ -35,7 +35,7 @@ class Score:
     """
 
     def __init__(self, problem: Problem, fit: Fit, *, settled: bool = False):
-        problem = problem.at_fit(fit, exactly=True)
+        problem = problem.at_fit(fit)
         problem.bend(fit)
         parts = problem.linear_parts(fit.hypothesis, fit.u, fit.nu, fit.added)
         if parts is None:

@@ -63,7 +63,7 @@ class _Rotor:
     poles: ComplexArray  # (n_states,)
     residues: ComplexArray  # (n_channels + 1, n_states)
     upper: UpperResidual
-    sensitivity: FloatArray  # (MODES, n_tolerances)
+    sensitivity: ComplexArray  # (MODES, n_tolerances)
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Forward:
         self._known: dict[tuple, Known] = {}
         self._rotors: dict[tuple, _Rotor] = {}
         self._balances: dict[tuple, Balance | None] = {}
-        self._sensitivities: dict[tuple, FloatArray] = {}
+        self._sensitivities: dict[tuple, ComplexArray] = {}
         self._bends: dict[tuple, list[Bend]] = {}
 
     def __getstate__(self) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.race import BENT, CLOSE, FAR, RACE, Progress, Search, best_first, first_of_each, race
-from rigtwin.gap.search.starts import Promise, Start, begin, promises, several
+from rigtwin.gap.search.starts import Promise, Start, begin, several
 from rigtwin.gap.search.strategies.bearing_stiffness import MeasuredStiffness, law_starts, measured_stiffness
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.strategies.strategy import Strategy
@@ -161,7 +161,7 @@ def _rough_starts(
     by_grid = {h: strategy_of(h).scan(problem, h, nominal) for h in hypotheses}
     most = max(FAR_SEARCH.all * nominal.cost, nominal.cost - FAR_SEARCH.nothing * nominal.n_data)
     found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
-    weak = {h: (by_grid[h] or promises(score, h))[0] for h in hypotheses}
+    weak = {h: (by_grid[h] or strategy_of(h).promise(problem, score, h))[0] for h in hypotheses}
     found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
     on_grid = {
         h: [] if found_by_grid else strategy_of(h).grid_starts(few, h, nominal, FAR[0].added) for h in hypotheses

@@ -103,7 +103,7 @@ def best_first(fits: Iterable[Fit]) -> list[Fit]:
 def polish(problem: Problem, fit: Fit) -> Fit:
     """The same candidate, fitted on from where it is, with the tolerances as they act there."""
     for _ in range(RACE.anchors):
-        problem = problem.at_fit(fit, exactly=True)
+        problem = problem.at_fit(fit)
         problem.bend(fit)
         further = problem.try_fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=RACE.patience)
         if further is None:

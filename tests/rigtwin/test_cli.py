@@ -207,7 +207,7 @@ def test_build_of_another_rig_says_that_no_network_knows_it(tmp_path):
         (("sweep", "--nosuch"), "No such option: --nosuch"),
         (("sweep", "--support", "soft"), "'soft' is not one of 'rigid', 'bearing'"),
         (("sweep", "nosuch.fmu"), "nosuch.fmu: no such file"),
-        (("sweep", "nosuch.toml"), "give a rig TOML or one of: nit-rourkela"),
+        (("sweep", "nosuch.toml"), "give a rig TOML or one of: cantilever, nit-rourkela, pump-overhung, spindle"),
         (("sweep", "--f-min", 0), "need 0 < f-min < f-max"),
         (("sweep", "--lines", 3), "at least 8"),
         (("sweep", "--out", "run.txt"), "--out takes .csv, .uff"),

@@ -56,7 +56,7 @@ def test_the_record_of_a_parameter_is_the_parameter():
     stiffness, *others = pedestal["parameters"]
     assert stiffness == {
         "name": "stiffness", "unit": "N/m", "meaning": "Stiffness of each pedestal", "start": 1e7,
-        "prior": {"low": 1e6, "high": 5e7, "even_in": "log"}, "zero": "infinity", "minimum": 1.0, "maximum": 1e15,
+        "prior": {"low": 0.3, "high": 50.0, "in": "m_r t_r^-2", "even_in": "log"}, "zero": "infinity", "minimum": 1.0, "maximum": 1e15,
     }  # fmt: skip
     assert [p["zero"] for p in others] == [None] * 4
     assert pedestal["changes_size"]
@@ -96,6 +96,6 @@ def test_numbers_are_short(value, text):
 def test_words_for_a_parameter():
     role = Parameter("N.s/m", "Damping", 10.0, 500.0, null="bearing_damping", minimum=0.0, log=True)
     assert (unit(role.unit), unit("1"), unit("Hz")) == ("N s/m", "", "Hz")
-    assert (prior(role), zero(role), limits(role)) == ("10 to 500, log", "as in the test", "0 to ∞")
+    assert (prior(role), zero(role), limits(role)) == ("10 to 500 m_r t_r^-1, log", "as in the test", "0 to ∞")
     other = Parameter("m", "Offset", -0.01, 0.01, null=None)
-    assert (prior(other), zero(other), limits(other)) == ("−0.01 to 0.01", "", "−∞ to ∞")
+    assert (prior(other), zero(other), limits(other)) == ("−0.01 to 0.01 l_r", "", "−∞ to ∞")

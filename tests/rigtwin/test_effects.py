@@ -56,7 +56,8 @@ def test_the_record_of_a_parameter_is_the_parameter():
     stiffness, *others = pedestal["parameters"]
     assert stiffness == {
         "name": "stiffness", "unit": "N/m", "meaning": "Stiffness of each pedestal", "start": 1e7,
-        "prior": {"low": 0.3, "high": 50.0, "in": "m_r t_r^-2", "even_in": "log"}, "zero": "infinity", "minimum": 1.0, "maximum": 1e15,
+        "prior": {"low": 0.3, "high": 50.0, "in": "m_r t_r^-2", "even_in": "log"},
+        "zero": "infinity", "minimum": 1.0, "maximum": 1e15,
     }  # fmt: skip
     assert [p["zero"] for p in others] == [None] * 4
     assert pedestal["changes_size"]

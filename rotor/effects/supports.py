@@ -60,7 +60,7 @@ class BearingTiltStiffness(Effect):
     family = "support"
 
     stiffness: float = parameter(
-        2e3, "N.m/rad", "Tilt stiffness of each bearing", 0.0004, 0.2, null=0.0, minimum=0.0, maximum=1e9, log=True
+        2e3, "N.m/rad", "Tilt stiffness of each bearing", 0.0004, 0.07, null=0.0, minimum=0.0, maximum=1e9, log=True
     )
 
     def add_to(self, design: Design) -> None:

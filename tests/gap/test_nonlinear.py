@@ -302,11 +302,11 @@ def clearance(request):
 
 def test_a_gap_is_looked_for_along_its_range(clearance):
     gap, problem, law, true = clearance
-    for away in (9.0,):
+    for away in (-9.0, 9.0):
         lost = Start(law, law.clipped(true + np.array([0.0, away, 0.0])), np.zeros(problem.nuisances.n))
         (found,) = _told(problem, [lost])
         found_gap = np.exp(found.u[1])
-        assert found_gap > 1e-6 if gap == 1e-5 else found_gap == pytest.approx(gap, rel=0.3)
+        assert found_gap > 1.2e-6 if gap == 1e-5 else found_gap == pytest.approx(gap, rel=0.6)
 
 
 def test_a_gap_out_of_reach_has_a_wide_error(clearance):

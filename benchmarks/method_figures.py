@@ -40,7 +40,7 @@ from rigtwin.gap.inference.hypotheses import PRIORS, candidates
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.campaign_model import forward_of
 from rigtwin.gap.model.forward import Forward
-from rigtwin.gap.model.linear import MODES, TOLERANCES, Modal
+from rigtwin.gap.model.linear import MODES, Modal
 from rigtwin.gap.model.motions import FINE
 from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.prepare import prepared
@@ -251,7 +251,7 @@ def model_figure(example: Example) -> None:
     best, problem = example.found.best, example.problem
     modal = problem.modals(best.k_b, best.effects)[example.bearing_run]
     assert isinstance(modal, Modal)
-    none = np.zeros(MODES), np.zeros(len(TOLERANCES))
+    none = np.zeros(MODES), modal.anchor
     parts, f = np.abs(modal.of_resonances(*none)[:, :, example.channel]), modal.run.frequency_hz
     for m, colour in zip(range(3), (BLUE, GREEN, PINK), strict=True):
         left.plot(
@@ -276,12 +276,14 @@ def draw_tolerances(axes: Axes, example: Example, best: Fit) -> None:
     peak = example.problem.modals(best.k_b, best.effects)[example.bearing_run].frequencies_hz[0]
     fine = settled(example, run, best, np.linspace(peak * 0.97, peak * 1.03, 601))
     modal = example.problem.forward.modal(fine, best.k_b, best.effects)
-    still, one = np.zeros(len(TOLERANCES)), np.eye(len(TOLERANCES)) * SHOWN_TOLERANCE
+    assert isinstance(modal, Modal)
+    still, names = modal.anchor, example.problem.forward.workshop.names
+    one = dict(zip(names, still + SHOWN_TOLERANCE * np.eye(len(names)), strict=True))
     drift = example.campaign.nominal.expected_drift
     curves = [
-        ("span", BLUE, modal.response(None, one[1])),
-        ("modulus", RED, modal.response(None, one[0])),
-        ("mass of the first disk", GREEN, modal.response(None, one[2])),
+        ("span", BLUE, modal.response(None, one["span"])),
+        ("modulus", RED, modal.response(None, one["modulus"])),
+        ("mass of the first disk", GREEN, modal.response(None, one["disk_mass_1"])),
         ("drift of the resonance", ORANGE, modal.response(np.full(MODES, drift), still)),
     ]
     before = modal.response()[:, place]
@@ -350,7 +352,7 @@ def told(forward: Forward, run: Run) -> tuple[FloatArray, FloatArray]:
     """(n_freq,) motion of a bearing [m] and the force of its law [N], as the run tells them without knowing the law."""
     modal = forward.modal(run, CUBIC_K_B, (CUBIC,))
     assert isinstance(modal, NonlinearModal)
-    joints, toward, without = modal.told(np.zeros(MODES), np.zeros(len(TOLERANCES)))
+    joints, toward, without = modal.read_joints(np.zeros(MODES), modal.anchor)
     force = np.array([np.linalg.lstsq(A, b, rcond=1e-3)[0] for A, b in zip(toward, without - run.H, strict=True)])
     return np.abs(joints[:, 1, 0]), np.abs(force[:, 0])
 

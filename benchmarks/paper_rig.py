@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.page import COLOURS, DOCS, new_figure, save_figure, table
 from rigtwin.gap.inference.hypotheses import Hypothesis
+from rigtwin.gap.model.campaign_model import workshop_of
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.peaks.diagnosis import diagnosis_of
 from rigtwin.gap.peaks.lists import Lists, Reading
@@ -295,7 +296,11 @@ def _across(campaign: Campaign, lists: Lists, scored: Scored) -> float:
     run = Run(LINES_HZ, nothing, channels, "bearing", excitation_node=lists.rotor.node)
     belief = replace(campaign.nominal, shaft_damping_ratio=campaign.nominal.shaft_damping_ratio or 0.005)
     effects = scored.hypothesis.effects(scored.u[1:])
-    H = Forward(lists.structure, belief).modal(run, float(np.exp(scored.u[0])), effects).response()
+    H = (
+        Forward(workshop_of(replace(campaign, nominal=belief)))
+        .modal(run, float(np.exp(scored.u[0])), effects)
+        .response()
+    )
     along, across = np.abs(H).max(axis=0)
     return float(across / along)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -22,8 +23,7 @@ from rigtwin.blind.generate.folder import HELD_OUT, MEASURED, TRUTH
 from rigtwin.blind.judge.score import gap
 from rigtwin.commands.diagnose import shared_among
 from rigtwin.gap.diagnose import diagnose
-from rigtwin.gap.document import Location
-from rigtwin.gap.model.linear import TOLERANCES
+from rigtwin.gap.document import Diagnosis, Location
 from rigtwin.gap.phrases import effects_at, place
 from rigtwin.gap.predict import predict
 from rigtwin.rotor.model.arrays import ComplexArray
@@ -75,8 +75,10 @@ def sealed(document: Mapping[str, Any], label: Mapping[str, Any]) -> dict[str, A
         cause["parameters"][name]["value"] = value
     cause["k_b"]["value"] = label["k_b"]
     workshop = label["workshop"]
-    deviations = (workshop["modulus"], workshop["span"], *workshop["disk_masses"])
-    told["calibration"] = {"tolerance": dict(zip(TOLERANCES, deviations, strict=True)), "sensor_gain": {}}
+    off = {"modulus": workshop["modulus"], "span": workshop["span"]}
+    off |= {f"disk_mass_{k}": mass for k, mass in enumerate(workshop["disk_masses"], start=1)}
+    told["calibration"] = {"tolerance": {name: math.log1p(each) for name, each in off.items()}, "sensor_gain": {}}
+    told["nominal"]["calibration"] = {}  # which was taken with the dampings that were believed
     told["nominal"] |= {key: label[key] for key in ("shaft_damping_ratio", "bearing_damping_Ns_per_m")}
     return told
 
@@ -85,7 +87,7 @@ def predictions(document: Mapping[str, Any], folder: Path) -> Iterator[Predictio
     """Every held-out run of a campaign."""
     held_out = load_campaign(folder / HELD_OUT)
     with np.load(folder / TRUTH / f"{HELD_OUT}.npz") as truth:
-        for run in predict(document, held_out):
+        for run in predict(Diagnosis.from_document(document), held_out):
             channels = [channel.node - 1 for channel in run.run.channels]
             ideal, actual = (truth[f"{run.run.name}/{name}"][:, channels] for name in ("ideal", "actual"))
             squares = (np.abs(run.corrected.H - ideal) ** 2).sum(axis=1)

@@ -128,6 +128,21 @@ def test_the_rotor_model_uses_numpy_scipy_and_pydantic_only():
     assert {(file, package) for file, package in used if package not in ROTOR_MAY_USE} == set()
 
 
+@pytest.mark.parametrize("folder", ["benchmarks", "examples"])
+def test_what_no_test_runs_still_imports_what_there_is(folder):
+    """Benchmarks take long, so that a name that has gone would be seen late."""
+    lines = {
+        f"from {node.module} import {name.name}"
+        for path in (ROOT / folder).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rigtwin")
+        for name in node.names
+    }
+    assert len(lines) > 10
+    done = subprocess.run([sys.executable, "-c", "\n".join(sorted(lines))], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_nothing_is_imported_by_the_name_of_its_folder():
     """A checkout's folders would be found under both names, and every module be there twice."""
     for folder in (*ROOMS, "rigtwin", "tests", "benchmarks", "examples"):

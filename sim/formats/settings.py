@@ -110,8 +110,8 @@ def stored_settings(run: Run) -> dict[str, str | int | float]:
     settings: dict[str, Any] = {**settings_of(run)}
     if run.force_amplitude_N is None:
         settings["force_amplitude_N"] = UNKNOWN
-    usual = {"sweep": None, "control": "force", "roving": None}
-    return {key: value for key, value in settings.items() if key not in usual or value != usual[key]}
+    silent = [key for key in ("sweep", "control", "roving") if settings[key] == _DEFAULTS[key]]
+    return {key: value for key, value in settings.items() if key not in silent}
 
 
 def settle(path: Path, given: RunSettings, found: RunSettings, usual_node: int) -> dict[str, Any]:

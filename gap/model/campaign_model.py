@@ -31,27 +31,28 @@ class GuessedDamping:
 _GUESS = GuessedDamping()
 
 
-def elements_between_nodes(rig: str, least: int = _ELEMENTS) -> int:
+def elements_between_nodes(rig: Rig, least: int = _ELEMENTS) -> int:
     """So many, or the rig's own number, if that is larger."""
-    return max(least, load_rig(rig).elements_between_nodes)
+    return max(least, rig.elements_between_nodes)
 
 
 def structure_of(rig: str, least: int = _ELEMENTS) -> Structure:
     """A rig as drawn, with at least so many elements between two nodes."""
-    return assemble(load_rig(rig), elements_between_nodes=elements_between_nodes(rig, least))
+    drawn = load_rig(rig)
+    return assemble(drawn, elements_between_nodes=elements_between_nodes(drawn, least))
 
 
 def workshop_of(campaign: Campaign) -> Workshop:
     """The campaign's rig and what is known of it."""
-    rig, belief = load_rig(campaign.rig), campaign.nominal
-    elements, fine = (elements_between_nodes(campaign.rig, least) for least in (_ELEMENTS, _FINE_ELEMENTS))
-    if not belief.bearing_damping_Ns_per_m and belief.bearing_damping_tolerance >= UNKNOWN_DAMPING:
-        belief = _with_guessed_damping(belief, rig)
-    return Workshop(rig, belief, elements, fine)
+    rig = load_rig(campaign.rig)
+    elements, fine = (elements_between_nodes(rig, least) for least in (_ELEMENTS, _FINE_ELEMENTS))
+    return Workshop(rig, believed(campaign.nominal, rig), elements, fine)
 
 
-def _with_guessed_damping(belief: NominalBelief, rig: Rig) -> NominalBelief:
-    """Of bearings whose damping neither the campaign nor the rig file states: vague."""
+def believed(belief: NominalBelief, rig: Rig) -> NominalBelief:
+    """What is believed of a rig; of bearings whose damping neither campaign nor rig file states, a vague guess."""
+    if belief.bearing_damping_Ns_per_m or belief.bearing_damping_tolerance < UNKNOWN_DAMPING:
+        return belief
     critical = 2 * float(np.sqrt(rig.k_b.start_N_per_m * scale_of(assemble(rig)).mass))
     return replace(
         belief,

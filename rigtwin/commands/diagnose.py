@@ -38,6 +38,7 @@ from rigtwin.pages.diagnosis_words import (
 )
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.arrays import ComplexArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.scale_out import executor
@@ -175,9 +176,10 @@ def measured_on_the_virtual_rig(
     -------
     (n_freq, n_channels) of each run, and "fmu", or "rig" where an effect is none of the FMU's
     """
-    from rigtwin.gap.model.campaign_model import elements_between_nodes
+    from rigtwin.gap.model.campaign_model import believed, elements_between_nodes
 
-    belief = campaign.nominal
+    rig = load_rig(campaign.rig)
+    belief = believed(campaign.nominal, rig)
     parameters = {
         "k_b": k_b,
         "bearing_damping": belief.bearing_damping_Ns_per_m,
@@ -186,7 +188,7 @@ def measured_on_the_virtual_rig(
     tell = progress or (lambda *_: None)
     tell(0, len(runs), "virtual rig: building the FMU")
     measured = []
-    mesh = elements_between_nodes(campaign.rig)
+    mesh = elements_between_nodes(rig)
     with rotor_fmu(campaign.rig, elements_between_nodes=mesh) as fmu, FmuSession(fmu) as session:
         for number, run in enumerate(runs):
             tell(number, len(runs), f"virtual rig: run {number + 1} of {len(runs)}")

@@ -52,9 +52,7 @@ class Parameter:
     maximum: float | None = None
     log: bool = False  # whether the prior is even in the logarithm
     form: bool = False  # whether it bends the law, and may change the size of the equations where the effect does
-    amplitude: int = (
-        0  # the power of the force that its range follows, where it matters in motions of a certain size only
-    )
+    amplitude: int = 0  # the power of the force that its range follows, if it matters in motions of some size only
     sign_seen_across: bool = False  # whether only a sensor that looks across the force tells its sign
     starts: tuple[float, ...] = ()  # shares of its range where fits start, where the usual ones miss something
     step: float = 1e-5  # share of its range for a derivative: less where a response follows it wildly

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from rigtwin.gap.audit.checked_run import checked_runs
 from rigtwin.gap.audit.noise import believed_errors, common_error, scatter_over
 from rigtwin.gap.audit.wild import blank_lines, left_out_finding
@@ -28,10 +26,10 @@ def _observed(run: Run) -> Observed:
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     """A campaign's runs with their errors and model, and the recalibrated nominal model."""
     observed = [_observed(run) for run in campaign.runs]
-    problem = Problem(forward_of(campaign), observed)
-    first = recalibrate(problem)
-    problem, nominal = problem.in_si(first)
-    nominal = nominal if np.array_equal(nominal.nu, first.nu) else recalibrate(problem, nominal)
+    as_given = Problem(forward_of(campaign), observed)
+    problem, nominal = as_given.in_si(recalibrate(as_given))
+    if problem is not as_given:
+        nominal = recalibrate(problem, nominal)
     return problem.near_fit(nominal), nominal
 
 

@@ -67,9 +67,7 @@ def _refit(training: Problem, best: Fit) -> Fit:
     """Fit the corrected model to the lines that were not held out, a nonlinear one as robustly as before."""
     if nonlinear(best.effects):
         return robust_fit(training, best.hypothesis, best.u, best.nu) or best
-    there = training.at_fit(best)
-    there.bend(best)
-    return there.fit(best.hypothesis, best.u, best.nu, anneal=(0.0,))
+    return training.refine(best, anchors=1)
 
 
 def _held_out(n: int) -> BoolArray:
@@ -97,11 +95,11 @@ def _measure_corrected(
         return after, masks, "model"
     if not len(measured):
         return after, masks, verified
-    corrected = []
+    corrected, ratios = [], _nuisance_ratios(problem, fit)
     for r, (run, H, chosen, level) in enumerate(zip(problem.runs, measured, lines, levels, strict=True)):
         whole = _on_all_lines(H, chosen)
         whole = whole / level if run.quantity == "acceleration" else whole
-        corrected.append(whole * _nuisance_ratio(problem, fit, r))
+        corrected.append(whole * ratios[r])
     return corrected, [mask & chosen for mask, chosen in zip(masks, lines, strict=True)], verified
 
 
@@ -127,14 +125,14 @@ def _on_all_lines(H: ComplexArray, lines: BoolArray) -> ComplexArray:
     return every
 
 
-def _nuisance_ratio(problem: Problem, fit: Fit, r: int) -> ComplexArray:
-    """What gains, drift, tolerances and mounted sensors do to a run's response: they are not the effect's."""
-    modal = problem.at_fit(fit).modals(fit.k_b, fit.effects)[r]
-    nuisances = problem.nuisances
-    own = nuisances.of_run(fit.nu, r, modal)
-    with_them = modal.response(*own) * nuisances.gains(fit.nu, r, modal)
-    without = problem.as_drawn().modals(fit.k_b, fit.effects)[r].response(None, None, *own[2:])
-    return np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0)
+def _nuisance_ratios(problem: Problem, fit: Fit) -> list[ComplexArray]:
+    """What gains, drift, tolerances and mounted sensors do to each run's response: they are not the effect's."""
+    drawn, ratios = problem.as_drawn().modals(fit.k_b, fit.effects), []
+    for r, (modal, with_them) in enumerate(zip(drawn, problem.predict(fit), strict=True)):
+        own = problem.nuisances.of_run(fit.nu, r, modal)
+        without = modal.response(None, None, *own[2:])
+        ratios.append(np.divide(with_them, without, out=np.ones_like(with_them), where=np.abs(without) > 0))
+    return ratios
 
 
 def _figures(

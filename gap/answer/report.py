@@ -328,7 +328,7 @@ def _repeatability_findings(problem: Problem, fit: Fit) -> Iterator[Finding]:
         "gain_repeatability": "The gains of the sensors differ from run to run by {size:.2g} %",
     }
     for each in problem.nuisances.learned:
-        size = float(fit.prior_std[each.places[0]]) if len(each.places) else 0.0
+        size = each.of(fit.prior_std)
         severity = "warning" if size > each.median * np.exp(2 * PRIOR.spread) else "note"
         told = words[each.name].format(size=100 * size)
         yield Finding("repeatability", severity, f"{told}; say {each.name} in [nominal] if you know it.", "", size)

@@ -105,8 +105,7 @@ def fit(
     nu = unit(problem, hypothesis, u) if nu is None else nu.copy()
     std = problem.nuisances.std_for(nu)
     for added in anneal:
-        descent = _Descent(problem, hypothesis, added, std)
-        at = descent.run(u, nu, steps)
+        at = _Descent(problem, hypothesis, added, std).run(u, nu, steps)
         u, nu = at.u, at.nu
     for _ in range(JOINT.lessons if problem.nuisances.learned and steps else 0):
         before, std = std, learn(problem, hypothesis, at, std)
@@ -114,11 +113,30 @@ def fit(
             break
         at = _Descent(problem, hypothesis, anneal[-1], std).run(at.u, at.nu, steps)
     n = sum(o.n_values for o in problem.observed)
-    told = sum(each.log_prior(float(std[each.places[0]])) for each in problem.nuisances.learned if len(each.places))
+    told = sum(each.log_prior(each.of(std)) for each in problem.nuisances.learned)
     penalty = float(np.sum((at.nu / std) ** 2))
     return Fit(
         hypothesis, at.u, at.nu, at.chi2, penalty, at.hessian, n, std, problem.with_k_b, anneal[-1], log_prior=told
     )
+
+
+def refine(problem: Problem, fit: Fit, *, anchors: int, steps: int = 12) -> Fit:
+    """The same candidate, fitted on; its model is made anew, exact, at the tolerances that the fit has come to.
+
+    Parameters
+    ----------
+    anchors : how often that is done, at most
+    steps : of each fit, at most
+    """
+    for _ in range(anchors):
+        problem = problem.around(fit)
+        further = try_fit(problem, fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=steps)
+        if further is None:
+            break
+        fit = further
+        if problem.forward.settled(fit.nu[problem.nuisances.tolerance]):
+            break
+    return fit
 
 
 def try_fit(
@@ -231,8 +249,6 @@ def learn(problem: Problem, hypothesis: Hypothesis, at: _Point, std: FloatArray)
     stays = held(problem, at.u, at.gradient[:n_u], hypothesis.ends)
     width = np.ptp(hypothesis.ends, axis=1)
     for each in problem.nuisances.learned:
-        if not len(each.places):
-            continue
         prior = np.concatenate([2 * np.pi / width**2, 1 / std**2])
         prior[:n_u][stays] = 1e30  # a coordinate that does not move
         own = n_u + each.places

@@ -50,6 +50,10 @@ class Learned:
     places: IntArray  # of the nuisances
     median: float
 
+    def of(self, std: FloatArray) -> float:
+        """Their common standard deviation among those of all nuisances."""
+        return float(std[self.places[0]])
+
     def size(self, nu: FloatArray) -> float:
         """Root mean square of the nuisances, not below the median."""
         return max(float(np.sqrt(np.mean(nu[self.places] ** 2))), self.median)

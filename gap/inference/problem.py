@@ -35,7 +35,6 @@ class RunLimits:
     few_lines: int = 32  # a run is thinned to no fewer
     no_si_unit: float = 3.0  # factor on a response from which its unit cannot be one of SI
     models: int = 64  # that are remembered
-    settled: float = 0.02  # share of a model's reach round its anchor within which a fit is taken for settled
 
 
 LIMITS = RunLimits()
@@ -55,6 +54,7 @@ class Problem:
     rough = fitting.rough
     fit = fitting.fit
     try_fit = fitting.try_fit
+    refine = fitting.refine
     unit = fitting.unit
     held = fitting.held
     cost = fitting.cost
@@ -82,9 +82,11 @@ class Problem:
             return self
         return self._like(forward=self.forward.at(fit.nu[self.nuisances.tolerance]))
 
-    def settled(self, fit: Fit) -> bool:
-        """Whether the model is all but exact at the tolerances of a fit: it would go nowhere else from a new anchor."""
-        return self.forward.workshop.near(fit.nu[self.nuisances.tolerance], self.forward.anchor.values, LIMITS.settled)
+    def around(self, fit: Fit) -> Problem:
+        """``at_fit``, where tolerances also bend the modes near by as they do under the fit's effects."""
+        there = self.at_fit(fit)
+        there.bend(fit)
+        return there
 
     def as_drawn(self) -> Problem:
         """The same with the model of the rig as drawn, without accelerometers on it."""
@@ -188,6 +190,8 @@ class Problem:
         """
         gains = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[self.nuisances.gain], 0.0)
         gains[np.abs(gains) < np.log(LIMITS.no_si_unit)] = 0.0
+        if not gains.any():
+            return self, fit
         observed = [o.divide_by(np.exp(gain)) if gain else o for o, gain in zip(self.observed, gains, strict=True)]
         nu = fit.nu.copy()
         nu[self.nuisances.gain] -= gains

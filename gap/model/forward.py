@@ -139,6 +139,11 @@ class Forward:
         other.anchor = self.workshop.anchor(tolerance)
         return other
 
+    def settled(self, tolerance: FloatArray) -> bool:
+        """Whether a fit that has come to these tolerances (n_tolerances,) would go nowhere else from there."""
+        moved = np.abs(tolerance - self.anchor.values)
+        return bool(np.all(moved <= [each.settled for each in self.workshop.tolerances]))
+
     def bend(self, run: Run, k_b: float, effects: Sequence[Effect]) -> None:
         """Find how the tolerances bend the modes of a run under these effects, near these numbers.
 

@@ -7,14 +7,15 @@ gives their standard deviations; a tolerance of zero is left out.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
-from typing import Any, TypeVar
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import Disk, Mass, Rig
+from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import NominalBelief
@@ -22,15 +23,13 @@ from rigtwin.sim.campaign import NominalBelief
 # Step of a tolerance for a derivative.
 STEP = 1e-3
 
-# Change of a damping, or of a tilt stiffness, that its first order follows: they are small parts of the whole.
-_SMALL_SHARE = 0.03
+# The same of a damping, or of a tilt stiffness: they are small parts of the whole.
+_SETTLED_PART = 6e-4
 
 # Keys of [nominal] that are tolerances of what is in the model.
 TOLERANCE_KEYS = tuple(
     f.name for f in fields(NominalBelief) if f.name.endswith("_tolerance") and f.name != "gain_tolerance"
 )
-
-Body = TypeVar("Body", Disk, Mass)
 
 
 @dataclass(frozen=True)
@@ -39,10 +38,10 @@ class Tolerance:
 
     name: str
     std: float  # of the logarithm of its factor
-    number: int = 0  # of the disk or lumped mass, from 0
+    change: Callable[[Rig, float], Rig] | None = None  # the rig with it so many times as large; None of a damping
     node: int = 0  # of the rig that the disk or mass sits at, from 1
     mass: float = 0.0  # [kg]
-    reach: float = 1e-3  # change over which a model follows it to first order well enough
+    settled: float = 2e-5  # change from an anchor below which a fit would go nowhere else from a new one
 
 
 class Workshop:
@@ -78,8 +77,9 @@ class Workshop:
     def rig_at(self, values: FloatArray) -> Rig:
         """The rig with tolerances (n_tolerances,); dampings are no part of it."""
         rig = self.rig
-        for each, factor in zip(self.tolerances, np.exp(values), strict=True):
-            rig = _changed(rig, each, float(factor))
+        for each, value in zip(self.tolerances, values, strict=True):
+            if each.change and value:
+                rig = each.change(rig, float(np.exp(value)))
         return rig
 
     def belief_at(self, values: FloatArray) -> NominalBelief:
@@ -91,11 +91,6 @@ class Workshop:
             shaft_damping_ratio=belief.shaft_damping_ratio * factors.get("shaft_damping_ratio", 1.0),
             bearing_damping_Ns_per_m=belief.bearing_damping_Ns_per_m * factors.get("bearing_damping", 1.0),
         )
-
-    def near(self, a: FloatArray, b: FloatArray, share: float = 1.0) -> bool:
-        """Whether a model that is exact at the one holds at the other, tolerances (n_tolerances,) each; where every
-        digit counts, within a share of its reach."""
-        return bool(np.all(np.abs(a - b) <= share * np.array([each.reach for each in self.tolerances])))
 
     def anchor(self, values: FloatArray) -> Anchor:
         """The rig with these tolerances, remembered."""
@@ -139,61 +134,54 @@ class Anchor:
     @cached_property
     def variants(self) -> list[Structure]:
         """The rotor with each tolerance a step larger."""
-        structural = (each.name not in ("shaft_damping_ratio", "bearing_damping") for each in self.workshop.tolerances)
         return [
-            self.workshop.structure(values) if builds else self.structure
-            for values, builds in zip(self.stepped, structural, strict=True)
+            self.workshop.structure(values) if each.change else self.structure
+            for values, each in zip(self.stepped, self.workshop.tolerances, strict=True)
         ]
 
 
-def _tolerances(rig: Rig, belief: NominalBelief) -> list[Tolerance]:
-    std = belief.disk_mass_tolerance
-    dampings = (
-        ("shaft_damping_ratio", belief.shaft_damping_tolerance, belief.shaft_damping_ratio),
-        ("bearing_damping", belief.bearing_damping_tolerance, belief.bearing_damping_Ns_per_m),
-    )
-    masses = [
-        *(Tolerance(f"disk_mass_{k + 1}", std, k, disk.node, disk.mass) for k, disk in enumerate(rig.disk)),
-        *(Tolerance(f"mass_{k + 1}", std, k, mass.node, mass.mass_kg) for k, mass in enumerate(rig.mass)),
+def _tolerances(rig: Rig, belief: NominalBelief) -> Iterator[Tolerance]:
+    yield Tolerance("modulus", belief.modulus_tolerance, _stiffer)
+    yield Tolerance("span", belief.span_tolerance, _longer)
+    for k, disk in enumerate(rig.disk):
+        change = partial(_heavier, kind="disk", number=k)
+        yield Tolerance(f"disk_mass_{k + 1}", belief.disk_mass_tolerance, change, disk.node, disk.mass)
+    for k, mass in enumerate(rig.mass):
+        change = partial(_heavier, kind="mass", number=k)
+        yield Tolerance(f"mass_{k + 1}", belief.disk_mass_tolerance, change, mass.node, mass.mass_kg)
+    if any(s.tilt_stiffness_Nm_per_rad not in ("rigid", 0.0) for s in rig.support):
+        yield Tolerance("tilt", belief.tilt_tolerance, _held_tighter, settled=_SETTLED_PART)
+    if belief.shaft_damping_ratio:
+        yield Tolerance("shaft_damping_ratio", belief.shaft_damping_tolerance, settled=_SETTLED_PART)
+    if belief.bearing_damping_Ns_per_m:
+        yield Tolerance("bearing_damping", belief.bearing_damping_tolerance, settled=_SETTLED_PART)
+
+
+def _stiffer(rig: Rig, factor: float) -> Rig:
+    """With another modulus of the shaft."""
+    segments = [s.model_copy(update={"youngs_modulus_Pa": factor * s.youngs_modulus_Pa}) for s in rig.segment]
+    return rig.model_copy(update={"segment": segments})
+
+
+def _longer(rig: Rig, factor: float) -> Rig:
+    """With other lengths along the shaft."""
+    segments = [s.model_copy(update={"length_m": factor * s.length_m}) for s in rig.segment]
+    return rig.model_copy(update={"segment": segments, "nodes_m": [factor * x for x in rig.nodes_m]})
+
+
+def _heavier(rig: Rig, factor: float, *, kind: str, number: int) -> Rig:
+    """With another mass of one disk or lumped mass: of another density, where it has dimensions."""
+    bodies = list(getattr(rig, kind))
+    body = bodies[number]
+    key = "density_kg_per_m3" if getattr(body, "density_kg_per_m3", None) is not None else "mass_kg"
+    bodies[number] = body.model_copy(update={key: factor * getattr(body, key)})
+    return rig.model_copy(update={kind: bodies})
+
+
+def _held_tighter(rig: Rig, factor: float) -> Rig:
+    """With another tilt stiffness of the supports that have one."""
+    key = "tilt_stiffness_Nm_per_rad"
+    supports = [
+        s if getattr(s, key) == "rigid" else s.model_copy(update={key: factor * getattr(s, key)}) for s in rig.support
     ]
-    tilted = any(s.tilt_stiffness_Nm_per_rad not in ("rigid", 0.0) for s in rig.support)
-    return [
-        Tolerance("modulus", belief.modulus_tolerance),
-        Tolerance("span", belief.span_tolerance),
-        *masses,
-        *([Tolerance("tilt", belief.tilt_tolerance, reach=_SMALL_SHARE)] if tilted else []),
-        *(Tolerance(name, std, reach=_SMALL_SHARE) for name, std, damping in dampings if damping),
-    ]
-
-
-def _changed(rig: Rig, tolerance: Tolerance, factor: float) -> Rig:
-    """The rig with one number so many times as large; dampings are no part of it."""
-    name, k = tolerance.name, tolerance.number
-    if factor == 1.0:
-        return rig
-    if name == "modulus":
-        stiffer = [s.model_copy(update={"youngs_modulus_Pa": factor * s.youngs_modulus_Pa}) for s in rig.segment]
-        return rig.model_copy(update={"segment": stiffer})
-    if name == "span":
-        longer = [s.model_copy(update={"length_m": factor * s.length_m}) for s in rig.segment]
-        return rig.model_copy(update={"segment": longer, "nodes_m": [factor * x for x in rig.nodes_m]})
-    if name == "tilt":
-        return rig.model_copy(
-            update={"support": [s.model_copy(update=_tilted(s.tilt_stiffness_Nm_per_rad, factor)) for s in rig.support]}
-        )
-    if name.startswith("disk_mass"):
-        return rig.model_copy(update={"disk": [_heavier(d, factor) if j == k else d for j, d in enumerate(rig.disk)]})
-    if name.startswith("mass"):
-        return rig.model_copy(update={"mass": [_heavier(m, factor) if j == k else m for j, m in enumerate(rig.mass)]})
-    return rig
-
-
-def _tilted(stiffness: float | str, factor: float) -> dict[str, float]:
-    return {} if isinstance(stiffness, str) else {"tilt_stiffness_Nm_per_rad": factor * stiffness}
-
-
-def _heavier(body: Body, factor: float) -> Body:
-    """The body with another mass: of another density, where it has dimensions."""
-    if isinstance(body, Disk) and body.density_kg_per_m3 is not None:
-        return body.model_copy(update={"density_kg_per_m3": factor * body.density_kg_per_m3})
-    return body.model_copy(update={"mass_kg": factor * (body.mass if isinstance(body, Disk) else body.mass_kg)})
+    return rig.model_copy(update={"support": supports})

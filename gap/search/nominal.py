@@ -30,13 +30,7 @@ NOMINAL_FITS = NominalFits()
 
 def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
     """The nominal model with the bearing stiffness and the tolerances that suit the runs best."""
-    fit = _nominal(problem) if start is None else start
-    for _ in range(NOMINAL_FITS.anchors):
-        problem = problem.at_fit(fit)
-        fit = problem.fit(NOMINAL, fit.u, fit.nu, anneal=(0.0,))
-        if problem.settled(fit):
-            break
-    return fit
+    return problem.refine(_nominal(problem) if start is None else start, anchors=NOMINAL_FITS.anchors)
 
 
 def _nominal(problem: Problem) -> Fit:

@@ -123,24 +123,24 @@ def pair_starts(
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
             pair = _paired(leader.hypothesis, second)
             by_score += gained
-            points = strategy_of(second).points(leader.u, second)
-            beside += [begin(pair, pair.clipped(point), leader) for point in points]
+            if not near:
+                points = strategy_of(second).points(leader.u, second)
+                beside += [begin(pair, pair.clipped(point), leader) for point in points]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
         starts += [promise.start for promise in by_score[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
-    return starts if near else starts + _by_logarithms(problem.thinned(PAIRS.every), beside, near)
+    return starts + _by_logarithms(problem.thinned(PAIRS.every), beside)
 
 
-def _by_logarithms(few: Problem, starts: Sequence[Start], near: bool) -> list[Start]:
+def _by_logarithms(few: Problem, starts: Sequence[Start]) -> list[Start]:
     """The best starts of pairs by rough descents.
 
     Far from the data a start tells little of where it leads to: of each pair some are taken a step down before as well.
     """
     tried = sorted(each(partial(_down_from, few, 0), starts), key=itemgetter(1))
     best = [start for start, _ in tried[: 2 * PAIRS.by_rough]]
-    if not near:
-        some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, PAIRS.starts)]
-        stepped = sorted(each(partial(_down_from, few, 1), some), key=itemgetter(1))
-        best += [start for start, _ in stepped[: PAIRS.by_rough]]
+    some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, PAIRS.starts)]
+    stepped = sorted(each(partial(_down_from, few, 1), some), key=itemgetter(1))
+    best += [start for start, _ in stepped[: PAIRS.by_rough]]
     return [start for start, _ in each(partial(_down_from, few, PAIRS.steps), best)]
 
 

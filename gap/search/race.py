@@ -102,28 +102,12 @@ def best_first(fits: Iterable[Fit]) -> list[Fit]:
 
 def polish(problem: Problem, fit: Fit) -> Fit:
     """The same candidate, fitted on from where it is, with the tolerances as they act there."""
-    for _ in range(RACE.anchors):
-        problem = problem.at_fit(fit)
-        problem.bend(fit)
-        further = problem.try_fit(fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=RACE.patience)
-        if further is None:
-            break
-        fit = further
-        if problem.settled(fit):
-            break
-    return fit
+    return problem.refine(fit, anchors=RACE.anchors, steps=RACE.patience)
 
 
 def polish_all(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """Several candidates, each fitted on.
-
-    On a support where the same of their effects act, candidates share how tolerances bend the modes: at the end it is
-    as the best of them had it.
-    """
-    made = list(each(partial(polish, problem), fits))
-    for _, begun in sorted(zip(made, fits, strict=True), key=lambda both: both[0].log_weight):
-        problem.at_fit(begun).bend(begun)
-    return made
+    """Several candidates, each fitted on."""
+    return list(each(partial(polish, problem), fits))
 
 
 def first_of_each(items: Iterable[T], key: Callable[[T], Hashable], count: int = 1) -> list[T]:

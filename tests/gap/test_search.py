@@ -345,9 +345,11 @@ def test_far_from_the_data_a_step_down_brings_a_pair_that_begins_like_others(mon
         pair = _paired(seat, second)
         begin = [np.log(0.0018)] if second.ids == ("attached_mass",) else second.starts()[0]
         starts.append(Start(pair, pair.clipped(np.append(lead, begin)), np.zeros(problem.nuisances.n)))
-    monkeypatch.setattr(pair_search, "PAIRS", replace(PAIRS, by_rough=1))
-    few = problem.thinned(5)
-    by_start, all_of_them = (_by_logarithms(few, starts, near) for near in (True, False))
+    few, found = problem.thinned(5), []
+    for stepped in (0, PAIRS.starts):
+        monkeypatch.setattr(pair_search, "PAIRS", replace(PAIRS, by_rough=1, starts=stepped))
+        found.append(_by_logarithms(few, starts))
+    by_start, all_of_them = found
     assert (len(by_start), len(all_of_them)) == (2, 3)
     costs = [few.rough(start.hypothesis, start.u, 0)[1] for start in all_of_them]
     assert costs[2] < 0.01 * min(costs[:2])

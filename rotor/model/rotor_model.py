@@ -193,6 +193,10 @@ class _Assembly:
             self.G[theta_y, theta_z] += polar
             self.G[theta_z, theta_y] -= polar
         for node, mass, half_width in design.masses:
+            if not half_width:
+                places = [structure.dof(node, plane) for plane in (1, 2)]
+                self.M[places, places] += mass
+                continue
             for side in (-half_width, half_width):
                 self._connect(self.M, [self._beside(node, side, plane) for plane in (1, 2)], mass / 2 * np.eye(2))
 

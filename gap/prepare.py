@@ -12,7 +12,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import Observed, observe
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.campaign_model import forward_of
-from rigtwin.gap.search.nominal import recalibrate
+from rigtwin.gap.search.nominal import is_close, recalibrate
 from rigtwin.gap.verdict.adequacy import odd_lines
 from rigtwin.gap.verdict.standing import adequate
 from rigtwin.sim.campaign import Campaign, Run
@@ -30,7 +30,7 @@ def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     problem, nominal = as_given.in_si(recalibrate(as_given))
     if problem is not as_given:
         nominal = recalibrate(problem, nominal)
-    return problem.near_fit(nominal), nominal
+    return (problem.near_fit(nominal) if is_close(nominal) else problem), nominal
 
 
 def without_odd_lines(

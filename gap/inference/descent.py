@@ -21,9 +21,15 @@ def soften(residual: FloatArray) -> FloatArray:
 
 
 def minimise(
-    residual: Residual, u: FloatArray, ends: FloatArray, with_k_b: bool, steps: int
+    residual: Residual, u: FloatArray, ends: FloatArray, log: BoolArray, with_k_b: bool, steps: int
 ) -> tuple[FloatArray, float]:
-    """A few damped Gauss-Newton steps with forward differences, which avoid points without a model."""
+    """A few damped Gauss-Newton steps with forward differences, which avoid points without a model.
+
+    Parameters
+    ----------
+    u, ends, log : (n,) start, (n, 2) range and (n,) which coordinates are logarithms
+    with_k_b : whether the first coordinate moves
+    """
     x, scales = np.clip(u, ends[:, 0], ends[:, 1]), np.ptp(ends, axis=1)
     r = residual(x)
     if r is None:
@@ -39,7 +45,7 @@ def minimise(
             moved = residual(y)
             if moved is not None:
                 J[:, j] = (moved - r) / step
-        found = _reduce(residual, x, r, J, ends, mu)
+        found = _reduce(residual, x, r, J, ends, log, mu)
         if found is None:
             break
         before = float(r @ r)
@@ -50,13 +56,14 @@ def minimise(
 
 
 def _reduce(
-    residual: Residual, x: FloatArray, r: FloatArray, J: FloatArray, ends: FloatArray, mu: float
+    residual: Residual, x: FloatArray, r: FloatArray, J: FloatArray, ends: FloatArray, log: BoolArray, mu: float
 ) -> tuple[FloatArray, FloatArray, float] | None:
     """A point with a smaller residual, the residual, and the next damping; None where none is found."""
     A, g = J.T @ J, -J.T @ r
     damping = np.diag(A.diagonal() + 1e-12)
     for _ in range(6):
-        trial = np.clip(x + np.linalg.solve(A + mu * damping + 1e-12 * np.eye(len(x)), g), ends[:, 0], ends[:, 1])
+        step = np.linalg.solve(A + mu * damping + 1e-12 * np.eye(len(x)), g)
+        trial = np.clip(x + np.where(log, shorten_logarithms(step), step), ends[:, 0], ends[:, 1])
         moved = residual(trial)
         if moved is not None and moved @ moved < r @ r:
             return trial, moved, mu / 5

@@ -15,9 +15,11 @@ import numpy as np
 from rigtwin.gap.inference.descent import damped_step, minimise, shorten_logarithms, soften
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, Hypothesis
+from rigtwin.gap.inference.modes import resonance_residual
 from rigtwin.gap.inference.nuisances import PRIOR, Learned
 from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weights_and_residuals
 from rigtwin.gap.model.run_model import RunModel
+from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -42,28 +44,43 @@ class JointFit:
 
 JOINT = JointFit()
 
-# -- rough: logarithms, without nuisances --------------------------------------------------------------
+# -- rough: resonances or logarithms, without nuisances --------------------------------------------------------------
 
 
 def rough(problem: Problem, hypothesis: Hypothesis, u: FloatArray, steps: int) -> tuple[FloatArray, float]:
-    """Bring a start near the data: least squares of ln(model / data), bounded.
+    """Bring a start near the data: bounded least squares of resonances, or of ln(model / data) where runs show none.
 
     Returns
     -------
     (1 + n_free,) coordinates and the cost per value
     """
+    compare = _of_resonances if shows_resonances(problem, hypothesis) else _logarithms
 
     def residual(x: FloatArray) -> FloatArray | None:
         modals = problem.try_modals(hypothesis, x)
         if modals is None:
             return None
-        parts = [part for pair in zip(problem.observed, modals, strict=True) for part in _logarithms(*pair)]
+        parts = [compare(problem, observed, m) for observed, m in zip(problem.observed, modals, strict=True)]
         return soften(np.concatenate(parts))
 
-    return minimise(residual, u, hypothesis.ends, problem.with_k_b, steps)
+    return minimise(residual, u, hypothesis.ends, hypothesis.log, problem.with_k_b, steps)
 
 
-def _logarithms(observed: Observed, modal: RunModel) -> list[FloatArray]:
+def shows_resonances(problem: Problem, hypothesis: Hypothesis) -> bool:
+    """Whether the runs show resonances, which are the rotor's own under these effects."""
+    effects = [term.effect for term in hypothesis.terms]
+    moved = any(e.needs_exciter_current or e.sweep_changes is not Effect.sweep_changes for e in effects)
+    linear = all(e.family != "nonlinear" for e in effects)
+    return linear and not moved and all(o.resonances for o in problem.observed)
+
+
+def _of_resonances(problem: Problem, observed: Observed, modal: RunModel) -> FloatArray:
+    """Misfit of one run's resonances."""
+    assert modal.as_linear is not None
+    return resonance_residual(modal.as_linear, observed.resonances, problem.forward.workshop.std)
+
+
+def _logarithms(problem: Problem, observed: Observed, modal: RunModel) -> FloatArray:
     """ln(model / data) of one run over its error: of the magnitudes, and of the phases where these were measured."""
     y, H = observed.run.H, modal.response()
     usable = np.isfinite(y) & (np.abs(y) > JOINT.silent * np.nanmax(np.abs(y))) & (np.abs(H) > 0)
@@ -73,7 +90,9 @@ def _logarithms(observed: Observed, modal: RunModel) -> list[FloatArray]:
     if observed.run.quantity == "acceleration" and usable.any():
         log = log - np.median(log[usable])
     magnitudes = (np.where(usable, log, 0.0) / JOINT.rough_error).ravel()
-    return [magnitudes] if observed.run.magnitude_only else [magnitudes, (np.angle(ratio) / JOINT.rough_error).ravel()]
+    if observed.run.magnitude_only:
+        return magnitudes
+    return np.concatenate([magnitudes, (np.angle(ratio) / JOINT.rough_error).ravel()])
 
 
 # -- fine: the data's own errors, nuisances included ---------------------------------------------------
@@ -180,7 +199,7 @@ class _Descent:
 
     def __init__(self, problem: Problem, hypothesis: Hypothesis, added: float, std: FloatArray):
         self.problem, self.hypothesis, self.added = problem, hypothesis, added
-        self.log = np.array([free.log for free in hypothesis.coordinates])
+        self.log = hypothesis.log
         self.prior = 1 / std**2
 
     def run(self, u: FloatArray, nu: FloatArray, steps: int) -> _Point:

@@ -14,7 +14,7 @@ from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.effect import Parameter
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.effects.scale import RigScale, scale_of
-from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.rotor.model.arrays import BoolArray, FloatArray
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Run
 
@@ -137,6 +137,11 @@ class Hypothesis:
     def ends(self) -> FloatArray:
         """(1 + n_free, 2) ranges of the coordinates."""
         return np.array([free.ends for free in self.coordinates])
+
+    @property
+    def log(self) -> BoolArray:
+        """(1 + n_free,) which coordinates are logarithms."""
+        return np.array([free.log for free in self.coordinates])
 
     @property
     def bent(self) -> Hypothesis:

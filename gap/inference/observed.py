@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import i0e, i1e
 
+from rigtwin.gap.inference.modes import MeasuredMode, measured_modes
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
@@ -36,6 +37,7 @@ class Observed:
     std: FloatArray  # (n_freq, n_channels), what all channels share among them
     common: float = 0.0  # relative standard error that all channels share at a line, as noise of the force is
     scatter: float = np.nan  # of the lines about a smooth curve, over these errors; nan: not known
+    resonances: tuple[MeasuredMode, ...] = ()  # that the run shows plainly
 
     @property
     def valid(self) -> BoolArray:
@@ -68,7 +70,8 @@ def observe(run: Run, std: FloatArray, common: float = 0.0, scatter: float = np.
     """A run whose errors are at least what can be believed."""
     size = np.abs(run.H[np.isfinite(run.H)])
     least = LEAST.std * (np.median(size[size > 0]) if (size > 0).any() else 1.0)
-    return Observed(run, np.maximum(np.where(np.isfinite(std), std, np.inf), least), common, scatter)
+    believed = np.maximum(np.where(np.isfinite(std), std, np.inf), least)
+    return Observed(run, believed, common, scatter, measured_modes(run, believed))
 
 
 def residual(observed: Observed, H: ComplexArray, added: float) -> Values:

@@ -52,6 +52,7 @@ class Problem:
 
     # The joint fit: functions of ``fitting`` that take the problem first.
     rough = fitting.rough
+    shows_resonances = fitting.shows_resonances
     fit = fitting.fit
     try_fit = fitting.try_fit
     refine = fitting.refine

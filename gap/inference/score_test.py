@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -14,8 +15,18 @@ from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 
-# Share of an effect's change below which it counts as one that the nuisances make, too.
-INDISTINCT = 1e-12
+
+@dataclass(frozen=True)
+class Distinct:
+    """Shares of an effect's change that the fit's own numbers do not make as well."""
+
+    none: float = 1e-12  # below this it counts as none
+    # Below this the fit's own numbers make the same, as far as slopes are known, to 1 %. All that such an effect can
+    # gain is that these numbers come back to where their priors have them.
+    parallel: float = 1e-4
+
+
+DISTINCT = Distinct()
 
 
 class Score:
@@ -48,6 +59,7 @@ class Score:
         gradient = self._gradient()
         held = problem.held(fit.u, gradient[: len(fit.u)], fit.hypothesis.ends)
         self._covariance = fit.covariance(held=held)
+        self._prior_precision = np.append(np.zeros(len(fit.u)), 1 / fit.prior_std**2)
         self._unsettled = gradient if settled else np.zeros(len(gradient))
 
     @property
@@ -86,9 +98,12 @@ class Score:
             size += np.sum(columns**2, axis=1)
             shared[:, where] += columns @ J.T
         answer = shared @ self._covariance
-        own = size - np.sum(shared * answer, axis=1)
-        own[own <= INDISTINCT * size] = np.inf
+        priors = answer * self._prior_precision
+        own, by_priors = size - np.sum(shared * answer, axis=1), np.sum(priors * answer, axis=1)
         slope -= answer @ self._unsettled
+        alike = own - by_priors <= DISTINCT.parallel * size
+        own[alike], slope[alike] = by_priors[alike], priors[alike] @ np.append(self.fit.u, self.fit.nu)
+        own[own <= DISTINCT.none * size] = np.inf
         scale = slope / own
         return scale * np.abs(slope), scale, -scale[:, None] * answer
 
@@ -150,7 +165,7 @@ def _gain(slope: FloatArray, told: FloatArray, size: FloatArray) -> tuple[float,
     """The misfit that goes along all directions that tell something, and how many these are."""
     unit = 1 / np.sqrt(np.maximum(size.diagonal(), 1e-30))
     values, axes = np.linalg.eigh(told * unit * unit[:, None])
-    free = values > INDISTINCT * values.max(initial=0.0)
+    free = values > DISTINCT.none * values.max(initial=0.0)
     along = (axes.T @ (slope * unit))[free]
     return float(np.sum(along**2 / values[free])), int(free.sum())
 

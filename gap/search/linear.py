@@ -18,9 +18,9 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B, NOMINAL, Hypothesis
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
-from rigtwin.gap.search.nominal import recalibrate
+from rigtwin.gap.search.nominal import is_close, recalibrate
 from rigtwin.gap.search.race import BENT, CLOSE, FAR, RACE, Progress, Search, best_first, first_of_each, race
-from rigtwin.gap.search.starts import Promise, Start, begin, several
+from rigtwin.gap.search.starts import Start, begin, promises, several
 from rigtwin.gap.search.strategies.bearing_stiffness import MeasuredStiffness, law_starts, measured_stiffness
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.strategies.strategy import Strategy
@@ -32,8 +32,6 @@ from rigtwin.rotor.model.arrays import FloatArray
 class NearSearch:
     """A search close to the nominal model."""
 
-    near: float = 5.0  # close: the nominal model's mean square misfit is below this,
-    calm: float = 40.0  # and its nuisances are less far outside their priors, in standard deviations
     worth_gain: float = 0.3  # to first order, a candidate is worth a fit from this share of the largest gain,
     worth_misfit: float = 40.0  # or within so much misfit of it
     # Where neither the misfit nor resonances and shapes of each run's own show more than noise, by this chance, only
@@ -50,11 +48,12 @@ class FarSearch:
     every: int = 3  # lines: every third tells enough to start from
     worth_factor: float = 3.0  # a rough cost within this factor of the best one,
     worth: float = 0.02  # and this much more, is worth racing
-    all: float = 0.9  # an effect that takes away such a share of the misfit,
-    nothing: float = 2.0  # and leaves so much of it per value, leaves nothing for others
-    first_steps: int = 2  # of descents from all points
-    further_steps: int = 6  # of those carried on
-    carried: int = 3  # points of every candidate that are carried on, the lowest,
+    nothing: float = 2.0  # an effect that leaves so much misfit per value leaves nothing for grids to find
+    tried: int = 2  # points of every candidate, the lowest, from which descents begin
+    first_steps: int = 1  # of these
+    further_steps: int = 7  # of those carried on
+    carried: int = 1  # points of every candidate that are carried on, the lowest,
+    along_shaft: int = 3  # times as many along the shaft,
     dropped: float = 10.0  # unless these are behind the best candidate's by this factor
     long_way: int = 24  # steps along the long valleys of laws that are bent
 
@@ -76,12 +75,16 @@ def search(
     progress : called with (done, total, words)
     """
     nominal = nominal or recalibrate(problem)
-    problem = problem.near_fit(nominal)
-    if _close(nominal):
+    if is_close(nominal):
+        problem = problem.near_fit(nominal)
         starts = weak_starts(problem, hypotheses, nominal, progress)
         return Search(nominal, tuple(race(problem, starts, CLOSE, progress)))
     starts, rough = _rough_starts(problem, hypotheses, nominal, progress)
-    return Search(nominal, tuple(race(problem, starts, FAR, progress)), rough)
+    fits = race(problem, starts, FAR, progress)
+    if not (fits and fits[0].cost < FAR_SEARCH.nothing * nominal.n_data):
+        more = race(problem, _starts_on_grids(problem, hypotheses, nominal), FAR, progress)
+        fits = first_of_each(best_first([*fits, *more]), lambda fit: fit.hypothesis)
+    return Search(nominal, tuple(fits), rough)
 
 
 def search_from_afar(
@@ -97,11 +100,6 @@ def search_from_afar(
     starts, _ = _rough_starts(problem, of_several, found.nominal, progress)
     fits = best_first([*found.fits, *race(problem, starts, FAR, progress)])
     return replace(found, fits=tuple(first_of_each(fits, lambda fit: fit.hypothesis)))
-
-
-def _close(nominal: Fit) -> bool:
-    outside = np.abs(nominal.nu / nominal.prior_std).max()
-    return nominal.cost < NEAR_SEARCH.near * nominal.n_data and bool(outside < NEAR_SEARCH.calm)
 
 
 def bend_laws(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> Search:
@@ -147,56 +145,43 @@ def _all_the_way_down(
 def _rough_starts(
     problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit, progress: Progress | None
 ) -> tuple[list[Start], tuple[Start, ...]]:
-    """Starts of the candidates whose rough cost is near the best one's, and the best of every effect by that alone.
-
-    Where a grid has found an effect that leaves next to nothing, no rough descents are needed.
-    """
+    """Starts of the candidates whose rough cost is near the best one's, and the best of every effect by that alone."""
     few = problem.thinned(FAR_SEARCH.every)
-    base = (
-        few.rough(NOMINAL, nominal.u[:1], FAR_SEARCH.first_steps + FAR_SEARCH.further_steps)[0]
-        if problem.with_k_b
-        else nominal.u[:1]
-    )
+    base = nominal.u[:1]
+    if problem.with_k_b:
+        base, _ = few.rough(NOMINAL, base, FAR_SEARCH.first_steps + FAR_SEARCH.further_steps)
+    found = _descents(few, hypotheses, base, progress)
+    lowest = min((_cost(own) for own in found.values()), default=0.0)
+    limit = FAR_SEARCH.worth_factor * lowest + FAR_SEARCH.worth
+    starts, best = [], {}
+    for place, h in enumerate(sorted(hypotheses, key=lambda h: _cost(found[h]))):
+        own = [Start(h, u, problem.unit(h, u)) for u, _ in found[h][: _of(h, RACE.rivals)]]
+        if place < RACE.at_least or _cost(found[h]) < limit:
+            starts += own
+        best.setdefault(h.ids, own[0])
+    return starts + _beside_nominal(problem, hypotheses, nominal), tuple(best.values())
+
+
+def _beside_nominal(problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit) -> list[Start]:
+    """Starts next to the nominal model of the candidates that gain most there: its nuisances may be right already."""
     score = Score(problem, nominal)
-    by_grid = {h: strategy_of(h).scan(problem, h, nominal) for h in hypotheses}
-    most = max(FAR_SEARCH.all * nominal.cost, nominal.cost - FAR_SEARCH.nothing * nominal.n_data)
-    found_by_grid = any(promise.gain > most for promises in by_grid.values() for promise in promises)
-    weak = {h: (by_grid[h] or strategy_of(h).promise(problem, score, h))[0] for h in hypotheses}
-    found = {} if found_by_grid else _descents(few, hypotheses, base, progress)
-    on_grid = {
-        h: [] if found_by_grid else strategy_of(h).grid_starts(few, h, nominal, FAR[0].added) for h in hypotheses
-    }
-    rough = [_Rough(h, found.get(h, []), weak[h], on_grid[h]) for h in hypotheses]
-    rough.sort(key=lambda entry: (entry.cost, -entry.weak.gain))
-    limit = FAR_SEARCH.worth_factor * rough[0].cost + FAR_SEARCH.worth if rough else 0.0
-    told = sorted((entry.weak.gain for entry in rough), reverse=True)[: RACE.at_least]
-    worth = [
-        entry
-        for place, entry in enumerate(rough)
-        if place < RACE.at_least or entry.cost < limit or entry.weak.gain >= told[-1] or entry.on_grid
-    ]
-    first = {entry.hypothesis.ids: entry for entry in reversed(rough) if entry.found}
-    best = sorted(first.values(), key=lambda entry: entry.cost)
-    return [s for entry in worth for s in entry.starts(nominal)], tuple(entry.starts(nominal)[0] for entry in best)
+    found = sorted((promises(score, h)[0] for h in hypotheses), key=lambda promise: promise.gain, reverse=True)
+    return [promise.start for promise in found[: RACE.at_least] if promise.gain > 0]
 
 
-@dataclass(frozen=True)
-class _Rough:
-    """A candidate after a rough descent."""
+def _starts_on_grids(problem: Problem, hypotheses: Sequence[Hypothesis], nominal: Fit) -> list[Start]:
+    """Starts that only grids of their own find."""
+    few, there = problem.thinned(FAR_SEARCH.every), problem.at_fit(nominal)
+    starts: list[Start] = []
+    for h in hypotheses:
+        starts += [promise.start for promise in strategy_of(h).scan(there, h, nominal)]
+        starts += strategy_of(h).grid_starts(few, h, nominal, FAR[0].added)
+    return starts
 
-    hypothesis: Hypothesis
-    found: list[tuple[FloatArray, float]]  # coordinates and cost, best first; none were looked for where it is empty
-    weak: Promise
-    on_grid: list[Start]
 
-    @property
-    def cost(self) -> float:
-        return self.found[0][1] if self.found else np.inf
-
-    def starts(self, nominal: Fit) -> list[Start]:
-        """Where its fits begin."""
-        chosen = [begin(self.hypothesis, x, nominal) for x, _ in self.found[: RACE.rivals]]
-        return [*chosen, *([self.weak.start] if self.weak.gain > 0 else []), *self.on_grid]
+def _cost(found: list[tuple[FloatArray, float]]) -> float:
+    """Of the best descent."""
+    return found[0][1] if found else np.inf
 
 
 def _descents(
@@ -215,13 +200,16 @@ def _descents(
 
 
 def _down(few: Problem, base: FloatArray, hypothesis: Hypothesis) -> list[tuple[FloatArray, float]]:
-    """Short descents from all points of a candidate."""
+    """Short descents from the lowest points of a candidate."""
+    points = _best([few.rough(hypothesis, x, 0) for x in strategy_of(hypothesis).points(base, hypothesis)])
     return _best(
-        [
-            few.rough(hypothesis, point, FAR_SEARCH.first_steps)
-            for point in strategy_of(hypothesis).points(base, hypothesis)
-        ]
+        [few.rough(hypothesis, x, FAR_SEARCH.first_steps) for x, _ in points[: _of(hypothesis, FAR_SEARCH.tried)]]
     )
+
+
+def _of(hypothesis: Hypothesis, number: int) -> int:
+    """So many points, of an effect anywhere along the shaft as many times more as there are minima along it."""
+    return number * (FAR_SEARCH.along_shaft if any(free.along_shaft for free in hypothesis.free) else 1)
 
 
 def _further_down(
@@ -229,7 +217,9 @@ def _further_down(
 ) -> list[tuple[FloatArray, float]]:
     """The best of a candidate's descents carried on."""
     hypothesis, first = found
-    return _best([few.rough(hypothesis, x, FAR_SEARCH.further_steps) for x, _ in first[: FAR_SEARCH.carried]])
+    return _best(
+        [few.rough(hypothesis, x, FAR_SEARCH.further_steps) for x, _ in first[: _of(hypothesis, FAR_SEARCH.carried)]]
+    )
 
 
 def _best(found: list[tuple[FloatArray, float]]) -> list[tuple[FloatArray, float]]:

@@ -22,6 +22,8 @@ class NominalFits:
     added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors that make lines alike,
     within: float = 1.1  # and the mean square misfit that is within them
     anchors: int = 4  # how often the model is made anew at the tolerances that a fit has come to, at most
+    near: float = 5.0  # close to the data: the nominal model's mean square misfit is below this,
+    calm: float = 40.0  # and its nuisances are less far outside their priors, in standard deviations
     strain: tuple[float, ...] = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # factors of the nuisances' priors, in turn
 
 
@@ -31,6 +33,12 @@ NOMINAL_FITS = NominalFits()
 def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
     """The nominal model with the bearing stiffness and the tolerances that suit the runs best."""
     return problem.refine(_nominal(problem) if start is None else start, anchors=NOMINAL_FITS.anchors)
+
+
+def is_close(nominal: Fit) -> bool:
+    """Whether the nominal model is close enough to the data for a search that begins with small changes of it."""
+    outside = np.abs(nominal.nu / nominal.prior_std).max()
+    return nominal.cost < NOMINAL_FITS.near * nominal.n_data and bool(outside < NOMINAL_FITS.calm)
 
 
 def _nominal(problem: Problem) -> Fit:

@@ -31,9 +31,9 @@ class PairSearch:
     no_leader: float = 30.0  # cost over the best one's from which none of the others is a leader
     by_score: int = 24  # pairs that gain most to first order, shared by the leaders,
     of_each: int = 6  # each of which has at least so many
-    by_rough: int = 16  # pairs by a rough fit, twice as many of them without a step,
-    steps: int = 5  # carried on so far;
-    starts: int = 2  # and of each pair so many starts after one step
+    starts: int = 1  # starts of each pair, the lowest, that are taken a step down;
+    by_rough: int = 16  # the lowest of these
+    steps: int = 5  # are carried on so far
     every: int = 5  # lines that rough descents see
 
 
@@ -128,19 +128,18 @@ def pair_starts(
                 beside += [begin(pair, pair.clipped(point), leader) for point in points]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
         starts += [promise.start for promise in by_score[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
-    return starts + _by_logarithms(problem.thinned(PAIRS.every), beside)
+    return starts + _down_a_step(problem.thinned(PAIRS.every), beside)
 
 
-def _by_logarithms(few: Problem, starts: Sequence[Start]) -> list[Start]:
+def _down_a_step(few: Problem, starts: Sequence[Start]) -> list[Start]:
     """The best starts of pairs by rough descents.
 
-    Far from the data a start tells little of where it leads to: of each pair some are taken a step down before as well.
+    A start tells little of where it leads to: of each pair some are taken a step down before.
     """
     tried = sorted(each(partial(_down_from, few, 0), starts), key=itemgetter(1))
-    best = [start for start, _ in tried[: 2 * PAIRS.by_rough]]
     some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, PAIRS.starts)]
     stepped = sorted(each(partial(_down_from, few, 1), some), key=itemgetter(1))
-    best += [start for start, _ in stepped[: PAIRS.by_rough]]
+    best = [start for start, _ in stepped[: PAIRS.by_rough]]
     return [start for start, _ in each(partial(_down_from, few, PAIRS.steps), best)]
 
 

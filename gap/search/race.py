@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import takewhile
 from typing import TypeVar
 
 from rigtwin.gap.inference.fit import Fit
@@ -40,6 +41,7 @@ class RaceRules:
     at_least: int = 12  # candidates that are raced
     rivals: int = 2  # starts of one candidate that run on
     polished: int = 4  # leading candidates that are fitted to the end,
+    near: float = 5.0  # where their mean square misfit is below this
     anchors: int = 3  # how often the model is made anew at the tolerances that a fit has come to, at most
     patience: int = 60  # in so many steps: valleys of several numbers are long
     hopeless: float = 400.0  # more misfit than the best one's than this cannot be made good anywhere,
@@ -80,7 +82,14 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
         fits = _of_each(fits, RACE.rivals)[: stage.keep]
         starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
     fits = _of_each(fits, 1)
-    return best_first([*polish_all(problem, fits[: RACE.polished]), *fits[RACE.polished :]])
+    polished = [fit for fit in fits[: RACE.polished] if fit.cost < RACE.near * fit.n_data]
+    return best_first([*polish_all(problem, polished), *fits[len(polished) :]])
+
+
+def within_reach(fits: Sequence[Fit], behind: float = 2.0) -> list[Fit]:
+    """The first of these fits, best first, as far as one that is fitted on could still win."""
+    limit = behind * fits[0].cost + RACE.hopeless if fits else 0.0
+    return list(takewhile(lambda fit: fit.cost <= limit, fits))
 
 
 def fitted(problem: Problem, stage: Stage, start: Start) -> Fit | None:

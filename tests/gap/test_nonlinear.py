@@ -39,8 +39,7 @@ from rigtwin.gap.search.laws.search import (
     search_nonlinear,
 )
 from rigtwin.gap.search.laws.search import LAWS as LAW_SEARCH
-from rigtwin.gap.search.linear import NEAR_SEARCH
-from rigtwin.gap.search.nominal import recalibrate
+from rigtwin.gap.search.nominal import NOMINAL_FITS, recalibrate
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest
 from rigtwin.gap.search.strategies.registry import law_strategy_of
@@ -260,7 +259,7 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     assert preloads.max() < rest.force
     assert np.abs(preloads / opening.preload - 1).min() < 0.2
     *_, found = search_nonlinear(problem, laws, THRESHOLDS.adequate_nonlinear)
-    assert found.nominal.chi2 > NEAR_SEARCH.near * found.nominal.n_data
+    assert found.nominal.chi2 > NOMINAL_FITS.near * found.nominal.n_data
     best = found.fits[0]
     assert best.chi2 < 1.2 * best.n_data
     assert best.effects[0].preload == pytest.approx(opening.preload, rel=0.05)
@@ -272,7 +271,7 @@ def test_a_gap_that_a_single_line_holds_is_seen():
     runs = runs_of(opening)
     problem, laws = problem_of(runs), candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
     *_, found = search_nonlinear(problem, laws, THRESHOLDS.adequate_nonlinear)
-    assert found.nominal.chi2 < NEAR_SEARCH.near * found.nominal.n_data
+    assert found.nominal.chi2 < NOMINAL_FITS.near * found.nominal.n_data
     assert found.fits[0].log_weight > found.nominal.log_weight + 100
     assert found.fits[0].effects[0].preload == pytest.approx(opening.preload, rel=0.05)
 
@@ -379,7 +378,7 @@ def test_a_weak_law_is_named():
     laws = candidates(runs, STRUCTURE, all_but("bearing_cubic", "bearing_hertz"), nonlinear=True)
     *_, found = search_nonlinear(problem_of(runs), laws, THRESHOLDS.adequate_nonlinear)
     best, second = found.fits[0], found.nominal
-    assert second.chi2 < NEAR_SEARCH.near * second.n_data
+    assert second.chi2 < NOMINAL_FITS.near * second.n_data
     assert best.hypothesis.ids == ("bearing_cubic",)
     assert best.log_weight > second.log_weight + 10
     assert best.effects[0].stiffness == pytest.approx(1e13, rel=0.3)

@@ -67,7 +67,7 @@ def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -
         return None
     residual = partial(_residual, problem, hypothesis, joints)
     best = sorted(points, key=lambda u: _loss(residual(u)))[: READING.kept]
-    ended = [minimise(residual, u, hypothesis.ends, False, READING.steps) for u in best]
+    ended = [minimise(residual, u, hypothesis.ends, hypothesis.log, False, READING.steps) for u in best]
     u, cost = min(ended, key=itemgetter(1))
     return Start(hypothesis, u, nu, cost)
 

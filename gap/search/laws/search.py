@@ -28,8 +28,7 @@ from rigtwin.gap.search.laws.robust import (
     settle,
     thin_out,
 )
-from rigtwin.gap.search.linear import NEAR_SEARCH
-from rigtwin.gap.search.nominal import recalibrate
+from rigtwin.gap.search.nominal import NOMINAL_FITS, recalibrate
 from rigtwin.gap.search.race import Progress, Search, best_first, first_of_each
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest, axis
@@ -107,7 +106,7 @@ def search_nonlinear(
     final = problem.made(resolution=FINAL, refined=True)
     every, lines = thin_out(final, EVERY.fits, calm.k_b, MODEL_ERROR), EVERY.fits
     nominal = every.fit(NOMINAL, calm.u, nu)
-    small = nominal.chi2 < NEAR_SEARCH.near * nominal.n_data
+    small = nominal.chi2 < NOMINAL_FITS.near * nominal.n_data
     if small:
         every, lines = thin_out(final, EVERY.small_gap, calm.k_b, MODEL_ERROR), EVERY.small_gap
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)

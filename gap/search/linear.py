@@ -1,6 +1,6 @@
 """Single linear effects: every candidate gets starts, and they race.
 
-Far from the data starts come from rough fits of logarithms; close to them they lie next to the nominal model, where
+Far from the data starts come from rough fits of resonances; close to them they lie next to the nominal model, where
 Rao's score says how much each candidate could explain to first order.
 """
 

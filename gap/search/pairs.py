@@ -25,9 +25,9 @@ class PairSearch:
     """Which pairs are raced."""
 
     leaders: int = 3  # effects that others are tried beside: the best of all runs,
-    rough_leaders: int = 2  # the best by logarithms,
+    rough_leaders: int = 2  # the best by rough fits,
     rigid_leaders: int = 2  # and the best of the rigid runs alone
-    roughly: float = 0.3  # relative error that is added for those by logarithms
+    roughly: float = 0.3  # relative error that is added for those
     no_leader: float = 30.0  # cost over the best one's from which none of the others is a leader
     by_score: int = 24  # pairs that gain most to first order, shared by the leaders,
     of_each: int = 6  # each of which has at least so many
@@ -164,13 +164,13 @@ def _down_from(few: Problem, steps: int, start: Start) -> tuple[Start, float]:
 def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
     """Effects that others are tried beside: the best of all runs, and those of a part of what there is to see.
 
-    The latter are the best by logarithms, which far misfits do not rule, and the best of the rigid runs, in which fewer
-    effects can act. What leaves many times as much as the best is no leader, but for those by logarithms.
+    The latter are the best by rough fits, which far misfits do not rule, and the best of the rigid runs, in which fewer
+    effects can act. What leaves many times as much as the best is no leader, but for those by rough fits.
     """
     leaders = _of_each_effect(found.fits)[: PAIRS.leaders]
     there = {fit.hypothesis.ids for fit in leaders}
     rough = [start for start in found.rough[: PAIRS.rough_leaders] if start.hypothesis.ids not in there]
-    by_logarithms = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(PAIRS.roughly,), steps=2) for s in rough]
+    roughly = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(PAIRS.roughly,), steps=2) for s in rough]
     rigid = problem.only("rigid")
     if rigid is not None and problem.with_k_b:
         acting = [h for h in hypotheses if h.terms[0].effect.location != "bearings"]
@@ -180,7 +180,7 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
             leaders += [made] if made else []
     costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
     kept = [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= PAIRS.no_leader * min(costs)]
-    return [*kept, *(fit for fit in by_logarithms if fit)]
+    return [*kept, *(fit for fit in roughly if fit)]
 
 
 def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:

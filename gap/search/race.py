@@ -57,7 +57,7 @@ class Search:
 
     nominal: Fit
     fits: tuple[Fit, ...]  # best first by evidence, the nominal model not among them
-    rough: tuple[Start, ...] = ()  # best first by logarithms, one of every effect; none close to the nominal model
+    rough: tuple[Start, ...] = ()  # best first by rough cost, one of every effect; none close to the nominal model
 
     @property
     def best(self) -> Fit:

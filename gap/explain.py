@@ -25,7 +25,7 @@ from rigtwin.gap.search.laws.search import most_promised, search_nonlinear
 from rigtwin.gap.search.linear import bend_best, bend_laws, search, search_from_afar
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.pairs import each_alone, exchanged, extended, most_left, pairs, straightened
-from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_all, within_reach
+from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_leaders, reach
 from rigtwin.gap.verdict.adequacy import judge, not_shared
 from rigtwin.gap.verdict.standing import adequate, excess_of, scale_of
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
@@ -192,8 +192,7 @@ def _finish(task: Task, found: Search, *, with_pairs: bool = True) -> tuple[Prob
         fits = _add_pairs(task, found)
         task.clock.lap("pairs")
     finer = problem.made(refined=True)
-    leading = within_reach(fits[: RACE.polished])
-    return finer, best_first([*polish_all(finer, leading), *fits[len(leading) :]])
+    return finer, polish_leaders(finer, fits, reach(fits[0]))
 
 
 def _bend_where_it_helps(task: Task, found: Search) -> tuple[Search, bool]:

@@ -64,11 +64,20 @@ def fit_modes(run: Run, n_modes: int | None = None) -> tuple[Mode, ...]:
     ------
     ModalFitError : fewer resonances than asked for; too few lines round one that is asked for, or round every one
     """
+    modes, left_out = try_modes(run, n_modes)
+    for words in left_out:
+        logger.warning(words)
+    return modes
+
+
+def try_modes(run: Run, n_modes: int | None = None) -> tuple[tuple[Mode, ...], tuple[str, ...]]:
+    """``fit_modes``, with a sentence on each thing that was left out instead of a warning."""
+    left_out = []
     if run.magnitude_only:
         raise ModalFitError(f"run {run.name!r} holds magnitudes only; a modal fit needs the phase")
     measured = np.any(run.H != 0, axis=1)
     if measured.any() and not measured.all():
-        logger.warning("run %r: %d lines without a response are left out", run.name, np.count_nonzero(~measured))
+        left_out.append(f"run {run.name!r}: {np.count_nonzero(~measured)} lines without a response are left out")
         run = run.on_lines(measured)
     found = resonances(run.frequency_hz, _displacement_size(run))
     if not found or (n_modes is not None and len(found) < n_modes):
@@ -77,7 +86,7 @@ def fit_modes(run: Run, n_modes: int | None = None) -> tuple[Mode, ...]:
             f"{run.frequency_hz[-1]:g} Hz, {n_modes or 1} are needed; widen the band or refine the lines"
         )
     if n_modes is not None:
-        return tuple(fit_mode(run, f) for f in found[:n_modes])
+        return tuple(fit_mode(run, f) for f in found[:n_modes]), tuple(left_out)
     modes, errors = [], []
     for f in found:
         try:
@@ -86,9 +95,8 @@ def fit_modes(run: Run, n_modes: int | None = None) -> tuple[Mode, ...]:
             errors.append(error)
     if not modes:
         raise errors[0]
-    for error in errors:
-        logger.warning("a resonance is left out: %s", error)
-    return tuple(modes)
+    left_out += [f"a resonance is left out: {error}" for error in errors]
+    return tuple(modes), tuple(left_out)
 
 
 def fit_mode(run: Run, near_hz: float) -> Mode:

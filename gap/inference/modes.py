@@ -17,7 +17,7 @@ from rigtwin.gap.model.linear import MODES, Group, Modal
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import MeasurementError, Run
-from rigtwin.sim.modal_fit import Mode, fit_modes
+from rigtwin.sim.modal_fit import Mode, try_modes
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def measured_modes(run: Run, std: FloatArray) -> tuple[MeasuredMode, ...]:
     unseen = 1e3 * np.abs(np.nan_to_num(run.H)).max()  # a node that is held has no error
     known = replace(run, std=np.where(np.isfinite(std), std, unseen))
     try:
-        modes = fit_modes(known.on_lines(measured))
+        modes, _ = try_modes(known.on_lines(measured))
     except MeasurementError:
         return ()
     return tuple(_measured(mode, run) for mode in modes if mode.damping_ratio < TEMPERED.overdamped)

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.search.nominal import NOMINAL_FITS
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.workers import each
 
@@ -40,8 +41,7 @@ class RaceRules:
 
     at_least: int = 12  # candidates that are raced
     rivals: int = 2  # starts of one candidate that run on
-    polished: int = 4  # leading candidates that are fitted to the end,
-    near: float = 5.0  # where their mean square misfit is below this
+    polished: int = 4  # leading candidates that are fitted to the end, where they are close to the data;
     anchors: int = 3  # how often the model is made anew at the tolerances that a fit has come to, at most
     patience: int = 60  # in so many steps: valleys of several numbers are long
     hopeless: float = 400.0  # more misfit than the best one's than this cannot be made good anywhere,
@@ -82,14 +82,18 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
         fits = _of_each(fits, RACE.rivals)[: stage.keep]
         starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
     fits = _of_each(fits, 1)
-    polished = [fit for fit in fits[: RACE.polished] if fit.cost < RACE.near * fit.n_data]
-    return best_first([*polish_all(problem, polished), *fits[len(polished) :]])
+    return polish_leaders(problem, fits, NOMINAL_FITS.near * fits[0].n_data) if fits else []
 
 
-def within_reach(fits: Sequence[Fit], behind: float = 2.0) -> list[Fit]:
-    """The first of these fits, best first, as far as one that is fitted on could still win."""
-    limit = behind * fits[0].cost + RACE.hopeless if fits else 0.0
-    return list(takewhile(lambda fit: fit.cost <= limit, fits))
+def polish_leaders(problem: Problem, fits: Sequence[Fit], limit: float) -> list[Fit]:
+    """These fits, best first by evidence, the leading ones fitted on as far as their cost is within a limit."""
+    leading = list(takewhile(lambda fit: fit.cost <= limit, fits[: RACE.polished]))
+    return best_first([*polish_all(problem, leading), *fits[len(leading) :]])
+
+
+def reach(best: Fit) -> float:
+    """The cost up to which another fit, carried on, could still win."""
+    return Stage.behind * best.cost + RACE.hopeless
 
 
 def fitted(problem: Problem, stage: Stage, start: Start) -> Fit | None:

@@ -48,6 +48,8 @@ class ProposedRuns:
 
 PROPOSED = ProposedRuns()
 
+_NO_DRIFT = np.zeros(MODES, dtype=complex)
+
 
 @dataclass(frozen=True)
 class Proposal:
@@ -265,10 +267,10 @@ class _View:
         """Of one run: by u, known sensors' gains, tolerances; then by every run's gain, drifts, level; new sensors."""
         run, H = self.proposal.runs[r], self.H[r]
         nuisances = self.problem.nuisances
-        D = self._modal(run, self.fit.u).with_derivatives(np.zeros(MODES), self._tolerance)[1] * self._gains(run)
+        D = self._modal(run, self.fit.u).with_derivatives(_NO_DRIFT, self._tolerance)[1] * self._gains(run)
         columns = [self._by_number(run, H, j) for j in range(len(self.fit.u))]
         columns += [_one_channel(H, run, channel) for channel in nuisances.sensors]
-        D, by_tolerance, by_level = np.split(D, [MODES, MODES + len(self._tolerance)])
+        D, by_tolerance, by_level = np.split(D, [2 * MODES, 2 * MODES + len(self._tolerance)])
         columns += list(by_tolerance)
         for other in range(len(self.proposal.runs)):
             own = [H, *D, by_level[0] if len(by_level) else np.zeros_like(H)]
@@ -283,7 +285,7 @@ class _View:
         step = 1e-5 * (ends[1] - ends[0]) * (1 if self.fit.u[j] < np.mean(ends) else -1)
         u = self.fit.u.copy()
         u[j] += step
-        own = (np.zeros(MODES), self._tolerance)
+        own = (_NO_DRIFT, self._tolerance)
         change = self._modal(run, self.fit.u).change_to(self._modal(run, u), *own)
         return change * self._gains(run) / step
 
@@ -296,7 +298,7 @@ class _View:
         kept = np.r_[np.arange(n_u), n_u + np.r_[nuisances.sensor], n_u + np.r_[nuisances.tolerance]]
         known = np.linalg.inv(self.fit.covariance()[np.ix_(kept, kept)])
         drift_std = float(self.fit.prior_std[nuisances.drift[0].start])
-        own = [self.proposal.gain_std**-2, *[drift_std**-2] * MODES, nuisances.level_std**-2]
+        own = [self.proposal.gain_std**-2, *[drift_std**-2] * (2 * MODES), nuisances.level_std**-2]
         fresh = own * len(self.proposal.runs)
         fresh += [nuisances.sensor_std**-2] * len(self._new_sensors())
         prior = np.zeros((len(kept) + len(fresh),) * 2)

@@ -246,7 +246,7 @@ def candidates(
     for name, effect in EFFECTS.items():
         if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs):
             continue
-        terms = list(_terms(effect, runs, structure, scale))
+        terms = [term for term in _terms(effect, runs, structure, scale) if all(f.low < f.high for f in term.free)]
         found += [Hypothesis((term,), 1.0 / len(terms)) for term in terms]
     total = sum(h.prior for h in found)
     return tuple(Hypothesis(h.terms, h.prior / total) for h in found)
@@ -298,7 +298,8 @@ def _across(runs: Sequence[Run]) -> bool:
 
 
 def _free(name: str, role: Parameter, scale: RigScale, *, both_signs: bool = True) -> Free:
-    """A parameter's range: the prior's, carried on towards the value at which the effect does nothing.
+    """A parameter's range: the prior's, carried on towards the value at which the effect does nothing, as far as
+    possible; empty (low > high) where nothing of it is.
 
     Parameters
     ----------
@@ -316,6 +317,8 @@ def _free(name: str, role: Parameter, scale: RigScale, *, both_signs: bool = Tru
         low, high = min(low, role.null), max(high, role.null)
     if role.minimum == 0.0:
         fades = -1
+    low = low if role.minimum is None else max(low, role.minimum)
+    high = high if role.maximum is None else min(high, role.maximum)
     number = Free(name, low, high, role.log and low > 0, fades, role.step, starts=role.starts)
     if both_signs:
         return number

@@ -1,11 +1,11 @@
 """What nobody knows exactly beside a candidate's numbers: gains, drifts, force levels, and tolerances of the rig.
 
-Of every run the force gain (relative standard deviation ``gain_tolerance``), of every sensor its gain (half of
-that), of every sensor in every run another gain (``gain_repeatability``), and of every resonance of every run a drift
-(``frequency_drift``) are unknown; so is whatever the workshop knows within a tolerance. Where a rotor is nonlinear, the
-level of a run's force counts beside its gain (``gain_tolerance`` each): a force sensor that errs changes both, an error
-of what is read changes the gain alone. They have Gaussian priors, are fitted beside the candidate's numbers, and are
-integrated over in the evidence (Laplace).
+Of every run the force gain (relative standard deviation ``gain_tolerance``), of every sensor its gain (half of that),
+of every sensor in every run another gain (``gain_repeatability``), and of every resonance of every run a drift of its
+frequency and of its damping, relative (``frequency_drift`` each) are unknown; so is whatever the workshop knows within
+a tolerance. Where a rotor is nonlinear, the level of a run's force counts beside its gain (``gain_tolerance`` each): a
+force sensor that errs changes both, an error of what is read changes the gain alone. They have Gaussian priors, are
+fitted beside the candidate's numbers, and are integrated over in the evidence (Laplace).
 
 A repeatability that nobody states is learned: its own prior is log-normal and broad, and each candidate has the one
 that makes the runs most probable (type-II maximum likelihood [mackay1992]).
@@ -23,7 +23,7 @@ import numpy as np
 from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.workshop import Workshop
-from rigtwin.rotor.model.arrays import FloatArray, IntArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import USUAL_DRIFT, Channel, Run
 
 
@@ -70,7 +70,7 @@ class Nuisances:
         belief = workshop.belief
         self.sensors = sorted({channel for run in runs for channel in run.channels})
         own = [0 if belief.gain_repeatability == 0 else len(run.channels) for run in runs]
-        sizes = [len(runs), len(self.sensors), len(workshop.tolerances), *[MODES] * len(runs), len(runs), *own]
+        sizes = [len(runs), len(self.sensors), len(workshop.tolerances), *[2 * MODES] * len(runs), len(runs), *own]
         ends = itertools.accumulate(sizes)
         parts = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
         self.gain, self.sensor, self.tolerance = parts[:3]
@@ -115,8 +115,13 @@ class Nuisances:
 
     def of_run(self, nu: FloatArray, run: int, modal: RunModel) -> tuple[Any, ...]:
         """What a run's model takes: drift of its resonances, tolerances of the rig, level where it is nonlinear."""
-        own = nu[self.drift[run]], nu[self.tolerance]
+        own = self.drift_of(nu, run), nu[self.tolerance]
         return (*own, nu[self.level][run]) if modal.level_is_parameter else own
+
+    def drift_of(self, nu: FloatArray, run: int) -> ComplexArray:
+        """(MODES,) drifts of a run's resonances, of their dampings as imaginary parts."""
+        frequency, damping = np.split(nu[self.drift[run]], 2)
+        return frequency + 1j * damping
 
     def places_of_run(self, run: int, modal: RunModel) -> list[int]:
         """Where these stand in the vector, in the order of a model's derivatives by them."""

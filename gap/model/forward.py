@@ -20,7 +20,7 @@ from rigtwin.gap.model.motions import FINE, Resolution
 from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.gap.model.tolerances import Bend, bend_of, bend_residues, sensitivity_of
-from rigtwin.gap.model.workshop import STEP, Anchor, Workshop
+from rigtwin.gap.model.workshop import Anchor, Workshop
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.structure import known_mass
 from rigtwin.rotor.frequency.harmonic_balance import Balance
@@ -42,9 +42,9 @@ class ModelSize:
 
     kept_ratio: float = 50.0  # modes above so many times the highest line are taken as quasi-static, ...
     kept_hz: float = 20e3  # ... and none below this frequency [Hz]
-    # Resonances below so many times the highest line may drift. The next one above the lines is among them: between
-    # resonances, where the response nearly vanishes, its drift is seen.
-    drifting_ratio: float = 3.0
+    # Resonances below so many times the highest line may drift. Some above the lines are among them: between
+    # resonances, where the response nearly vanishes, their drifts are seen.
+    drifting_ratio: float = 6.0
     remembered: int = 8  # balances, sensitivities: those of a candidate's runs
     rotors: int = 4096  # each some 10 kB: those of many candidates
     corner: float = 1e-4  # of laws with a gap, rounded by this share of it: more is a stiffness that is felt at rest
@@ -265,7 +265,7 @@ class Forward:
         """A rotor under nonlinear effects, None where no law acts; runs at several levels share it."""
 
         def make() -> Balance | None:
-            model = build_model(self._structure_with(tolerance), condition, effects)
+            model = build_model(self.workshop.structure(tolerance), condition, effects)
             if not model.forces:
                 return None
             samples = min(finely.samples, _SIZE.hysteresis_samples) if model.memory else finely.samples
@@ -276,18 +276,6 @@ class Forward:
 
         finely = self.manner.resolution
         return _remember(self._balances, (self.anchor.key, condition, effects, tolerance.tobytes(), finely), make)
-
-    def _structure_with(self, tolerance: FloatArray) -> Structure:
-        """The structure with the workshop's tolerances, its matrices to first order about the anchor."""
-        factors = np.expm1(tolerance - self.anchor.values)
-        if not factors.any():
-            return self.structure
-        plain, change = self.structure, {}
-        for name in ("M", "K", "G"):
-            own = getattr(plain, name)
-            slopes = [(getattr(variant, name) - own) / np.expm1(STEP) for variant in self.anchor.variants]
-            change[name] = own + np.tensordot(factors, np.array(slopes), axes=1)
-        return replace(plain, **change)
 
     def _mounted(self, run: Run) -> tuple[Effect, ...]:
         """The mass of every accelerometer of a run, where the campaign states it."""

@@ -2,16 +2,18 @@
 
 For every group of channels that sees one and the same rotor,
 
-    H(omega) = sum_k R_k / (1 + delta_m(k)) / (i omega - lambda_k (1 + delta_m(k))) + what the modes far above leave,
+    H(omega) = sum_k R_k / (1 + delta_m(k)) / (i omega - lambda_k (1 + delta_m(k) + i zeta_k epsilon_m(k)))
+               + what the modes far above leave,
 
-times the powers of i omega and the factors of the measurement chain. delta_m is the relative shift of the
-m-th resonance, which belongs to the run, not to the model.
+times the powers of i omega and the factors of the measurement chain. delta_m and epsilon_m are the relative shifts of
+the m-th resonance and of its damping, which belong to the run, not to the model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -81,18 +83,18 @@ class Modal(RunModel):
         return self
 
     def response(
-        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+        self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> ComplexArray:
         """(n_freq, n_channels) response with drifts (MODES,) and tolerances (n_tolerances,)."""
         return self._evaluate(drift, self._factors(tolerance), derivatives=False)[0]
 
     def with_derivatives(
-        self, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+        self, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
     ) -> tuple[ComplexArray, ComplexArray]:
-        """``response`` and its (MODES + n_tolerances, n_freq, n_channels) derivatives."""
+        """``response`` and its (2 MODES + n_tolerances, n_freq, n_channels) derivatives."""
         factors = self._factors(tolerance)
         H, D = self._evaluate(drift, factors, derivatives=True)
-        D[MODES:] *= (1 + factors)[:, None, None]
+        D[2 * MODES :] *= (1 + factors)[:, None, None]
         return H, D
 
     def _factors(self, tolerance: FloatArray | None) -> FloatArray:
@@ -100,13 +102,13 @@ class Modal(RunModel):
         return np.zeros(len(self.anchor)) if tolerance is None else np.expm1(tolerance - self.anchor)
 
     def _evaluate(
-        self, drift: FloatArray | None, factors: FloatArray, *, derivatives: bool
+        self, drift: ComplexArray | None, factors: FloatArray, *, derivatives: bool
     ) -> tuple[ComplexArray, ComplexArray]:
         """``with_derivatives``, by the factors themselves."""
         shift = self._shift(drift, factors)
         n_f, n_c = len(self.omega), len(self.run.channels)
         H = np.empty((n_f, n_c), dtype=complex)
-        D = np.zeros((MODES + len(factors) if derivatives else 0, n_f, n_c), dtype=complex)
+        D = np.zeros((2 * MODES + len(factors) if derivatives else 0, n_f, n_c), dtype=complex)
         for group in self.groups:
             poles = _moved_poles(group, shift)
             shares = self._shares(poles)
@@ -120,16 +122,19 @@ class Modal(RunModel):
             for m in range(MODES):
                 mine = group.mode == m
                 if mine.any():
-                    by_pole = (by_shift[:, mine] * still[mine]) @ residues[:, mine].T
-                    by_height = -(shares[:, mine] * still[mine] ** 2) @ residues[:, mine].T
-                    D[m][:, group.columns] = _sensor_change(Y, by_pole + by_height, force, slope) * group.chain
+                    by_pole = by_shift[:, mine] * still[mine]
+                    by_height = -shares[:, mine] * still[mine] ** 2
+                    by_damping = by_pole * _pole_shifts(group, self._towards_damping)[mine]
+                    for row, by in ((m, by_pole + by_height), (MODES + m, by_damping)):
+                        change = _sensor_change(Y, by @ residues[:, mine].T, force, slope)
+                        D[row][:, group.columns] = change * group.chain
             for t in range(len(factors)):
                 moved = (by_shift * still * _pole_shifts(group, self.sensitivity[:, t])) @ residues.T
                 dY = moved + (shares * still) @ group.bent[t].T + group.aside[t]
-                D[MODES + t][:, group.columns] = _sensor_change(Y, dY, force, slope) * group.chain
+                D[2 * MODES + t][:, group.columns] = _sensor_change(Y, dY, force, slope) * group.chain
         return H, D
 
-    def of_resonances(self, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+    def of_resonances(self, drift: ComplexArray, tolerance: FloatArray) -> ComplexArray:
         """(MODES, n_freq, n_channels) what each resonance that may drift adds to the response."""
         parts = np.zeros((MODES, len(self.omega), len(self.run.channels)), dtype=complex)
         factors = self._factors(tolerance)
@@ -155,9 +160,19 @@ class Modal(RunModel):
         step = 1e-7
         return (self._shares(poles + step * own) - shares) / step
 
-    def _shift(self, drift: FloatArray | None, factors: FloatArray) -> ComplexArray:
+    def _shift(self, drift: ComplexArray | None, factors: FloatArray) -> ComplexArray:
         """(MODES,) relative shift of each resonance's pole."""
-        return self.sensitivity @ factors + (0.0 if drift is None else drift)
+        if drift is None:
+            return self.sensitivity @ factors
+        return self.sensitivity @ factors + drift.real + self._towards_damping * drift.imag
+
+    @cached_property
+    def _towards_damping(self) -> ComplexArray:
+        """(MODES,) ``towards_damping`` of each resonance."""
+        found, group = np.zeros(MODES, dtype=complex), self.groups[0]
+        upper = np.flatnonzero((group.mode >= 0) & (group.poles.imag > 0))
+        found[group.mode[upper]] = towards_damping(group.poles[upper])
+        return found
 
     def _motion(self, group: Group, shares: ComplexArray, factors: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, n_channels + 1) receptance and the residues that it is made of."""
@@ -166,7 +181,9 @@ class Modal(RunModel):
         residues = group.residues + np.tensordot(factors, group.bent, axes=1)
         return shares @ residues.T + group.rest + np.tensordot(factors, group.aside, axes=1), residues
 
-    def change_to(self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
+    def change_to(
+        self, other: RunModel, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
+    ) -> ComplexArray:
         """(n_freq, n_channels) another response less this one, to first order in the shifts of the resonances.
 
         A plain difference is no derivative where a resonance shifts by more than a small part of its width.
@@ -176,7 +193,7 @@ class Modal(RunModel):
             return super().change_to(other, drift, tolerance, level)
         return self._change_to(linear, drift, tolerance)
 
-    def _change_to(self, other: Modal, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+    def _change_to(self, other: Modal, drift: ComplexArray, tolerance: FloatArray) -> ComplexArray:
         change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)
         for group in other.groups:
             twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)
@@ -187,7 +204,7 @@ class Modal(RunModel):
         return change
 
     def _change(
-        self, own: Group, other: Modal, group: Group, here: ComplexArray, drift: FloatArray, tolerance: FloatArray
+        self, own: Group, other: Modal, group: Group, here: ComplexArray, drift: ComplexArray, tolerance: FloatArray
     ) -> ComplexArray:
         """``change_to`` of one group, whose resonances stand at ``here`` in this model."""
         factors, others = self._factors(tolerance), other._factors(tolerance)
@@ -236,7 +253,7 @@ class Modal(RunModel):
             read[..., near] = as_read(transients(w, poles[near], dwell), w, poles[near])
         return read[:: self._onward][np.searchsorted(all_hz, self.run.frequency_hz)]
 
-    def change_by_dwells(self, dwells: FloatArray, drift: FloatArray, tolerance: FloatArray) -> ComplexArray:
+    def change_by_dwells(self, dwells: FloatArray, drift: ComplexArray, tolerance: FloatArray) -> ComplexArray:
         """(n_dwells, n_freq, n_channels) what the transients of a fast sweep change of a settled response.
 
         Parameters
@@ -280,11 +297,16 @@ def _moved_poles(group: Group, shift: ComplexArray) -> ComplexArray:
     return np.minimum(poles.real, -_LEAST_DAMPING * np.abs(poles)) + 1j * poles.imag
 
 
-def _heights(group: Group, drift: FloatArray | None) -> FloatArray:
+def _heights(group: Group, drift: ComplexArray | None) -> FloatArray:
     """(n_states,) factor of the residues: a resonance drifts at a fixed mass-normalised shape, R ~ 1 / omega."""
     if drift is None:
         return np.ones(len(group.mode))
-    return 1 / (1 + np.where(group.mode >= 0, drift[group.mode], 0.0))
+    return 1 / (1 + np.where(group.mode >= 0, drift.real[group.mode], 0.0))
+
+
+def towards_damping(poles: ComplexArray) -> ComplexArray:
+    """(n,) relative shift of poles when their dampings grow by one of themselves: i zeta, -i zeta of the conjugates."""
+    return -1j * np.sign(poles.imag) * poles.real / np.maximum(np.abs(poles), 1e-300)
 
 
 def chain_factors(effects: Sequence[Effect], run: Run, columns: IntArray) -> ComplexArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigtwin.gap.model.linear import towards_damping
 from rigtwin.gap.model.motions import Drive, Solved
 from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.periodic_force import real_form
@@ -21,13 +22,14 @@ class MotionSlopes:
     solved: Solved
 
     def by_mode(self, n_modes: int) -> ComplexArray:
-        """By the relative shift of every resonance of the linear rotor, the lowest ones."""
+        """By the relative shifts of the linear rotor's lowest resonances, and then by those of their dampings."""
         solved, balance = self.solved, self.solved.balance
         assert solved.plain is not None
         assert solved.mode is not None
         s = 1j * self.drive.omega[:, None] * np.arange(balance.harmonics + 1)
         moved = solved.states * solved.plain.values / (s[..., None] - balance.values)  # (n_freq, K, n_states)
-        belongs = (solved.mode[:, None] == np.arange(n_modes)).astype(float)  # (n_states, n_modes)
+        own = (solved.mode[:, None] == np.arange(n_modes)).astype(float)  # (n_states, n_modes)
+        belongs = np.hstack([own, towards_damping(solved.plain.values)[:, None] * own])
         direct = balance.left[:, :, None] * belongs  # (n_joints, n_states, n_modes)
         push = np.einsum("fks,jsm->fkjm", moved, direct, optimize=True)
         own = np.einsum("fs,cs,sm->fcm", moved[:, 1], self.drive.read_out(balance), belongs, optimize=True)

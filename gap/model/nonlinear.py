@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from rigtwin.gap.model.branch import Branch, Known
+from rigtwin.gap.model.linear import towards_damping
 from rigtwin.gap.model.motion_slopes import MotionSlopes
 from rigtwin.gap.model.motions import Drive, Resolution, Solved
 from rigtwin.gap.model.run_model import RunModel
@@ -55,33 +56,34 @@ class NonlinearModal(RunModel):
         return self
 
     def response(
-        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+        self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> ComplexArray:
         """As ``Modal.response``, under a force e^level as large as the run believes."""
         return self.at_level(level).motions(drift, tolerance).H
 
     def with_derivatives(
-        self, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+        self, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
     ) -> tuple[ComplexArray, ComplexArray]:
-        """As ``Modal.with_derivatives``, (MODES + n_tolerances + 1, n_freq, n_channels): the last one by the level."""
+        """As ``Modal.with_derivatives``, (2 MODES + n_tolerances + 1, n_freq, n_channels), the last by the level."""
         there = self.at_level(level)
         solved = there.motions(drift, tolerance)
         slopes = MotionSlopes(there.drive, solved)
-        D = np.zeros((len(self.sensitivity), *solved.H.shape), dtype=complex)
-        n_modes = min(len(self.frequencies_hz), len(D))
-        D[:n_modes] = slopes.by_mode(n_modes) if n_modes else 0.0
+        most = len(self.sensitivity)
+        D = np.zeros((2 * most, *solved.H.shape), dtype=complex)
+        if n_modes := min(len(self.frequencies_hz), most):
+            D[:n_modes], D[most : most + n_modes] = np.split(slopes.by_mode(n_modes), 2)
         if self.resolution.bends:
             near = [
                 _drift_poles(*self.balance_of(t), drift) for t in tolerance + _TOLERANCE_STEP * np.eye(len(tolerance))
             ]
             by_tolerance = slopes.by_rotors(near, _TOLERANCE_STEP)
         else:
-            by_tolerance = np.tensordot(self.sensitivity.T, D, axes=1)
+            by_tolerance = np.tensordot(self.sensitivity.T, D[:most], axes=1)
         every = np.concatenate([D, by_tolerance, slopes.by_level()])
         return solved.H, np.where(solved.tells[:, None], every, 0.0)
 
     def small_change_to(
-        self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+        self, other: RunModel, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
     ) -> ComplexArray:
         """(n_freq, n_channels) the response with other numbers of the same laws less this one, to first order."""
         if other.as_nonlinear is None:
@@ -107,17 +109,17 @@ class NonlinearModal(RunModel):
         positive = (self.mode >= 0) & (values.imag > 0)
         return np.sort(np.abs(values[positive])) / (2 * np.pi)
 
-    def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
+    def found(self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
         """(n_freq,) lines with a motion."""
         return self.motions(drift, tolerance).converged
 
     def tells(
-        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+        self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> BoolArray:
         """(n_freq,) lines of which ``response`` has a slope; elsewhere it is where Newton's method was left."""
         return self.at_level(level).motions(drift, tolerance).tells
 
-    def motions(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> Solved:
+    def motions(self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None) -> Solved:
         """The run's motions with drifts (MODES,) and tolerances (n_tolerances,), remembered."""
         drift = np.zeros(len(self.sensitivity)) if drift is None else drift
         tolerance = self.anchor if tolerance is None else tolerance
@@ -152,7 +154,9 @@ class NonlinearModal(RunModel):
         """Start from (n_freq, K, n_joints) motions that are known of this run."""
         self.branch.begin_with(self.balance, joints)
 
-    def read_joints(self, drift: FloatArray, tolerance: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    def read_joints(
+        self, drift: ComplexArray, tolerance: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """What the run says of the joints, whatever their law.
 
         Returns
@@ -165,8 +169,9 @@ class NonlinearModal(RunModel):
         return self.branch.measured_motion(balance), sensors[:, :, :-1], drive.force * sensors[:, :, -1]
 
 
-def _drift_poles(plain: Balance, mode: IntArray, drift: FloatArray) -> Balance:
+def _drift_poles(plain: Balance, mode: IntArray, drift: ComplexArray) -> Balance:
     """The balance with shifted resonances."""
     balance = copy.copy(plain)
-    balance.values = plain.values * (1 + np.where(mode >= 0, drift[mode], 0.0))
+    shift = drift.real[mode] + towards_damping(plain.values) * drift.imag[mode]
+    balance.values = plain.values * (1 + np.where(mode >= 0, shift, 0.0))
     return balance

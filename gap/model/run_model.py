@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 class RunModel(Protocol):
     """Noise-free response of one run.
 
-    Its methods take ``drift`` (MODES,), relative shifts of the resonances; ``tolerance`` (n_tolerances,), logarithms of
-    factors on the numbers that the workshop knows within a tolerance, by default those at which the model was made; and
-    ``level``, the logarithm of the true force over the one that the run believes.
+    Its methods take ``drift`` (MODES,), relative shifts of the resonances, and of their dampings as imaginary parts;
+    ``tolerance`` (n_tolerances,), logarithms of factors on the numbers that the workshop knows within a tolerance, by
+    default those at which the model was made; and ``level``, the logarithm of the true force over the one that the run
+    believes.
     """
 
     run: Run
@@ -43,33 +44,36 @@ class RunModel(Protocol):
         return None
 
     def response(
-        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+        self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> ComplexArray:
         """(n_freq, n_channels) response."""
         ...
 
     def with_derivatives(
-        self, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+        self, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
     ) -> tuple[ComplexArray, ComplexArray]:
-        """``response`` and its (n, n_freq, n_channels) derivatives: MODES, n_tolerances, 1 if level is a parameter."""
+        """``response`` and its (n, n_freq, n_channels) derivatives by the real, then the imaginary
+        part of MODES drifts, n_tolerances, 1 if level is a parameter."""
         ...
 
-    def change_to(self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
+    def change_to(
+        self, other: RunModel, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
+    ) -> ComplexArray:
         """(n_freq, n_channels) response of another model less this one."""
         return other.response(drift, tolerance, level) - self.response(drift, tolerance, level)
 
     def small_change_to(
-        self, other: RunModel, drift: FloatArray, tolerance: FloatArray, level: float = 0.0
+        self, other: RunModel, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
     ) -> ComplexArray:
         """``change_to`` a model whose numbers differ by a small step, to first order in these, for a derivative."""
         return self.change_to(other, drift, tolerance, level)
 
-    def found(self, drift: FloatArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
+    def found(self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None) -> BoolArray:
         """(n_freq,) lines that have a response."""
         return np.ones(len(self.run.frequency_hz), dtype=bool)
 
     def tells(
-        self, drift: FloatArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
+        self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> BoolArray:
         """(n_freq,) lines whose response is near enough to a solution to have a derivative."""
         return self.found(drift, tolerance)

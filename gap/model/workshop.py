@@ -166,7 +166,9 @@ def _stiffer(rig: Rig, factor: float) -> Rig:
 def _longer(rig: Rig, factor: float) -> Rig:
     """With other lengths along the shaft."""
     segments = [s.model_copy(update={"length_m": factor * s.length_m}) for s in rig.segment]
-    return rig.model_copy(update={"segment": segments, "nodes_m": [factor * x for x in rig.nodes_m]})
+    joints = [j if j.x_m is None else j.model_copy(update={"x_m": factor * j.x_m}) for j in rig.joint]
+    places = [factor * x for x in rig.nodes_m]
+    return rig.model_copy(update={"segment": segments, "joint": joints, "nodes_m": places})
 
 
 def _heavier(rig: Rig, factor: float, *, kind: str, number: int) -> Rig:

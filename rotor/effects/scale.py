@@ -32,6 +32,9 @@ UNITS = {
     "N/m3": (1, -2, -2),
 }
 
+# Share of a mode's strain energy in the shaft from which it counts as bending: in others soft supports give way.
+BENT = 0.5
+
 # Force of a test over the product of stiffness and length that ranges of amplitudes are stated for.
 _USUAL_FORCE = 1.5e-6
 
@@ -56,7 +59,7 @@ class RigScale:
 
     mass: float  # of the rotor [kg]
     length: float  # between the ends of the shaft [m]
-    time: float  # one over the lowest elastic frequency on rigid supports [s/rad]
+    time: float  # one over the lowest frequency, on rigid supports, at which the shaft bends [s/rad]
     force: float = 0.0  # largest of the runs [N]; 0: not known
 
     def of(self, unit: str) -> float:
@@ -76,9 +79,11 @@ class RigScale:
 
 def scale_of(structure: Structure, force: float = 0.0) -> RigScale:
     """The scale of a rotor, and the largest force [N] that it was tested with."""
-    modes = build_system(structure, Condition(rigid_support=True)).modes
-    elastic = modes.omega[modes.elastic]
+    system = build_system(structure, Condition(rigid_support=True))
+    Phi, omega = system.modes.Phi, system.modes.omega
+    in_shaft = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / np.maximum(omega, 1e-300) ** 2
+    bending = omega[(in_shaft > BENT) & system.modes.elastic]
     along_y = np.arange(0, structure.n, 4)
     mass = float(np.sum(structure.M[np.ix_(along_y, along_y)]))
     length = float(structure.x[-1] - structure.x[0])
-    return RigScale(mass, length, 1 / float(elastic[0]), force)
+    return RigScale(mass, length, 1 / float(bending[0]), force)

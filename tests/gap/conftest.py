@@ -13,7 +13,7 @@ from rigtwin.gap.diagnose import diagnose
 from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.gap.model.campaign_model import structure_of, workshop_of
+from rigtwin.gap.model.campaign_model import elements_between_nodes, structure_of, workshop_of
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.model.workshop import Workshop
 from rigtwin.rotor.effects import EFFECTS, AttachedMass, BearingCubic, Effect
@@ -34,6 +34,7 @@ def workshop(belief: NominalBelief) -> Workshop:
 
 
 STRUCTURE = structure_of(RIG)
+ELEMENTS = elements_between_nodes(load_rig(RIG))
 # A workshop that knows its rotor to 0.1 % and its dampings exactly, and whose runs repeat as it says.
 BELIEF = NominalBelief(
     shaft_damping_ratio=0.003,

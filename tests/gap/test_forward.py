@@ -36,6 +36,7 @@ from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
     BELIEF,
+    ELEMENTS,
     K_B,
     LINEAR,
     STRUCTURE,
@@ -151,6 +152,20 @@ def test_a_drift_of_all_resonances_is_another_frequency_axis(forward, support):
     assert off(truth(run), truth(run, drift=1e-4)) > 5e-3
 
 
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_drift_of_a_damping_widens_its_resonance_and_no_other(forward, mode):
+    """Peaks of a sum of resonances are as high as their dampings are small; where they stand does not change."""
+    own = forward.modal(blank("bearing", lines("bearing")), K_B).frequencies_hz
+    drift = np.zeros(MODES, dtype=complex)
+    drift[mode] = 0.02j
+    for m in (0, 1):
+        f = own[m] * (1 + np.linspace(-4e-3, 4e-3, 1601))
+        modal = forward.modal(blank("bearing", f, channels=(Channel(3),)), K_B)
+        before, after = (np.abs(H[:, 0]) for H in (modal.response(), modal.response(drift)))
+        assert_allclose(before.max() / after.max() - 1, drift[m].imag, atol=2e-4)
+        assert np.argmax(before) == pytest.approx(np.argmax(after), abs=2)
+
+
 def test_between_resonances_the_drift_of_the_next_one_above_is_seen(forward):
     """The third resonance lies above the lines; where the response nearly vanishes it drifts beyond what errors are."""
     run = blank("bearing", np.linspace(200, 400, 801), channels=(Channel(2),))
@@ -175,14 +190,20 @@ def test_between_resonances_the_drift_of_the_next_one_above_is_seen(forward):
 def test_derivatives_are_finite_differences(tolerant, support, effect, quantity):
     rng = np.random.default_rng(1)
     modal = tolerant.modal(blank(support, lines(support), quantity=quantity), K_B, [effect])
-    drift, tolerance = 1e-4 * rng.standard_normal(MODES), 5e-4 * rng.standard_normal(len(TOLERANCES))
-    H, D = modal.with_derivatives(drift, tolerance)
-    assert_allclose(H, modal.response(drift, tolerance))
-    at, step = np.concatenate([drift, tolerance]), 1e-7
+    at, step = rng.standard_normal(2 * MODES + len(TOLERANCES)) * 1e-4, 1e-7
+
+    def response(x):
+        frequency, damping, tolerance = np.split(x, [MODES, 2 * MODES])
+        return modal.response(frequency + 1j * damping, 5 * tolerance)
+
+    frequency, damping, tolerance = np.split(at, [MODES, 2 * MODES])
+    H, D = modal.with_derivatives(frequency + 1j * damping, 5 * tolerance)
+    D[2 * MODES :] *= 5
+    assert_allclose(H, response(at))
     for k, derivative in enumerate(D):
         up, down = at.copy(), at.copy()
         up[k], down[k] = at[k] + step, at[k] - step
-        difference = (modal.response(*np.split(up, [MODES])) - modal.response(*np.split(down, [MODES]))) / (2 * step)
+        difference = (response(up) - response(down)) / (2 * step)
         assert np.abs(derivative - difference).max() <= 1e-4 * np.abs(difference).max() + 1e-6
 
 
@@ -220,7 +241,7 @@ def test_modes_that_are_not_one_to_one_fall_back_to_a_plain_difference(tolerant)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_a_tolerance_is_what_a_rebuilt_rig_does(tolerant, tolerance, support, size):
     run = blank(support, lines(support))
-    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
+    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=ELEMENTS)
     expected = measured_response(structure, condition(support), (), run.frequency_hz)
     given = tolerant.modal(run, K_B).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
     change = np.abs(expected - truth(run)).max()
@@ -236,7 +257,7 @@ def test_a_tolerance_acts_beside_an_effect(tolerance, support, drive):
     size, effect = 1e-3, AttachedMass(mass=0.1, node=3)
     run = blank(support, lines(support, [effect]), excitation_node=drive)
     model = Forward(WORKSHOP)
-    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
+    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=ELEMENTS)
     expected = measured_response(structure, condition(support, drive), [effect], run.frequency_hz)
     given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
     assert np.abs(given - expected).max() < 0.1 * np.abs(expected - truth(run, [effect])).max()
@@ -251,7 +272,7 @@ def test_a_tolerance_acts_as_it_does_under_the_effect(tolerance, effect):
     run = blank(support, lines(support, [effect]))
     model = Forward(WORKSHOP)
     model.bend(run, K_B, [effect])
-    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
+    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=ELEMENTS)
     expected = measured_response(structure, condition(support), [effect], run.frequency_hz)
     given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
     assert np.abs(given - expected).max() < 0.01 * np.abs(expected - truth(run, [effect])).max()
@@ -263,7 +284,7 @@ def test_a_tolerance_changes_how_much_the_bearings_damp(tolerance):
     size, here = 1e-4, condition("bearing")
     run = blank("bearing", lines("bearing"))
     model = Forward(WORKSHOP)
-    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=2)
+    structure = assemble(rebuilt(tolerance, size), elements_between_nodes=ELEMENTS)
     before, after = (damped_modes(build_system(each, here, ())).damping_ratio[:4:2] for each in (STRUCTURE, structure))
     relative = model.modal(run, K_B).sensitivity[:2, TOLERANCES.index(tolerance)] * size
     # lambda = i omega e^(i asin zeta), every mode once in each plane
@@ -276,7 +297,7 @@ def test_tolerances_let_the_exciter_reach_a_mode_that_it_hardly_reached():
     modes = damped_modes(build_system(STRUCTURE, condition("bearing"), [effect]))
     f = modes.frequency_hz[np.argmin(np.abs(modes.frequency_hz - 152.3))]
     run = blank("bearing", f * (1 + np.linspace(-0.02, 0.02, 81)))
-    structure = assemble(rebuilt("span", size), elements_between_nodes=2)
+    structure = assemble(rebuilt("span", size), elements_between_nodes=ELEMENTS)
     expected, plain = (
         measured_response(each, condition("bearing"), [effect], run.frequency_hz) for each in (structure, STRUCTURE)
     )
@@ -373,7 +394,7 @@ def test_tolerances_of_a_stepped_shaft_are_meshed_as_the_rig():
     """Sections that change between nodes cut the mesh as well."""
     rig = load_rig("nit-rourkela")
     parts = [rig.segment[0].model_copy(update={"length_m": length}) for length in (0.05, 0.1, 0.12, 0.156)]
-    made = Workshop(rig.model_copy(update={"segment": parts}), BELIEF, 2, 8)
+    made = Workshop(rig.model_copy(update={"segment": parts}), BELIEF, ELEMENTS, 8)
     anchor = made.anchor(np.zeros(len(made.tolerances)))
     assert {variant.n for variant in anchor.variants} == {anchor.structure.n}
 

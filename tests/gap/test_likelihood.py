@@ -26,6 +26,7 @@ from rigtwin.rotor.effects import AttachedMass, BearingDamping
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,
+    ELEMENTS,
     K_B,
     NOISE,
     blank,
@@ -268,7 +269,7 @@ def test_what_a_workshop_does_not_know_is_calibrated():
     stiffer = rebuilt("modulus", 0.015)
     belief = replace(BELIEF, modulus_tolerance=0.01, shaft_damping_tolerance=0.7, frequency_drift=None)
     believed = replace(belief, shaft_damping_ratio=BELIEF.shaft_damping_ratio / 2)
-    made = Forward(Workshop(stiffer, belief, 2, 8))
+    made = Forward(Workshop(stiffer, belief, ELEMENTS, 8))
     runs = [
         with_noise(empty, made.modal(empty, K_B).response(), seed)
         for seed, empty in enumerate(blank(support, lines(support), name=support) for support in ("rigid", "bearing"))

@@ -117,10 +117,10 @@ def test_derivatives_by_drift_are_those_of_the_motion(hardening):
     modal = forward.modal(hardening[2], K_B, (CUBIC,))
     drift, tolerance, step = np.zeros(MODES), np.zeros(len(TOLERANCES)), 1e-7
     H, D = modal.with_derivatives(drift, tolerance)
-    for m in range(2):
-        moved = modal.response(drift + step * (np.arange(MODES) == m))
-        off = np.linalg.norm((moved - H) / step - D[m], axis=1)
-        usual = off < 1e-3 * np.linalg.norm(D[m], axis=1) + 1e-9 * np.linalg.norm(D[m])
+    for m, unit, row in ((0, 1, 0), (1, 1, 1), (0, 1j, MODES), (1, 1j, MODES + 1)):
+        moved = modal.response(drift + unit * step * (np.arange(MODES) == m))
+        off = np.linalg.norm((moved - H) / step - D[row], axis=1)
+        usual = off < 1e-3 * np.linalg.norm(D[row], axis=1) + 1e-9 * np.linalg.norm(D[row])
         assert usual.mean() > 0.97  # beside a fold no step is small enough
 
 
@@ -131,7 +131,7 @@ def test_derivatives_by_the_tolerances_follow_the_shapes(hardening):
     H, D = modal.with_derivatives(drift, tolerance)
     for t in range(len(TOLERANCES)):
         moved = modal.response(drift, tolerance + step * (np.arange(len(TOLERANCES)) == t))
-        assert np.linalg.norm((moved - H) / step - D[MODES + t]) < 5e-3 * np.linalg.norm(D[MODES + t])
+        assert np.linalg.norm((moved - H) / step - D[2 * MODES + t]) < 5e-3 * np.linalg.norm(D[2 * MODES + t])
 
 
 @pytest.mark.parametrize("law", [CUBIC, BearingFriction(force=2.0, stiffness=3e6)], ids=lambda law: law.id)
@@ -325,7 +325,7 @@ def test_where_newtons_method_was_left_nothing_is_told(hardening):
     ((residual, J, _),) = problem.linear_parts(law, fit.u, fit.nu, fit.added)
     by_line = np.abs(J).reshape(len(J), 2, *modal.run.H.shape).sum(axis=(1, 3))  # (n_columns, n_freq)
     told = modal.tells()
-    assert 3 < np.count_nonzero(~told) < len(told) - 3
+    assert 1 < np.count_nonzero(~told) < len(told) - 3
     assert (modal.found() <= told).all()
     assert (by_line[:, ~told] == 0).all()
     assert (by_line[1, told] > 0).all()  # the law's number

@@ -55,6 +55,7 @@ from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
+    ELEMENTS,
     K_B,
     NOISE,
     WORKSHOP,
@@ -452,7 +453,7 @@ def test_where_nothing_is_nothing_is_left():
 def problem_of_longer(*effects):
     """A rotor that is longer than it should be: with a heavy mass the nominal rotor's shapes would leave a misfit."""
     noise, rng = 2e-4, np.random.default_rng(0)
-    longer = assemble(rebuilt("span", 1e-3), elements_between_nodes=2)
+    longer = assemble(rebuilt("span", 1e-3), elements_between_nodes=ELEMENTS)
     runs = []
     for run in both_supports(*effects):
         nodes = [channel.node for channel in run.channels]

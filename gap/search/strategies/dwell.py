@@ -26,31 +26,36 @@ from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 @dataclass(frozen=True)
 class WeakTransients:
-    """Search of a dwell whose transients leave the nominal model right but for themselves."""
+    """Search of a dwell whose transients leave the nominal model right but for themselves.
+
+    Times here and in the classes below are in the shortest dwell of the range, which suits the rig: a spindle settles
+    sooner than a pump.
+    """
 
     relative_step: float = 0.01  # between dwells up to ``even_from``, where minima widen with the dwell
-    even_from: float = 1.0  # [s] from here on the steps are even
-    even_step: float = 0.012  # [s] between the longer dwells
-    longest: float = 15.0  # [s] beyond, next to nothing is left of any transient
+    even_from: float = 21.0  # from here on the steps are even
+    even_step: float = 0.25  # between the longer dwells
+    longest: float = 320.0  # beyond, next to nothing is left of any transient
     kept: int = 4  # dwells that go on, with finer steps
-    fine_step: float = 1e-3  # [s]
+    fine_step: float = 0.02
     to_either_side: int = 12  # fine steps
 
     def grid(self, dwell: Free) -> FloatArray:
         """Dwells [s], as far apart as the misfit's minima are wide."""
-        n = int(np.ceil(np.log(self.even_from / dwell.low) / self.relative_step))
-        short = np.geomspace(dwell.low, self.even_from, n, endpoint=False)
-        return np.concatenate([short, np.arange(self.even_from, min(dwell.high, self.longest), self.even_step)])
+        n = int(np.ceil(np.log(self.even_from) / self.relative_step))
+        short = np.geomspace(1.0, self.even_from, n, endpoint=False)
+        longest = min(dwell.high / dwell.low, self.longest)
+        return dwell.low * np.concatenate([short, np.arange(self.even_from, longest, self.even_step)])
 
 
 @dataclass(frozen=True)
 class StrongTransients:
     """Search of a dwell near single resonances, then of all lines round the dwell that was found."""
 
-    even_step: float = 1.5e-3  # [s] between dwells up to ``relative_from``
-    relative_from: float = 0.5  # [s]
+    even_step: float = 0.03  # between dwells up to ``relative_from``
+    relative_from: float = 10.0
     relative_step: float = 3e-3  # between the longer dwells
-    longest: float = 4.0  # [s] that is tried near resonances
+    longest: float = 84.0  # that is tried near resonances
     largest_shift: float = 6e-3  # of a resonance, relative
     n_shifts: int = 41
     near: float = 0.15  # relative distance from a resonance up to which a line counts as near
@@ -59,9 +64,9 @@ class StrongTransients:
     local_error: float = 0.02  # relative error of the model near one resonance
     seen: float = 0.2  # of the logarithm of the misfit, what transients must take away to be plain to see
     within: float = 1.25  # factor round the local dwell that all lines are searched in
-    fine_step: float = 4e-4  # [s] of that search
+    fine_step: float = 8e-3  # of that search
     fine_relative_step: float = 1e-3  # the same for long dwells
-    apart: float = 1.5e-3  # [s] between minima that are rivals
+    apart: float = 0.03  # between minima that are rivals
     rivals: int = 3  # minima that are fitted
     rough_error: float = 0.3  # relative error added to all lines at first
     loose: float = 30.0  # drifts as many times as wide as their priors take up the shifts at first
@@ -73,10 +78,10 @@ class StrongTransients:
 
     def grid(self, dwell: Free) -> FloatArray:
         """Dwells [s] that are tried near a resonance."""
-        longest = min(dwell.high, self.longest)
+        longest = min(dwell.high / dwell.low, self.longest)
         n = int(np.ceil(np.log(longest / self.relative_from) / self.relative_step))
-        even = np.arange(dwell.low, self.relative_from, self.even_step)
-        return np.concatenate([even, np.geomspace(self.relative_from, longest, n)])
+        even = np.arange(1.0, self.relative_from, self.even_step)
+        return dwell.low * np.concatenate([even, np.geomspace(self.relative_from, longest, n)])
 
 
 @dataclass(frozen=True)
@@ -89,9 +94,9 @@ class Refinement:
     dwells_at_once_near: int = 200  # by one resonance
     least_gain: float = 50.0  # misfit that a fit must have taken away for images to be added
     least_share: float = 0.3  # the same, of what the nominal model leaves above noise
-    aside: float = 4e-4  # [s] to either side that dwells are tried with images, wider in proportion from a second on
-    step: float = 1e-6  # [s] between them, wider likewise
-    apart: float = 4e-6  # [s] between minima that are fitted
+    aside: float = 8e-3  # to either side that dwells are tried with images, wider in proportion from ``even_from`` on
+    step: float = 2e-5  # between them, wider likewise
+    apart: float = 8e-5  # between minima that are fitted
     kept: int = 3  # minima that are fitted
     rounds: int = 4
     better: float = 2.0  # misfit that a round must take away for another one
@@ -134,10 +139,11 @@ def _fit_weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fi
     """Fits next to the nominal model, by what transients would take away to first order once nuisances are refitted."""
     few = problem.at_middle_level()
     coarse = _most_promising(few, hypothesis, few.fit(NOMINAL, nominal.u), WEAK.grid(hypothesis.free[0]))
-    around = WEAK.fine_step * np.arange(-WEAK.to_either_side, WEAK.to_either_side + 1)
+    shortest = hypothesis.free[0].low
+    around = shortest * WEAK.fine_step * np.arange(-WEAK.to_either_side, WEAK.to_either_side + 1)
     fits = []
     for dwell, *_ in coarse:
-        near = np.maximum(dwell + around, hypothesis.free[0].low)
+        near = np.maximum(dwell + around, shortest)
         _, u, nu = _most_promising(problem, hypothesis, nominal, near)[0]
         fits += _fit(problem, hypothesis, u, nu, (REFINED.error,))
     return fits
@@ -159,7 +165,8 @@ def _most_promising(
     """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
     found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, REFINED.dwells_at_once))
     gain, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    chosen = _minima(dwells, (-gain).tolist(), 1.5 * WEAK.even_step, WEAK.kept)
+    apart = 1.5 * WEAK.even_step * hypothesis.free[0].low
+    chosen = _minima(dwells, (-gain).tolist(), apart, WEAK.kept)
     places = [np.split(np.concatenate([nominal.u, nominal.nu]) + moved[k], [1]) for k in chosen]
     return [
         (float(dwells[k]), hypothesis.clipped(np.array([u[0], np.log(dwells[k])])), nu)
@@ -199,7 +206,8 @@ def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit)
         return []
     shifts[:, problem.nuisances.gain] = nominal.nu[problem.nuisances.gain]
     middle = float(dwells[np.argmin(total)])
-    step = max(STRONG.fine_step, STRONG.fine_relative_step * middle)
+    shortest = hypothesis.free[0].low
+    step = max(STRONG.fine_step * shortest, STRONG.fine_relative_step * middle)
     low, high = max(middle / STRONG.within, dwells[0]), min(middle * STRONG.within, dwells[-1])
     fine = np.arange(low, high, step)
     nus = shifts[np.searchsorted(dwells, fine).clip(max=len(dwells) - 1)]
@@ -208,7 +216,7 @@ def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit)
         loose.cost(hypothesis, np.array([nominal.u[0], np.log(dwell)]), nu, STRONG.rough_error)
         for dwell, nu in zip(fine, nus, strict=True)
     ]
-    return [(float(fine[k]), nus[k]) for k in _minima(fine, costs, STRONG.apart, STRONG.rivals)]
+    return [(float(fine[k]), nus[k]) for k in _minima(fine, costs, STRONG.apart * shortest, STRONG.rivals)]
 
 
 def _minima(places: FloatArray, costs: Sequence[float], apart: float, count: int) -> list[int]:
@@ -278,16 +286,17 @@ def _misfit(
 
 def _add_images(problem: Problem, fit: Fit) -> Fit:
     """Go on from a fit with images: to the best of the many minima round it, as long as that gets better."""
-    last = np.inf
+    last, shortest = np.inf, fit.hypothesis.free[0].low
     for _ in range(REFINED.rounds):
         dwell = float(np.exp(fit.u[1]))
-        dwells = dwell + max(dwell, 1.0) * np.arange(-REFINED.aside, REFINED.aside, REFINED.step)
-        dwells = dwells[dwells > fit.hypothesis.free[0].low]
+        unit = max(dwell / WEAK.even_from, shortest)
+        dwells = dwell + unit * np.arange(-REFINED.aside, REFINED.aside, REFINED.step)
+        dwells = dwells[dwells > shortest]
         settled = replace(fit, hypothesis=NOMINAL, u=fit.u[:1])
         blocks = _in_blocks(dwells, REFINED.dwells_at_once)
         costs = np.concatenate(list(each(partial(_costs, problem, settled), blocks)))
         found = [] if last == np.inf else [fit]
-        for k in _minima(dwells, costs.tolist(), REFINED.apart, REFINED.kept):
+        for k in _minima(dwells, costs.tolist(), REFINED.apart * shortest, REFINED.kept):
             u = np.array([fit.u[0], np.log(dwells[k])])
             found += _fit(problem, fit.hypothesis, u, fit.nu, (REFINED.error, 0.0))
         if not found:

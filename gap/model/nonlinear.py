@@ -121,7 +121,7 @@ class NonlinearModal(RunModel):
 
     def motions(self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None) -> Solved:
         """The run's motions with drifts (MODES,) and tolerances (n_tolerances,), remembered."""
-        drift = np.zeros(len(self.sensitivity)) if drift is None else drift
+        drift = np.zeros(len(self.sensitivity), dtype=complex) if drift is None else drift.astype(complex)
         tolerance = self.anchor if tolerance is None else tolerance
         key = drift.tobytes() + tolerance.tobytes()
         if key not in self._solved:

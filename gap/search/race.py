@@ -67,22 +67,34 @@ class Search:
 
 def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], progress: Progress | None) -> list[Fit]:
     """The candidates that do not fall behind, each from its best start, best first by evidence and prior."""
-    fits: list[Fit] = []
-    if len(stages) > 1:
-        starts = _not_hopeless(problem, starts, stages[0].added)
-    for stage in stages:
-        fits = []
-        for number, fit in enumerate(each(partial(fitted, problem, stage), starts)):
-            if progress:
-                progress(number, len(starts), str(starts[number].hypothesis))
-            if fit is not None:
-                fits.append(fit)
-        fits.sort(key=lambda fit: fit.cost)
-        fits = [fit for fit in fits if fit.cost <= stage.behind * fits[0].cost + RACE.hopeless]
-        fits = _of_each(fits, RACE.rivals)[: stage.keep]
-        starts = [Start(fit.hypothesis, fit.u, fit.nu) for fit in fits]
+    first, *further = stages
+    if further:
+        starts = _not_hopeless(problem, starts, first.added)
+    fits = _round(first, each(partial(fitted, problem, first), starts), starts, progress)
+    for stage in further:
+        fits = _round(stage, each(partial(_fitted_on, problem, stage), fits), fits, progress)
     fits = _of_each(fits, 1)
     return polish_leaders(problem, fits, NOMINAL_FITS.near * fits[0].n_data) if fits else []
+
+
+def _round(
+    stage: Stage, made: Iterable[Fit | None], begun: Sequence[Start | Fit], progress: Progress | None
+) -> list[Fit]:
+    """The fits of one stage that go on, lowest cost first."""
+    fits = []
+    for number, fit in enumerate(made):
+        if progress:
+            progress(number, len(begun), str(begun[number].hypothesis))
+        if fit is not None:
+            fits.append(fit)
+    fits.sort(key=lambda fit: fit.cost)
+    fits = [fit for fit in fits if fit.cost <= stage.behind * fits[0].cost + RACE.hopeless]
+    return _of_each(fits, RACE.rivals)[: stage.keep]
+
+
+def _fitted_on(problem: Problem, stage: Stage, fit: Fit) -> Fit | None:
+    """A further stage of the race, with the tolerances as they act where the one before ended; None without a model."""
+    return problem.around(fit).try_fit(fit.hypothesis, fit.u, fit.nu, anneal=(stage.added,), steps=stage.steps)
 
 
 def polish_leaders(problem: Problem, fits: Sequence[Fit], limit: float) -> list[Fit]:

@@ -49,7 +49,7 @@ from rigtwin.gap.search.nominal import fit_lines_alike
 from rigtwin.gap.search.race import Search, Stage
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.verdict.adequacy import judge, whitened
-from rigtwin.gap.verdict.standing import nuisance_size
+from rigtwin.gap.verdict.standing import strain
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects import BearingCubic
 from rigtwin.rotor.effects.library import EFFECTS
@@ -480,7 +480,7 @@ def draw_criteria(axes: Axes, example: Example, fits: Sequence[tuple[str, Fit, s
         values = (
             (quality.misfit - 1) / (THRESHOLDS.adequate_misfit - 1),
             quality.correlation / THRESHOLDS.adequate_correlation,
-            nuisance_size(example.problem, fit) / THRESHOLDS.adequate_nuisance,
+            strain(example.problem, fit),
         )
         places = np.arange(3) + 0.25 * (row - 1)
         axes.barh(places, np.maximum(values, _LEAST_SHOWN), 0.22, color=colour)

@@ -24,7 +24,7 @@ from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.gap.search.laws.search import most_promised, search_nonlinear
 from rigtwin.gap.search.linear import bend_best, bend_laws, search, search_from_afar
 from rigtwin.gap.search.nominal import recalibrate
-from rigtwin.gap.search.pairs import each_alone, exchanged, extended, most_left, pairs, straightened
+from rigtwin.gap.search.pairs import exchanged, extended, most_left, pairs, straightened, without_one
 from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_leaders, reach
 from rigtwin.gap.verdict.adequacy import judge, not_shared
 from rigtwin.gap.verdict.standing import adequate, excess_of, scale_of
@@ -218,37 +218,61 @@ def _suffices(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> b
 
 
 def _add_pairs(task: Task, found: Search) -> list[Fit]:
-    """Singles and pairs, best first; a pair counts only where it earns its evidence."""
+    """Singles and several effects, best first; each further effect counts only where it earns its evidence.
+
+    What was found first may stand in for what is there: where that does not suffice, or takes many effects, each is
+    exchanged for others.
+    """
     problem, hypotheses = task.problem, task.library.linear
-    twos = pairs(problem, found, hypotheses, task.progress)
-    if twos and not any(adequate(problem, fit) for fit in (found.best, twos[0])):
-        twos = best_first([*twos, *exchanged(problem, twos[0], hypotheses, not found.rough, task.progress)])
-    twos = best_first([*twos, *(fit for pair in twos[: _SEVERAL.taken_apart] for fit in straightened(problem, pair))])
-    alone = [fit for pair in twos[: _SEVERAL.taken_apart] for fit in each_alone(problem, pair, hypotheses)]
-    singles = {fit.hypothesis: fit for fit in sorted((*found.fits, *alone), key=lambda fit: fit.log_weight)}
-    scale = scale_of(judge(problem, max([*singles.values(), *twos], key=lambda fit: fit.log_weight)))
-    best = max(singles.values(), key=lambda fit: fit.log_evidence(scale))
-    needed = best.log_evidence(scale) + PRIORS.pair_log_odds
-    bend = _gain_of_another_form(problem, found.nominal, best, scale)
-    earned = [pair for pair in twos if pair.log_evidence(scale) > needed + (bend if _at_one_joint(pair) else 0.0)]
-    return best_first([*singles.values(), *earned, *_more(task, earned[:1], scale)])
+    answer = _grown(task, found.fits, pairs(problem, found, hypotheses, task.progress))
+    several = next((fit for fit in answer if len(fit.hypothesis.terms) > 1), None)
+    if several and (len(several.hypothesis.terms) > 2 or not adequate(problem, answer[0])):
+        others = exchanged(problem, several, hypotheses, not found.rough, task.progress)
+        if others and others[0].log_weight > several.log_weight:
+            answer = best_first([*answer, *_grown(task, [], others)])
+    return answer
+
+
+def _grown(task: Task, singles: Sequence[Fit], several: Sequence[Fit]) -> list[Fit]:
+    """Several effects that earn their evidence, best first, with fewer ones and with more beside the best."""
+    problem, hypotheses = task.problem, task.library.linear
+    best = several[: _SEVERAL.taken_apart]
+    several = best_first([*several, *(fit for each in best for fit in straightened(problem, each))])
+    apart = [fit for each in several[: _SEVERAL.taken_apart] for fit in without_one(problem, each, hypotheses)]
+    fewer = {fit.hypothesis: fit for fit in sorted((*singles, *apart), key=lambda fit: fit.log_weight)}
+    scale = scale_of(judge(problem, max([*fewer.values(), *several], key=lambda fit: fit.log_weight)))
+    rival = max(fewer.values(), key=lambda fit: fit.log_evidence(scale))
+    needed = rival.log_evidence(scale) + PRIORS.pair_log_odds
+    bend = _gain_of_another_form(problem, task.nominal, rival, scale)
+    earned = [fit for fit in several if fit.log_evidence(scale) > needed + (bend if _at_one_joint(fit) else 0.0)]
+    return best_first([*fewer.values(), *earned, *_more(task, earned[:1], scale)])
 
 
 def _more(task: Task, leaders: Sequence[Fit], scale: float) -> list[Fit]:
-    """The best several effects, with one more as long as it earns its evidence."""
+    """The best several effects, with one more as long as it earns its evidence, and without what is not needed then."""
+    problem, hypotheses = task.problem, task.library.linear
     found: list[Fit] = []
     while leaders and len(leaders[0].hypothesis.terms) < _SEVERAL.most:
         leader = leaders[0]
-        if most_left(task.problem, leader, task.library.linear) < 2 * PRIORS.pair_log_odds * scale**2:
+        if most_left(problem, leader, hypotheses) < 2 * PRIORS.pair_log_odds * scale**2:
             break
         needed = leader.log_evidence(scale) + PRIORS.pair_log_odds
-        leaders = [
-            fit
-            for fit in extended(task.problem, leader, task.library.linear, task.progress)
-            if fit.log_evidence(scale) > needed
-        ]
+        more = extended(problem, leader, hypotheses, task.progress)
+        leaders = [fit for fit in more if fit.log_evidence(scale) > needed]
+        if leaders and (enough := _needed(problem, leaders[0], hypotheses, scale)) is not leaders[0]:
+            leaders = [enough]
         found += leaders
     return found
+
+
+def _needed(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis], scale: float) -> Fit:
+    """Several effects without those that do not earn their evidence beside the others."""
+    while len(fit.hypothesis.terms) > 1:
+        fewer = without_one(problem, fit, hypotheses)
+        if not fewer or fewer[0].log_evidence(scale) < fit.log_evidence(scale) - PRIORS.pair_log_odds:
+            break
+        fit = fewer[0]
+    return fit
 
 
 def _gain_of_another_form(problem: Problem, nominal: Fit, best: Fit, scale: float) -> float:

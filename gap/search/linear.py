@@ -81,10 +81,11 @@ def search(
         return Search(nominal, tuple(race(problem, starts, CLOSE, progress)))
     starts, rough = _rough_starts(problem, hypotheses, nominal, progress)
     fits = race(problem, starts, FAR, progress)
-    if not (fits and fits[0].cost < FAR_SEARCH.nothing * nominal.n_data):
+    found = Search(nominal, tuple(fits), rough)
+    if not (found.leads or (fits and fits[0].cost < FAR_SEARCH.nothing * nominal.n_data)):
         more = race(problem, _starts_on_grids(problem, hypotheses, nominal), FAR, progress)
-        fits = first_of_each(best_first([*fits, *more]), lambda fit: fit.hypothesis)
-    return Search(nominal, tuple(fits), rough)
+        found = replace(found, fits=tuple(first_of_each(best_first([*fits, *more]), lambda fit: fit.hypothesis)))
+    return found
 
 
 def search_from_afar(
@@ -103,9 +104,10 @@ def search_from_afar(
 
 
 def bend_laws(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> Search:
-    """The search, and its best effect bent, where it can be; far from the data, the best of all that can be."""
+    """The search, and its best effect bent, where it can be; far from the data, the best of all that can be, unless an
+    effect leads."""
     starts = _bent(found.best)
-    if found.rough:
+    if found.rough and not found.leads:
         few, base = problem.thinned(FAR_SEARCH.every), found.nominal.u[:1]
         laws = [hypothesis.bent for hypothesis in hypotheses if hypothesis.bent != hypothesis]
         seat = measured_stiffness(few, found.nominal)

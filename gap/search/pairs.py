@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from operator import itemgetter
 
 import numpy as np
 
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis
+from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis, Term
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.search.linear import search
-from rigtwin.gap.search.race import CLOSE, FAR, Progress, Search, first_of_each, fitted, race
+from rigtwin.gap.search.race import CLOSE, FAR, Progress, Search, best_first, first_of_each, fitted, race
 from rigtwin.gap.search.starts import Promise, Start, begin, promises
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.workers import each
@@ -31,6 +31,7 @@ class PairSearch:
     no_leader: float = 30.0  # cost over the best one's from which none of the others is a leader
     by_score: int = 24  # pairs that gain most to first order, shared by the leaders,
     of_each: int = 6  # each of which has at least so many
+    places: int = 2  # of one second effect, the best: a neighbour's sensor says much the same
     starts: int = 1  # starts of each pair, the lowest, that are taken a step down;
     by_rough: int = 16  # the lowest of these
     steps: int = 5  # are carried on so far
@@ -69,13 +70,17 @@ def exchanged(
 
     Alone, an effect takes over what another one does: from there its partner may lie too far for a start of its own.
     """
-    leaders = [fit for start in _halves(pair, hypotheses) if (fit := _as_it_is(problem, start))]
+    leaders = [fit for start in _one_fewer(pair, hypotheses) if (fit := _as_it_is(problem, start))]
     return race(problem, pair_starts(problem, leaders, hypotheses, near, progress), FAR, progress)
 
 
-def each_alone(problem: Problem, pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
-    """Each effect of a pair without the other, from where the pair ended: its own starts may have missed that place."""
-    return [fit for start in _halves(pair, hypotheses) if (fit := fitted(problem, CLOSE[0], start))]
+def without_one(problem: Problem, several: Fit, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
+    """Several effects without each of them, from where they ended; best first by evidence and prior.
+
+    The starts of fewer may have missed that place, and what was found first may not be needed beside the later ones.
+    """
+    there = problem.around(several)
+    return best_first(fit for start in _one_fewer(several, hypotheses) if (fit := fitted(there, CLOSE[0], start)))
 
 
 def straightened(problem: Problem, pair: Fit) -> list[Fit]:
@@ -85,13 +90,22 @@ def straightened(problem: Problem, pair: Fit) -> list[Fit]:
     return [made] if made else []
 
 
-def _halves(pair: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
-    """Each effect of a pair without the other, where the pair ended."""
+def _one_fewer(several: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
+    """Several effects without each of them, where they ended; the last one first."""
+    numbers = several.hypothesis.split(several.u[1:])
+    singles = [_single(term, hypotheses) for term in several.hypothesis.terms]
     found = []
-    for term, own in zip(pair.hypothesis.terms, pair.hypothesis.split(pair.u[1:]), strict=True):
-        single = next(hypothesis for hypothesis in hypotheses if hypothesis.bent.terms == (term.bent,))
-        found.append(Start(replace(single, terms=(term,)), np.concatenate([pair.u[:1], own]), pair.nu))
+    for left_out in reversed(range(len(singles))):
+        kept = [k for k in range(len(singles)) if k != left_out]
+        hypothesis = reduce(_paired, [singles[k] for k in kept])
+        found.append(Start(hypothesis, np.concatenate([several.u[:1], *(numbers[k] for k in kept)]), several.nu))
     return found
+
+
+def _single(term: Term, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+    """The candidate of one effect alone, its law bent or not as it is in the term."""
+    alone = next(hypothesis for hypothesis in hypotheses if hypothesis.bent.terms == (term.bent,))
+    return replace(alone, terms=(term,))
 
 
 def _as_it_is(problem: Problem, start: Start) -> Fit | None:
@@ -127,7 +141,8 @@ def pair_starts(
                 points = strategy_of(second).points(leader.u, second)
                 beside += [begin(pair, pair.clipped(point), leader) for point in points]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
-        starts += [promise.start for promise in by_score[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
+        some = first_of_each(by_score, lambda promise: promise.start.hypothesis.ids, PAIRS.places)
+        starts += [promise.start for promise in some[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
     return starts + _down_a_step(problem.thinned(PAIRS.every), beside)
 
 
@@ -139,7 +154,8 @@ def _down_a_step(few: Problem, starts: Sequence[Start]) -> list[Start]:
     tried = sorted(each(partial(_down_from, few, 0), starts), key=itemgetter(1))
     some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, PAIRS.starts)]
     stepped = sorted(each(partial(_down_from, few, 1), some), key=itemgetter(1))
-    best = [start for start, _ in stepped[: PAIRS.by_rough]]
+    places = first_of_each(stepped, lambda found: found[0].hypothesis.ids, PAIRS.places)
+    best = [start for start, _ in places[: PAIRS.by_rough]]
     return [start for start, _ in each(partial(_down_from, few, PAIRS.steps), best)]
 
 
@@ -162,13 +178,16 @@ def _down_from(few: Problem, steps: int, start: Start) -> tuple[Start, float]:
 
 
 def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
-    """Effects that others are tried beside: the best of all runs, and those of a part of what there is to see.
+    """Effects that others are tried beside: the best of all runs, and of a part of what there is to see.
 
-    The latter are the best by rough fits, which far misfits do not rule, and the best of the rigid runs, in which fewer
-    effects can act. What leaves many times as much as the best is no leader, but for those by rough fits.
+    The latter, unless an effect leads, are the best by rough fits, which far misfits do not rule, and the best of the
+    rigid runs, in which fewer effects can act. What leaves many times as much as the best is no leader, but for those
+    by rough fits.
     """
     leaders = _of_each_effect(found.fits)[: PAIRS.leaders]
     there = {fit.hypothesis.ids for fit in leaders}
+    if found.leads:
+        return leaders
     rough = [start for start in found.rough[: PAIRS.rough_leaders] if start.hypothesis.ids not in there]
     roughly = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(PAIRS.roughly,), steps=2) for s in rough]
     rigid = problem.only("rigid")

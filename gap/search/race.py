@@ -30,7 +30,7 @@ class Stage:
     behind: float = 2.0  # misfit over the best one's beyond which a start drops out, but for ``RaceRules.hopeless``
 
 
-FAR = (Stage(0.1, 1, 60, behind=5.0), Stage(0.1, 4, 30), Stage(0.02, 6, 16), Stage(0.0, 20, 12))
+FAR = (Stage(0.1, 1, 60, behind=10.0), Stage(0.1, 4, 30), Stage(0.02, 6, 16), Stage(0.0, 20, 12))
 CLOSE = (Stage(0.0, 20, 100),)
 BENT = (Stage(0.1, 60, 12), Stage(0.02, 60, 8), Stage(0.0, 60, 4))
 
@@ -46,6 +46,7 @@ class RaceRules:
     patience: int = 60  # in so many steps: valleys of several numbers are long
     hopeless: float = 400.0  # more misfit than the best one's than this cannot be made good anywhere,
     from_the_start: float = 20.0  # nor so many times as much, where a race of many begins
+    leads: float = 30.0  # an effect that leaves so many times less than the nominal model is one of the cause's
 
 
 RACE = RaceRules()
@@ -58,6 +59,11 @@ class Search:
     nominal: Fit
     fits: tuple[Fit, ...]  # best first by evidence, the nominal model not among them
     rough: tuple[Start, ...] = ()  # best first by rough cost, one of every effect; none close to the nominal model
+
+    @property
+    def leads(self) -> bool:
+        """Whether the best candidate leaves so little that others need only be looked for beside it."""
+        return bool(self.fits) and RACE.leads * self.fits[0].cost < self.nominal.cost
 
     @property
     def best(self) -> Fit:

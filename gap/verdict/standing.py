@@ -58,7 +58,7 @@ def excess_of(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     return max(
         (quality.misfit - 1) / max(THRESHOLDS.adequate_misfit - 1, THRESHOLDS.adequate_spread * quality.spread),
         quality.correlation / THRESHOLDS.adequate_correlation,
-        nuisance_size(problem, fit) / THRESHOLDS.adequate_nuisance,
+        strain(problem, fit),
         0.0,
     )
 
@@ -75,8 +75,11 @@ def _most_scale(problem: Problem) -> float:
     return min(max(float(np.median(told)), 1.0), THRESHOLDS.most_scale) if told else THRESHOLDS.most_scale
 
 
-def nuisance_size(problem: Problem, fit: Fit) -> float:
-    """Mean square of the nuisances in units of their priors, over those that the data determine."""
+def strain(problem: Problem, fit: Fit) -> float:
+    """Sum of squares of the nuisances in units of their priors, over those that the data determine: 1 at the threshold.
+
+    By the priors it is chi-squared with as many degrees of freedom as nuisances are determined.
+    """
     covariance = fit.covariance()[len(fit.u) :, len(fit.u) :]
     prior = fit.prior_std**2
     told = np.clip(1 - covariance.diagonal() / prior, 0.0, 1.0)
@@ -85,7 +88,7 @@ def nuisance_size(problem: Problem, fit: Fit) -> float:
         for run, t in zip(problem.runs, told[problem.nuisances.gain], strict=True)
     ]
     freedom = max(float(told.sum()), 1.0)
-    return float(np.sum(told * fit.nu**2 / prior)) / freedom
+    return float(np.sum(told * fit.nu**2 / prior)) / float(chi2.isf(THRESHOLDS.strained_chance, freedom))
 
 
 def _passed_over(problem: Problem, nominal: Fit, fit: Fit, quality: Adequacy) -> float:

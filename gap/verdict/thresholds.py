@@ -41,7 +41,7 @@ class Thresholds:
     adequate_misfit: float = _number(1.15, "adequacy", "1", "Largest mean square residual, over that of the noise, that a fit may leave.", TUNING)
     adequate_spread: float = _number(3.0, "adequacy", "standard deviations", "The same where there are few values: how far above 1 it may be, in units of what noise alone leaves.", STATISTICS)
     adequate_correlation: float = _number(3.5, "adequacy", "standard errors", "Largest correlation of the residuals of neighbouring lines.", STATISTICS)
-    adequate_nuisance: float = _number(2.5, "adequacy", "1", "Largest mean square of the gains, drifts and tolerances that the data determine, in units of their priors.", TUNING)
+    strained_chance: float = _number(1e-4, "adequacy", "probability", "Chance that the gains, drifts and tolerances which the data determine are as far from nothing, by their priors.", STATISTICS)
     adequate_nonlinear: float = _number(1.5, "adequacy", "1", "Largest mean square misfit of a nonlinear effect: at a jump a single line may be on another branch.", TUNING)
     believed_scale_low: float = _number(0.8, "adequacy", "1", "Scatter of the data over their given errors: from here up to the next number the given errors are believed.", TUNING)
     believed_scale_high: float = _number(1.25, "adequacy", "1", "The upper end of that range.", TUNING)

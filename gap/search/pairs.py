@@ -31,7 +31,7 @@ class PairSearch:
     no_leader: float = 30.0  # cost over the best one's from which none of the others is a leader
     by_score: int = 24  # pairs that gain most to first order, shared by the leaders,
     of_each: int = 6  # each of which has at least so many
-    places: int = 2  # of one second effect, the best: a neighbour's sensor says much the same
+    places: int = 3  # of one second effect, the best: a neighbour's sensor says much the same
     starts: int = 1  # starts of each pair, the lowest, that are taken a step down;
     by_rough: int = 16  # the lowest of these
     steps: int = 5  # are carried on so far

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from rigtwin.gap.explain import _needed
 from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis
 from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.forward import Forward, acting
 from rigtwin.gap.search import pairs as pair_search
+from rigtwin.gap.search import race as race_module
 from rigtwin.gap.search.linear import search, search_from_afar, weak_starts
 from rigtwin.gap.search.nominal import fit_lines_alike, recalibrate, strain_towards
 from rigtwin.gap.search.pairs import (
@@ -21,14 +24,14 @@ from rigtwin.gap.search.pairs import (
     _down_a_step,
     _leaders,
     _paired,
-    each_alone,
     exchanged,
     most_left,
     pair_starts,
     pairs,
     straightened,
+    without_one,
 )
-from rigtwin.gap.search.race import Search, _of_each, polish, polish_all
+from rigtwin.gap.search.race import FAR, RACE, Search, _of_each, polish, polish_all, race
 from rigtwin.gap.search.starts import Promise, Start
 from rigtwin.gap.search.strategies.dwell import _gains
 from rigtwin.gap.search.strategies.registry import Dwells
@@ -55,6 +58,7 @@ from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
+    BELIEF,
     ELEMENTS,
     K_B,
     NOISE,
@@ -68,6 +72,8 @@ from tests.gap.conftest import (
     problem_of,
     rebuilt,
     truth,
+    with_noise,
+    workshop,
 )
 
 
@@ -439,10 +445,42 @@ def test_an_effect_that_its_own_starts_missed_is_found_in_a_pair():
     modulus = next(h for h in hypotheses if h.ids == ("shaft_modulus",))
     pair = Hypothesis((*modulus.terms, *mass.terms))
     both = problem.fit(pair, np.array([np.log(K_B), 1.0005, np.log(0.11)]))
-    softer, heavier = each_alone(problem, both, hypotheses)
+    heavier, softer = without_one(problem, both, hypotheses)
     assert (softer.hypothesis, heavier.hypothesis) == (modulus, mass)
     assert heavier.effects[0].mass == pytest.approx(0.1, rel=0.02)
     assert heavier.cost < both.cost + 5 < softer.cost
+
+
+def test_what_later_effects_make_needless_is_left_out():
+    """A modulus that stood in for disks that are heavier, found after it: of three effects two are needed."""
+    problem = problem_with(DiskMass(change=0.04), SensorGain(gain=1.1, node=3))
+    hypotheses = of(problem.runs, "shaft_modulus", "disk_mass", "sensor_gain")
+    names = ("shaft_modulus", "disk_mass", "sensor_gain")
+    modulus, disks, gain = (next(h for h in hypotheses if h.ids == (name,)) for name in names)
+    gain = next(h for h in hypotheses if h.ids == ("sensor_gain",) and h.terms[0].node == 3)
+    three = problem.fit(reduce(_paired, (modulus, disks, gain)), np.array([np.log(K_B), 1.0005, 0.04, 1.1]))
+    two = _needed(problem, three, hypotheses, 1.0)
+    assert set(two.hypothesis.ids) == {"disk_mass", "sensor_gain"}
+    assert two.cost < three.cost + 2 * PRIORS.pair_log_odds
+    assert _needed(problem, two, hypotheses, 1.0) is two
+
+
+def test_a_race_follows_the_tolerances_where_they_lead(monkeypatch):
+    """A stiffer shaft in bearings of two planes: slopes at the drawing would leave many times the noise."""
+    loose = workshop(replace(BELIEF, modulus_tolerance=0.01))
+    stiffer = assemble(rebuilt("modulus", 0.01), elements_between_nodes=ELEMENTS)
+    effects = (PlaneAnisotropy(anisotropy=0.16, angle=0.36),)
+    runs = []
+    for seed, run in enumerate(both_supports(*effects)):
+        nodes = [channel.node for channel in run.channels]
+        H = measured_response(stiffer, condition(run.support), acting(effects, run.support), run.frequency_hz, nodes)
+        runs.append(with_noise(run, H, seed, noise=1e-3))
+    problem = Problem(Forward(loose), [observe(run, run.std) for run in runs], model_error=0.0)
+    (bearings,) = of(runs, "plane_anisotropy")
+    start = Start(bearings, np.array([np.log(K_B), 0.15, 0.35]), np.zeros(problem.nuisances.n))
+    monkeypatch.setattr(race_module, "RACE", replace(RACE, polished=0))
+    (fit,) = race(problem, [start], FAR, None)
+    assert fit.cost < 1.3 * fit.n_data
 
 
 def test_where_nothing_is_nothing_is_left():

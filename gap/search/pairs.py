@@ -14,7 +14,7 @@ from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis, Term
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.search.linear import search
-from rigtwin.gap.search.race import CLOSE, FAR, Progress, Search, best_first, first_of_each, fitted, race
+from rigtwin.gap.search.race import CLOSE, FAR, Progress, Search, best_first, first_of_each, fitted, in_turns, race
 from rigtwin.gap.search.starts import Promise, Start, begin, promises
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.workers import each
@@ -31,7 +31,6 @@ class PairSearch:
     no_leader: float = 30.0  # cost over the best one's from which none of the others is a leader
     by_score: int = 24  # pairs that gain most to first order, shared by the leaders,
     of_each: int = 6  # each of which has at least so many
-    places: int = 3  # of one second effect, the best: a neighbour's sensor says much the same
     starts: int = 1  # starts of each pair, the lowest, that are taken a step down;
     by_rough: int = 16  # the lowest of these
     steps: int = 5  # are carried on so far
@@ -141,7 +140,7 @@ def pair_starts(
                 points = strategy_of(second).points(leader.u, second)
                 beside += [begin(pair, pair.clipped(point), leader) for point in points]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
-        some = first_of_each(by_score, lambda promise: promise.start.hypothesis.ids, PAIRS.places)
+        some = in_turns(by_score, lambda promise: promise.start.hypothesis.ids)
         starts += [promise.start for promise in some[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
     return starts + _down_a_step(problem.thinned(PAIRS.every), beside)
 
@@ -154,8 +153,7 @@ def _down_a_step(few: Problem, starts: Sequence[Start]) -> list[Start]:
     tried = sorted(each(partial(_down_from, few, 0), starts), key=itemgetter(1))
     some = [start for start, _ in first_of_each(tried, lambda found: found[0].hypothesis, PAIRS.starts)]
     stepped = sorted(each(partial(_down_from, few, 1), some), key=itemgetter(1))
-    places = first_of_each(stepped, lambda found: found[0].hypothesis.ids, PAIRS.places)
-    best = [start for start, _ in places[: PAIRS.by_rough]]
+    best = [start for start, _ in in_turns(stepped, lambda found: found[0].hypothesis.ids)[: PAIRS.by_rough]]
     return [start for start, _ in each(partial(_down_from, few, PAIRS.steps), best)]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
+from operator import itemgetter
 from typing import TypeVar
 
 from rigtwin.gap.inference.fit import Fit
@@ -154,6 +155,20 @@ def first_of_each(items: Iterable[T], key: Callable[[T], Hashable], count: int =
         if seen[key(item)] <= count:
             kept.append(item)
     return kept
+
+
+def in_turns(items: Iterable[T], key: Callable[[T], Hashable]) -> list[T]:
+    """The first item of every key, then the second of every key, and so on, in their order.
+
+    >>> in_turns(["mass 3", "mass 5", "crack 1"], key=lambda name: name.split()[0])
+    ['mass 3', 'crack 1', 'mass 5']
+    """
+    seen: Counter[Hashable] = Counter()
+    turns = []
+    for item in items:
+        turns.append((seen[key(item)], item))
+        seen[key(item)] += 1
+    return [item for _, item in sorted(turns, key=itemgetter(0))]
 
 
 def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:

@@ -31,7 +31,7 @@ from rigtwin.rotor.effects import (
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.geometry.rig import Joint, load_rig
 from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
@@ -397,6 +397,26 @@ def test_tolerances_of_a_stepped_shaft_are_meshed_as_the_rig():
     made = Workshop(rig.model_copy(update={"segment": parts}), BELIEF, ELEMENTS, 8)
     anchor = made.anchor(np.zeros(len(made.tolerances)))
     assert {variant.n for variant in anchor.variants} == {anchor.structure.n}
+
+
+def test_a_joint_moves_with_the_other_lengths():
+    """A longer rotor has its joint as much farther along, and the mesh of the rig as drawn."""
+    rig = load_rig("nit-rourkela").model_copy(update={"joint": [Joint(x_m=0.2131, tilt_stiffness_Nm_per_rad=2e4)]})
+    made = Workshop(rig, BELIEF, ELEMENTS, 8)
+    longer = made.structure(np.log(1.01) * (np.array(made.names) == "span"))
+    assert_allclose(longer.x, 1.01 * made.structure(np.zeros(len(made.names))).x, rtol=1e-12)
+    assert np.diff(longer.x).min() == 0.0
+
+
+def test_a_law_on_a_floating_rotor_follows_its_lengths():
+    """Between soft springs, matrices to first order in the lengths would have a negative stiffness."""
+    rig = load_rig("nit-rourkela")
+    springs = [s.model_copy(update={"stiffness": 50.0}) for s in rig.support]
+    bearing = rig.support[0].model_copy(update={"node": 4})
+    floating = Forward(Workshop(rig.model_copy(update={"support": [*springs, bearing]}), BELIEF, ELEMENTS, 8))
+    run = blank("bearing", np.linspace(60, 80, 5), force_amplitude_N=1.0)
+    modal = floating.modal(run, 1e4, (BearingCubic(stiffness=1e9),))
+    assert np.isfinite(modal.response(None, np.full(len(floating.anchor.values), 2e-3))).all()
 
 
 @pytest.fixture

@@ -9,8 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis, candidates
+from rigtwin.gap.search.strategies.dwell import STRONG, WEAK
 from rigtwin.rotor.effects import EFFECTS
 from rigtwin.rotor.effects.scale import scale_of
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import STRUCTURE, blank
 
@@ -129,3 +132,45 @@ def test_a_bent_law_is_straightened_where_it_stands():
     assert plain.places == pair.places != seat.places
     assert_allclose(kept, [*u[: 1 + len(seat.free)], u[-1]])
     assert plain.straightened(kept)[0] == plain
+
+
+# -- any rig -------------------------------------------------------------------------------------------
+
+
+def hung(stiffness: float):
+    """The paper's rotor on springs of a stiffness of their own beside one bearing."""
+    rig = load_rig("nit-rourkela")
+    spring, bearing = rig.support[0].model_copy(update={"stiffness": stiffness}), rig.support[1]
+    return assemble(rig.model_copy(update={"support": [spring, bearing]}))
+
+
+def test_a_rotor_that_swings_on_soft_springs_has_the_time_scale_of_its_bending():
+    stiff, soft = scale_of(hung(1e9)), scale_of(hung(50.0))
+    assert 0.3 < soft.time / stiff.time < 1  # with a free end it bends faster; it swings some 40 times as slowly
+
+
+@pytest.mark.parametrize("force", [0.1, 3e3])
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_no_range_ends_beyond_what_is_possible(force, nonlinear):
+    runs = [blank(support, F_HZ, force_amplitude_N=force) for support in ("rigid", "bearing")]
+    found = candidates(runs, hung(50.0), nonlinear=nonlinear)
+    assert found
+    for hypothesis in found:
+        effect = hypothesis.terms[0].effect
+        for free in hypothesis.bent.free:
+            if free.name in effect.parameters():
+                role = effect.parameters()[free.name]
+                assert (role.minimum is None) or free.low >= role.minimum, hypothesis
+                assert (role.maximum is None) or free.high <= role.maximum, hypothesis
+        hypothesis.effects(hypothesis.ends[1:, 1])  # raises where it is not possible
+
+
+@pytest.mark.parametrize("rig", ["nit-rourkela", "pump-overhung", "spindle"])
+def test_dwells_that_are_tried_lie_in_the_range_of_the_rig(rig):
+    (sweep,) = (h for h in candidates([RIGID], assemble(load_rig(rig))) if h.ids == ("fast_sweep",))
+    (dwell,) = sweep.free
+    for grid in (WEAK.grid(dwell), STRONG.grid(dwell)):
+        assert (np.diff(grid) > 0).all()
+        assert grid[0] == pytest.approx(dwell.low)
+        assert grid[-1] <= dwell.high
+        assert len(grid) > 300

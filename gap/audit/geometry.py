@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
@@ -17,14 +18,12 @@ from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Run
 
-# Bearing stiffnesses [N/m] from far softer to far stiffer than any shaft of a test rig.
-_STIFFNESSES = (1e5, 1e6, 1e7, 1e9)
-
 
 @dataclass(frozen=True)
 class Geometry:
     """Of a rig; without a structure where its file cannot be read."""
 
+    stiffnesses_for_signs: ClassVar[int] = 4  # of bearings, over which the signs of a response have to agree
     clear_share: ClassVar[float] = 0.01  # of the largest node's response: a smaller one has no sign to rely on
 
     bearings: frozenset[int] = frozenset()  # nodes of supports with the stiffness k_b
@@ -53,6 +52,11 @@ class Geometry:
         """Whether rig and exciter are known."""
         return self.structure is not None and 1 <= run.excitation_node <= self.structure.n_nodes
 
+    def stiffnesses(self, count: int) -> FloatArray:
+        """(count,) bearing stiffnesses [N/m] over the range that suits the rig, which has to be known."""
+        assert self.structure is not None
+        return np.geomspace(*scale_of(self.structure).k_b, count)
+
     def low_response(self, run: Run) -> tuple[FloatArray, FloatArray] | None:
         """Sign of the receptance below the first resonance, and the first resonance at the stiffest.
 
@@ -64,7 +68,7 @@ class Geometry:
         if not self.knows(run):
             return None
         signs, first = [], []
-        for k_b in (1e9,) if run.support == "rigid" else _STIFFNESSES:
+        for k_b in self.stiffnesses(1 if run.support == "rigid" else self.stiffnesses_for_signs):
             first.append(self.first_resonance(run, k_b))
             H = self.response(run, np.array([0.02, 0.9]) * first[-1], k_b).real
             signs.append(np.where(np.abs(H) > self.clear_share * np.abs(H).max(axis=1, keepdims=True), np.sign(H), 0))

@@ -35,6 +35,7 @@ class LabelLimits:
     lines: int = 20  # fewer say nothing at all
     other_range: float = 3.0  # factor to the other channels from which a channel's range differs; gaps reach 2
     range_error: float = 0.05  # of the factor's logarithm beside a known one
+    stiffnesses: int = 49  # of bearings that are tried
     spread: int = 200  # frequencies along the band at which a run's lines are looked at
     above: float = 0.02  # relative difference by which a first resonance is above another, ...
     same: float = 0.003  # ... the same, ...
@@ -51,9 +52,6 @@ _QUANTITIES: tuple[Quantity, ...] = ("receptance", "mobility", "accelerance")
 
 # What a factor between two channels may come from.
 _RANGES = {9.81: "g and m/s^2", 10.0: "an amplifier's range", 1e2: "an amplifier's range", 1e3: "mm and m"}
-
-# Logarithms of the bearing stiffnesses that are tried [N/m].
-_LN_K_B = np.log(np.geomspace(1e4, 1e10, 49))
 
 
 def check_labels(runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Finding]:
@@ -174,9 +172,9 @@ class _Curves:
         spread = np.clip(np.searchsorted(p.f, np.linspace(p.f[0], p.f[-1], _LIMITS.spread)), 0, len(p.f) - 1)
         run, f = p.run, p.f[spread]
         self._measured = np.log(np.abs(p.receptance[np.ix_(spread, places)]) + np.finfo(float).tiny)
-        self._k_b = _LN_K_B if run.support != "rigid" else _LN_K_B[:1]
+        self._k_b = np.log(geometry.stiffnesses(_LIMITS.stiffnesses if run.support != "rigid" else 1))
 
-        @lru_cache(maxsize=len(_LN_K_B) * len(geometry.nodes))
+        @lru_cache(maxsize=len(self._k_b) * len(geometry.nodes))
         def drawn(ln_k_b: float, exciter: int) -> FloatArray:
             H = geometry.response(run, f, float(np.exp(ln_k_b)), exciter)
             return np.log(np.abs(H) + np.finfo(float).tiny)

@@ -18,8 +18,9 @@ from rigtwin.rotor.model.arrays import BoolArray, FloatArray
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Run
 
-# Prior range of the bearing stiffness [N/m], even in its logarithm.
-K_B_RANGE = (1e4, 1e10)
+# Prior range of the bearing stiffness [N/m], even in its logarithm, for any rig; ``RigScale.k_b`` says where one
+# rig's is looked for.
+K_B_RANGE = (1.0, 1e14)
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Free:
         return float(np.clip(np.exp(u), self.low, self.high)) if self.log else float(u)
 
 
-K_B = Free("k_b", *K_B_RANGE, True)
+K_B = Free("k_b", *K_B_RANGE, True, step=4e-6)
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,16 @@ from operator import itemgetter
 import numpy as np
 
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import K_B_RANGE, NOMINAL
+from rigtwin.gap.inference.hypotheses import NOMINAL
 from rigtwin.gap.inference.problem import Problem
+from rigtwin.rotor.effects.scale import scale_of
 
 
 @dataclass(frozen=True)
 class NominalFits:
     """How the nominal model is fitted."""
 
-    starts: int = 15  # values of the bearing stiffness along its range,
+    starts: int = 15  # values of the bearing stiffness along the range that suits the rig,
     steps: int = 8  # of a rough descent from each,
     every: int = 3  # on every third line, which tell enough to start from
     added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors that make lines alike,
@@ -45,7 +46,7 @@ def _nominal(problem: Problem) -> Fit:
     """The nominal model near its best, from wherever."""
     if not problem.with_k_b:
         return problem.fit(NOMINAL, np.array([np.log(1e7)]))
-    starts = np.geomspace(*K_B_RANGE, NOMINAL_FITS.starts)
+    starts = np.geomspace(*scale_of(problem.forward.structure).k_b, NOMINAL_FITS.starts)
     few = problem.thinned(NOMINAL_FITS.every)
     rough = [few.rough(NOMINAL, np.array([np.log(start)]), NOMINAL_FITS.steps) for start in starts]
     best = min(rough, key=itemgetter(1))[0]

@@ -32,6 +32,9 @@ UNITS = {
     "N/m3": (1, -2, -2),
 }
 
+# From far softer to far stiffer than any shaft, over the rig's own unit of stiffness.
+BEARINGS = (5.6e-3, 5.6e3)
+
 # Share of a mode's strain energy in the shaft from which it counts as bending: in others soft supports give way.
 BENT = 0.5
 
@@ -66,6 +69,12 @@ class RigScale:
         """One of this rig's own units in SI; raises KeyError for a unit that is not in ``UNITS``."""
         mass, length, time = UNITS[unit]
         return float(self.mass**mass * self.length**length * self.time**time)
+
+    @property
+    def k_b(self) -> tuple[float, float]:
+        """Range that the stiffness of bearings may be in [N/m]."""
+        unit = self.of("N/m")
+        return BEARINGS[0] * unit, BEARINGS[1] * unit
 
     def ends(self, role: Parameter) -> tuple[float, float]:
         """Range of a number for this rig, in SI."""

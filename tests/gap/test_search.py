@@ -15,6 +15,7 @@ from rigtwin.gap.inference.observed import observe
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.forward import Forward, acting
+from rigtwin.gap.model.workshop import Workshop
 from rigtwin.gap.search import pairs as pair_search
 from rigtwin.gap.search import race as race_module
 from rigtwin.gap.search.linear import search, search_from_afar, weak_starts
@@ -56,6 +57,7 @@ from rigtwin.rotor.effects import (
 )
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Channel
 from tests.gap.conftest import (
     BELIEF,
@@ -562,3 +564,18 @@ def test_a_strained_nominal_model_follows_a_cause_that_its_tolerances_can_mimic(
     assert rival.cost < nominal.cost / 1000
     assert rival.penalty > 100  # and it says by how much it had to strain
     assert rival.effects == ()
+
+
+@pytest.mark.parametrize("heavier", [1e-3, 1e3])
+def test_bearings_of_any_rig_are_found(heavier):
+    """A rig of another density, modulus and bearings has the same frequencies; its response is so much smaller."""
+    rig = load_rig("nit-rourkela")
+    matter = {"youngs_modulus_Pa": heavier, "density_kg_per_m3": heavier}
+    segments = [s.model_copy(update={k: f * getattr(s, k) for k, f in matter.items()}) for s in rig.segment]
+    disks = [d.model_copy(update={"density_kg_per_m3": heavier * d.density_kg_per_m3}) for d in rig.disk]
+    belief = replace(BELIEF, bearing_damping_Ns_per_m=heavier * BELIEF.bearing_damping_Ns_per_m)
+    scaled = Workshop(rig.model_copy(update={"segment": segments, "disk": disks}), belief, ELEMENTS, 8)
+    runs = [replace(run, H=run.H / heavier, std=run.std / heavier) for run in both_supports()]
+    fit = recalibrate(Problem(Forward(scaled), [observe(run, run.std) for run in runs]))
+    assert fit.k_b == pytest.approx(heavier * K_B, rel=5e-3)
+    assert fit.chi2 < 1.1 * fit.n_data

@@ -1,8 +1,9 @@
 """What a workshop does not know exactly of a rig, and the rig as it would be if one of these numbers were off.
 
 Every tolerance is the logarithm of a factor: on the shaft's modulus, on all lengths, on the mass of each disk and of
-each lumped mass, on the tilt stiffness of supports that hold the slope, and on the two dampings. ``NominalBelief``
-gives their standard deviations; a tolerance of zero is left out.
+each lumped mass, on the moments of inertia of each disk that has them in the model, on the tilt stiffness of supports
+that hold the slope, and on the two dampings. ``NominalBelief`` gives their standard deviations; a tolerance of zero is
+left out.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ class Tolerance:
     change: Callable[[Rig, float], Rig] | None = None  # the rig with it so many times as large; None of a damping
     node: int = 0  # of the rig that the disk or mass sits at, from 1
     mass: float = 0.0  # [kg]
+    inertia: float = 0.0  # diametral [kg m^2]
     settled: float = 2e-5  # change from an anchor below which a fit would go nowhere else from a new one
 
 
@@ -146,6 +148,9 @@ def _tolerances(rig: Rig, belief: NominalBelief) -> Iterator[Tolerance]:
     for k, disk in enumerate(rig.disk):
         change = partial(_heavier, kind="disk", number=k)
         yield Tolerance(f"disk_mass_{k + 1}", belief.disk_mass_tolerance, change, disk.node, disk.mass)
+        if disk.diametral_inertia:  # of another shape as well as of another density
+            change, inertia = partial(_wider, number=k), disk.diametral_inertia
+            yield Tolerance(f"disk_inertia_{k + 1}", belief.disk_mass_tolerance, change, disk.node, inertia=inertia)
     for k, mass in enumerate(rig.mass):
         change = partial(_heavier, kind="mass", number=k)
         yield Tolerance(f"mass_{k + 1}", belief.disk_mass_tolerance, change, mass.node, mass.mass_kg)
@@ -178,6 +183,19 @@ def _heavier(rig: Rig, factor: float, *, kind: str, number: int) -> Rig:
     key = "density_kg_per_m3" if getattr(body, "density_kg_per_m3", None) is not None else "mass_kg"
     bodies[number] = body.model_copy(update={key: factor * getattr(body, key)})
     return rig.model_copy(update={kind: bodies})
+
+
+def _wider(rig: Rig, factor: float, *, number: int) -> Rig:
+    """With other moments of inertia of one disk, its mass the same."""
+    disks = list(rig.disk)
+    disk = disks[number]
+    moments = {
+        "mass_kg": disk.mass,
+        "diametral_inertia_kg_m2": factor * disk.own_diametral_inertia,
+        "polar_inertia_kg_m2": factor * disk.own_polar_inertia,
+    }
+    disks[number] = disk.model_copy(update=moments)
+    return rig.model_copy(update={"disk": disks})
 
 
 def _held_tighter(rig: Rig, factor: float) -> Rig:

@@ -419,6 +419,25 @@ def test_a_law_on_a_floating_rotor_follows_its_lengths():
     assert np.isfinite(modal.response(None, np.full(len(floating.anchor.values), 2e-3))).all()
 
 
+def test_a_disk_may_be_of_another_inertia_where_the_model_has_one():
+    """The pump's overhung disk: its mass stays, it tilts harder, and modes follow as a rebuilt rotor's do."""
+    rig, size = load_rig("pump-overhung"), 1e-3
+    made = Workshop(rig, BELIEF, ELEMENTS, 8)
+    assert [name for name in made.names if "inertia" in name] == ["disk_inertia_2"]
+    own = size * (np.array(made.names) == "disk_inertia_2")
+    plain, heavier = made.structure(np.zeros(len(own))), made.structure(own)
+    change = heavier.M - plain.M
+    tilts = 4 * plain.disk_node[1] + np.array([2, 3])
+    assert_allclose(change[tilts, tilts], np.expm1(size) * rig.disk[1].diametral_inertia, rtol=1e-9)
+    assert np.count_nonzero(np.abs(change) > 1e-12) == 2
+    run = blank("bearing", np.linspace(10, 330, 50))
+    modal, there = (Forward(made).at(values).modal(run, 1e7) for values in (np.zeros(len(own)), own))
+    shifts = there.frequencies_hz / modal.frequencies_hz - 1
+    slopes = modal.sensitivity[: len(shifts), made.names.index("disk_inertia_2")].real
+    assert_allclose(size * slopes, shifts, atol=1e-3 * np.abs(shifts).max())
+    assert shifts.min() < -1e-4
+
+
 @pytest.fixture
 def solved(monkeypatch):
     """The rotors that have been solved since."""

@@ -21,6 +21,7 @@ import numpy as np
 from rigtwin.gap.inference.hypotheses import Hypothesis, candidates
 from rigtwin.gap.model.campaign_model import structure_of
 from rigtwin.gap.peaks.resonances import Resonances, Rotor
+from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.campaign import Campaign, Channel, PeakList, Run
@@ -70,6 +71,10 @@ class Lists:
         self.with_k_b = any(peaks.support == "bearing" for peaks in self.lists)
         every = np.concatenate([peaks.frequencies_hz for peaks in self.lists])
         self.tested_hz = (float(every.min()) / 2, float(every.max()))
+
+    def ends(self, hypothesis: Hypothesis) -> FloatArray:
+        """(1 + n_free, 2) ranges of ln k_b, which suits the rig, and of a candidate's numbers."""
+        return np.vstack([np.log(scale_of(self.structure).k_b), hypothesis.ends[1:]])
 
     def read_as(self, reading: Reading) -> Lists:
         """The same lists under another assumption of how they came about."""

@@ -107,22 +107,22 @@ class Ranking:
 
 def score(lists: Lists, hypothesis: Hypothesis) -> Scored:
     """Evidence on a grid that is narrowed to where lists of small errors have their likelihood."""
-    box = hypothesis.ends.copy()
+    box = lists.ends(hypothesis)
     log_p, axes = np.zeros(1), []
     for inflate in _inflations(lists):
         axes = _axes(lists, box, len(hypothesis.free))
         log_p = _over_grid(lists, hypothesis, axes, inflate)
         if inflate > 1:
             box = _narrow_box(box, axes, log_p)
-    volume = float(np.prod((box[:, 1] - box[:, 0]) / _widths(hypothesis)))
+    volume = float(np.prod((box[:, 1] - box[:, 0]) / _widths(lists.ends(hypothesis))))
     top = float(log_p.max())
     evidence = top + np.log(np.exp(log_p - top).mean()) + np.log(volume) if np.isfinite(top) else -np.inf
     return _summary(lists, hypothesis, axes, log_p, evidence)
 
 
-def _widths(hypothesis: Hypothesis) -> FloatArray:
-    """(1 + n_free,) widths of the prior ranges; 1 where a number is fixed."""
-    low, high = hypothesis.ends.T
+def _widths(ends: FloatArray) -> FloatArray:
+    """(1 + n_free,) widths of ranges (1 + n_free, 2); 1 where a number is fixed."""
+    low, high = ends.T
     return np.where(high > low, high - low, 1.0)
 
 
@@ -166,7 +166,7 @@ def _summary(
     off = np.abs(points - u[:, None])
     std = np.array([_reach(row, weight, h) for row, h in zip(off, half, strict=True)])
     mean: FloatArray = points @ weight
-    centred = (points - mean[:, None]) / _widths(hypothesis)[:, None]
+    centred = (points - mean[:, None]) / _widths(lists.ends(hypothesis))[:, None]
     kept = slice(0 if lists.with_k_b else 1, None)
     spread = np.linalg.eigvalsh(12 * (centred[kept] * weight) @ centred[kept].T)
     determined = float(np.clip(1 - spread, 0.0, 1.0).sum())
@@ -175,7 +175,7 @@ def _summary(
 
 def polish(lists: Lists, scored: Scored) -> Scored:
     """The best point off the grid, and the peaks matched there."""
-    ends = scored.hypothesis.ends
+    ends = lists.ends(scored.hypothesis)
     low, width = ends[:, 0], ends[:, 1] - ends[:, 0]
 
     def cost(x: FloatArray) -> float:

@@ -224,26 +224,26 @@ def _add_pairs(task: Task, found: Search) -> list[Fit]:
     exchanged for others.
     """
     problem, hypotheses = task.problem, task.library.linear
-    answer = _grown(task, found.fits, pairs(problem, found, hypotheses, task.progress))
+    answer = _grown(task, found, pairs(problem, found, hypotheses, task.progress))
     several = next((fit for fit in answer if len(fit.hypothesis.terms) > 1), None)
     if several and (len(several.hypothesis.terms) > 2 or not adequate(problem, answer[0])):
         others = exchanged(problem, several, hypotheses, not found.rough, task.progress)
         if others and others[0].log_weight > several.log_weight:
-            answer = best_first([*answer, *_grown(task, [], others)])
+            answer = best_first([*answer, *_grown(task, found, others)])
     return answer
 
 
-def _grown(task: Task, singles: Sequence[Fit], several: Sequence[Fit]) -> list[Fit]:
+def _grown(task: Task, found: Search, several: Sequence[Fit]) -> list[Fit]:
     """Several effects that earn their evidence, best first, with fewer ones and with more beside the best."""
     problem, hypotheses = task.problem, task.library.linear
     best = several[: _SEVERAL.taken_apart]
     several = best_first([*several, *(fit for each in best for fit in straightened(problem, each))])
     apart = [fit for each in several[: _SEVERAL.taken_apart] for fit in without_one(problem, each, hypotheses)]
-    fewer = {fit.hypothesis: fit for fit in sorted((*singles, *apart), key=lambda fit: fit.log_weight)}
+    fewer = {fit.hypothesis: fit for fit in sorted((*found.fits, *apart), key=lambda fit: fit.log_weight)}
     scale = scale_of(judge(problem, max([*fewer.values(), *several], key=lambda fit: fit.log_weight)))
     rival = max(fewer.values(), key=lambda fit: fit.log_evidence(scale))
     needed = rival.log_evidence(scale) + PRIORS.pair_log_odds
-    bend = _gain_of_another_form(problem, task.nominal, rival, scale)
+    bend = _gain_of_another_form(problem, found.nominal, rival, scale)
     earned = [fit for fit in several if fit.log_evidence(scale) > needed + (bend if _at_one_joint(fit) else 0.0)]
     return best_first([*fewer.values(), *earned, *_more(task, earned[:1], scale)])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -54,8 +55,13 @@ class Geometry:
 
     def stiffnesses(self, count: int) -> FloatArray:
         """(count,) bearing stiffnesses [N/m] over the range that suits the rig, which has to be known."""
+        return np.geomspace(*self._k_b, count)
+
+    @cached_property
+    def _k_b(self) -> tuple[float, float]:
+        """That range."""
         assert self.structure is not None
-        return np.geomspace(*scale_of(self.structure).k_b, count)
+        return scale_of(self.structure).k_b
 
     def low_response(self, run: Run) -> tuple[FloatArray, FloatArray] | None:
         """Sign of the receptance below the first resonance, and the first resonance at the stiffest.

@@ -45,6 +45,7 @@ class ModelSize:
     # Resonances below so many times the highest line may drift. Some above the lines are among them: between
     # resonances, where the response nearly vanishes, their drifts are seen.
     drifting_ratio: float = 6.0
+    structures: int = 32  # with tolerances, each some 300 kB: those of a few steps of a nonlinear fit
     remembered: int = 8  # balances, sensitivities: those of a candidate's runs
     rotors: int = 4096  # each some 10 kB: those of many candidates
     corner: float = 1e-4  # of laws with a gap, rounded by this share of it: more is a stiffness that is felt at rest
@@ -115,13 +116,14 @@ class Forward:
         self.manner = Manner()
         self._known: dict[tuple, Known] = {}
         self._rotors: dict[tuple, _Rotor] = {}
+        self._structures: dict[tuple, Structure] = {}
         self._balances: dict[tuple, Balance | None] = {}
         self._sensitivities: dict[tuple, ComplexArray] = {}
         self._bends: dict[tuple, list[Bend]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Another process gets no rotors: they are many."""
-        return self.__dict__ | {"_rotors": {}}
+        """Another process gets no rotors and structures: they are many."""
+        return self.__dict__ | {"_rotors": {}, "_structures": {}}
 
     @property
     def structure(self) -> Structure:
@@ -265,7 +267,7 @@ class Forward:
         """A rotor under nonlinear effects, None where no law acts; runs at several levels share it."""
 
         def make() -> Balance | None:
-            model = build_model(self.workshop.structure(tolerance), condition, effects)
+            model = build_model(self._structure_with(tolerance), condition, effects)
             if not model.forces:
                 return None
             samples = min(finely.samples, _SIZE.hysteresis_samples) if model.memory else finely.samples
@@ -276,6 +278,11 @@ class Forward:
 
         finely = self.manner.resolution
         return _remember(self._balances, (self.anchor.key, condition, effects, tolerance.tobytes(), finely), make)
+
+    def _structure_with(self, tolerance: FloatArray) -> Structure:
+        """The rotor with the workshop's tolerances, exact; all numbers of a law share it."""
+        make = partial(self.workshop.structure, tolerance)
+        return _remember(self._structures, (tolerance.tobytes(),), make, _SIZE.structures)
 
     def _mounted(self, run: Run) -> tuple[Effect, ...]:
         """The mass of every accelerometer of a run, where the campaign states it."""

@@ -67,6 +67,7 @@ class Lists:
     def __init__(self, campaign: Campaign, reading: Reading | None = None):
         self.campaign, self.lists, self.reading = campaign, campaign.peaks, reading or Reading()
         self.structure = structure_of(campaign.rig, 1)  # a list of peaks is far coarser than any mesh
+        self._ln_k_b = np.log(scale_of(self.structure).k_b)
         self.rotor = Rotor(self.structure, campaign.nominal, load_rig(campaign.rig).excitation_node)
         self.with_k_b = any(peaks.support == "bearing" for peaks in self.lists)
         every = np.concatenate([peaks.frequencies_hz for peaks in self.lists])
@@ -74,7 +75,7 @@ class Lists:
 
     def ends(self, hypothesis: Hypothesis) -> FloatArray:
         """(1 + n_free, 2) ranges of ln k_b, which suits the rig, and of a candidate's numbers."""
-        return np.vstack([np.log(scale_of(self.structure).k_b), hypothesis.ends[1:]])
+        return np.vstack([self._ln_k_b, hypothesis.ends[1:]])
 
     def read_as(self, reading: Reading) -> Lists:
         """The same lists under another assumption of how they came about."""

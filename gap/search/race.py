@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
@@ -148,13 +148,7 @@ def first_of_each(items: Iterable[T], key: Callable[[T], Hashable], count: int =
     >>> first_of_each(["mass 3", "crack 1", "mass 5"], key=lambda name: name.split()[0])
     ['mass 3', 'crack 1']
     """
-    seen: Counter[Hashable] = Counter()
-    kept = []
-    for item in items:
-        seen[key(item)] += 1
-        if seen[key(item)] <= count:
-            kept.append(item)
-    return kept
+    return [item for place, item in _numbered(items, key) if place < count]
 
 
 def in_turns(items: Iterable[T], key: Callable[[T], Hashable]) -> list[T]:
@@ -163,12 +157,16 @@ def in_turns(items: Iterable[T], key: Callable[[T], Hashable]) -> list[T]:
     >>> in_turns(["mass 3", "mass 5", "crack 1"], key=lambda name: name.split()[0])
     ['mass 3', 'crack 1', 'mass 5']
     """
+    return [item for _, item in sorted(_numbered(items, key), key=itemgetter(0))]
+
+
+def _numbered(items: Iterable[T], key: Callable[[T], Hashable]) -> Iterator[tuple[int, T]]:
+    """Items in their order, each with how many of its key came before."""
     seen: Counter[Hashable] = Counter()
-    turns = []
     for item in items:
-        turns.append((seen[key(item)], item))
-        seen[key(item)] += 1
-    return [item for _, item in sorted(turns, key=itemgetter(0))]
+        own = key(item)
+        yield seen[own], item
+        seen[own] += 1
 
 
 def _of_each(fits: Iterable[Fit], count: int) -> list[Fit]:

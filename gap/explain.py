@@ -24,7 +24,7 @@ from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.gap.search.laws.search import most_promised, search_nonlinear
 from rigtwin.gap.search.linear import bend_best, bend_laws, search, search_from_afar
 from rigtwin.gap.search.nominal import recalibrate
-from rigtwin.gap.search.pairs import exchanged, extended, most_left, pairs, straightened, without_one
+from rigtwin.gap.search.pairs import exchanged, extended, most_left, pairs, pursued, straightened, without_one
 from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_leaders, reach
 from rigtwin.gap.verdict.adequacy import judge, not_shared
 from rigtwin.gap.verdict.standing import adequate, excess_of, scale_of
@@ -224,7 +224,9 @@ def _add_pairs(task: Task, found: Search) -> list[Fit]:
     exchanged for others.
     """
     problem, hypotheses = task.problem, task.library.linear
-    answer = _grown(task, found, pairs(problem, found, hypotheses, task.progress))
+    answer = _grown(task, found, pursued(problem, found, hypotheses, task.progress))
+    if not adequate(problem, answer[0]):
+        answer = best_first([*answer, *_grown(task, found, pairs(problem, found, hypotheses, task.progress))])
     several = next((fit for fit in answer if len(fit.hypothesis.terms) > 1), None)
     if several and (len(several.hypothesis.terms) > 2 or not adequate(problem, answer[0])):
         others = exchanged(problem, several, hypotheses, not found.rough, task.progress)

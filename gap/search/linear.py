@@ -20,7 +20,7 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.search.nominal import is_close, recalibrate
 from rigtwin.gap.search.race import BENT, CLOSE, FAR, RACE, Progress, Search, best_first, first_of_each, race
-from rigtwin.gap.search.starts import Start, begin, promises, several
+from rigtwin.gap.search.starts import Start, begin, promises, several, worth_from
 from rigtwin.gap.search.strategies.bearing_stiffness import MeasuredStiffness, law_starts, measured_stiffness
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.strategies.strategy import Strategy
@@ -32,8 +32,6 @@ from rigtwin.rotor.model.arrays import FloatArray
 class NearSearch:
     """A search close to the nominal model."""
 
-    worth_gain: float = 0.3  # to first order, a candidate is worth a fit from this share of the largest gain,
-    worth_misfit: float = 40.0  # or within so much misfit of it
     # Where neither the misfit nor resonances and shapes of each run's own show more than noise, by this chance, only
     # candidates whose first-order gain could make up for the odds against any gap are fitted, and a few for the report.
     chance: float = 1e-3
@@ -260,7 +258,7 @@ def weak_starts(
             for s in own
             if k < NEAR_SEARCH.reported or gain > NEAR_SEARCH.telling
         ]
-    limit = min(NEAR_SEARCH.worth_gain * found[0][0], found[0][0] - NEAR_SEARCH.worth_misfit) if found else 0.0
+    limit = worth_from(found[0][0]) if found else 0.0
     return [
         start
         for place, (gain, starts) in enumerate(found)

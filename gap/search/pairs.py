@@ -14,8 +14,19 @@ from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis, Term
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.search.linear import search
-from rigtwin.gap.search.race import CLOSE, FAR, Progress, Search, best_first, first_of_each, fitted, in_turns, race
-from rigtwin.gap.search.starts import Promise, Start, begin, promises
+from rigtwin.gap.search.race import (
+    CLOSE,
+    FAR,
+    Progress,
+    Search,
+    best_first,
+    first_of_each,
+    fitted,
+    in_turns,
+    polish_all,
+    race,
+)
+from rigtwin.gap.search.starts import Promise, Start, begin, promises, worth_from
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.workers import each
 
@@ -45,6 +56,17 @@ def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> f
     score = Score(problem, fit, settled=True)
     others = [h for h in hypotheses if h.ids[0] not in fit.hypothesis.ids]
     return max((promises(score, h)[0].gain for h in others), default=0.0)
+
+
+def pursued(
+    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+) -> list[Fit]:
+    """The best effects, each with another one that its score promises; best first by evidence and prior.
+
+    The score is that of the leader's own minimum, with the tolerances as they act there.
+    """
+    leaders = polish_all(problem, _not_behind(problem, _of_each_effect(found.fits)[: PAIRS.leaders]))
+    return race(problem, pair_starts(problem, leaders, hypotheses, near=True, progress=progress), FAR, progress)
 
 
 def pairs(
@@ -140,6 +162,9 @@ def pair_starts(
                 points = strategy_of(second).points(leader.u, second)
                 beside += [begin(pair, pair.clipped(point), leader) for point in points]
         by_score.sort(key=lambda promise: promise.gain, reverse=True)
+        if near and by_score:
+            limit = worth_from(by_score[0].gain)
+            by_score = [promise for promise in by_score if promise.gain >= limit]
         some = in_turns(by_score, lambda promise: promise.start.hypothesis.ids)
         starts += [promise.start for promise in some[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
     return starts + _down_a_step(problem.thinned(PAIRS.every), beside)
@@ -185,7 +210,7 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
     leaders = _of_each_effect(found.fits)[: PAIRS.leaders]
     there = {fit.hypothesis.ids for fit in leaders}
     if found.leads:
-        return leaders
+        return _not_behind(problem, leaders)
     rough = [start for start in found.rough[: PAIRS.rough_leaders] if start.hypothesis.ids not in there]
     roughly = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(PAIRS.roughly,), steps=2) for s in rough]
     rigid = problem.only("rigid")
@@ -195,9 +220,13 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
             u = np.concatenate([found.nominal.u[:1], fit.u[1:]])
             made = problem.try_fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6)
             leaders += [made] if made else []
+    return [*_not_behind(problem, leaders), *(fit for fit in roughly if fit)]
+
+
+def _not_behind(problem: Problem, leaders: Sequence[Fit]) -> list[Fit]:
+    """Leaders that do not leave many times as much as the best one."""
     costs = [problem.cost(fit.hypothesis, fit.u, fit.nu) for fit in leaders]
-    kept = [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= PAIRS.no_leader * min(costs)]
-    return [*kept, *(fit for fit in roughly if fit)]
+    return [fit for fit, cost in zip(leaders, costs, strict=True) if cost <= PAIRS.no_leader * min(costs)]
 
 
 def _of_each_effect(fits: Iterable[Fit]) -> list[Fit]:

@@ -10,6 +10,8 @@ from itertools import takewhile
 from operator import itemgetter
 from typing import TypeVar
 
+import numpy as np
+
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.nominal import NOMINAL_FITS
@@ -31,7 +33,14 @@ class Stage:
     behind: float = 2.0  # misfit over the best one's beyond which a start drops out, but for ``RaceRules.hopeless``
 
 
-FAR = (Stage(0.1, 1, 60, behind=10.0), Stage(0.1, 4, 30), Stage(0.02, 6, 16), Stage(0.0, 20, 12))
+# With an error as large as the response itself, a resonance that is off by its width counts no more than others.
+FAR = (
+    Stage(1.0, 2, 60, behind=10.0),
+    Stage(0.3, 4, 30, behind=5.0),
+    Stage(0.1, 4, 20),
+    Stage(0.02, 6, 16),
+    Stage(0.0, 20, 12),
+)
 CLOSE = (Stage(0.0, 20, 100),)
 BENT = (Stage(0.1, 60, 12), Stage(0.02, 60, 8), Stage(0.0, 60, 4))
 
@@ -74,9 +83,7 @@ class Search:
 
 def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], progress: Progress | None) -> list[Fit]:
     """The candidates that do not fall behind, each from its best start, best first by evidence and prior."""
-    first, *further = stages
-    if further:
-        starts = _not_hopeless(problem, starts, first.added)
+    starts, (first, *further) = _from_where_it_tells(problem, starts, stages)
     fits = _round(first, each(partial(fitted, problem, first), starts), starts, progress)
     for stage in further:
         fits = _round(stage, each(partial(_fitted_on, problem, stage), fits), fits, progress)
@@ -120,11 +127,20 @@ def fitted(problem: Problem, stage: Stage, start: Start) -> Fit | None:
     return problem.try_fit(start.hypothesis, start.u, start.nu, anneal=(stage.added,), steps=stage.steps)
 
 
-def _not_hopeless(problem: Problem, starts: Sequence[Start], added: float) -> list[Start]:
-    """The starts that are not far behind the best one, with such a relative error added."""
-    costs = [problem.cost(start.hypothesis, start.u, start.nu, added) for start in starts]
-    limit = RACE.from_the_start * min(costs, default=0.0) + RACE.hopeless
-    return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit]
+def _from_where_it_tells(
+    problem: Problem, starts: Sequence[Start], stages: Sequence[Stage]
+) -> tuple[Sequence[Start], Sequence[Stage]]:
+    """The stages from the first one whose added error the best start is not yet within: before, nothing tells starts
+    apart. Of many, the starts that are not far behind the best one there."""
+    within = NOMINAL_FITS.within * sum(observed.n_values for observed in problem.observed)
+    while len(stages) > 1:
+        costs = [problem.cost(start.hypothesis, start.u, start.nu, stages[0].added) for start in starts]
+        lowest = min(costs, default=np.inf)
+        if lowest > within:
+            limit = RACE.from_the_start * lowest + RACE.hopeless
+            return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit], stages
+        stages = stages[1:]
+    return starts, stages
 
 
 def best_first(fits: Iterable[Fit]) -> list[Fit]:

@@ -23,7 +23,15 @@ class WeakEffect:
     positions: int = 7  # along the shaft
 
 
-WEAK = WeakEffect()
+@dataclass(frozen=True)
+class Worth:
+    """Which candidates are worth a fit, by what they gain to first order."""
+
+    gain: float = 0.3  # this share of the largest gain,
+    misfit: float = 40.0  # or within so much misfit of it
+
+
+WEAK, WORTH = WeakEffect(), Worth()
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,11 @@ def promises(score: Score, hypothesis: Hypothesis, pair: Hypothesis | None = Non
         start = Start(pair or hypothesis, np.concatenate([u, point[1:] if stronger is None else stronger]), nu)
         found.append(Promise(-np.inf if stronger is None else abs(gain), start))
     return sorted(found, key=lambda promise: promise.gain, reverse=True)
+
+
+def worth_from(largest: float) -> float:
+    """The gain from which candidates are worth a fit, where this is the largest."""
+    return min(WORTH.gain * largest, largest - WORTH.misfit)
 
 
 def gains_of(problem: Problem, found: Sequence[Start], fit: Fit) -> list[Promise]:

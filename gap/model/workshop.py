@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.rotor.effects.scale import RigScale, scale_of
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import FloatArray
@@ -86,6 +87,11 @@ class Workshop:
     def std(self) -> FloatArray:
         """(n_tolerances,) standard deviations."""
         return np.array([each.std for each in self.tolerances])
+
+    @cached_property
+    def scale(self) -> RigScale:
+        """Of the rig as drawn."""
+        return scale_of(self.anchor(np.zeros(len(self.tolerances))).structure)
 
     def rig_at(self, values: FloatArray) -> Rig:
         """The rig with tolerances (n_tolerances,); dampings are no part of it."""

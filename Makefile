@@ -6,6 +6,7 @@
 # make benchmark-real-rigs   docs/real-rigs.md: the same on 200 campaigns of three rotors that are known as a workshop knows them
 # make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
 # make fmus, train   the FMUs alone; the estimator's network anew
+# make benchmark-scaled-rigs   docs/scaled-rigs.md: the same rigs in other units have the same answers; half an hour
 # make clean   without dist, build and runs
 # make benchmark-real-data DATA=FOLDER   docs/real-data.md: the diagnosis on data of other laboratories; half an hour
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
@@ -26,7 +27,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind benchmark-real-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -95,6 +96,9 @@ benchmark-blind: $(VENV)/installed
 
 benchmark-real-rigs: $(VENV)/installed
 	$(VENV)/bin/rigtwin blind W9 --split report --seed $(BLIND_SEED) --count 200 --out runs/blind --page docs/real-rigs.md
+
+benchmark-scaled-rigs: $(VENV)/installed
+	$(PYTHON) -m benchmarks.scaled_rigs
 
 method-figures: $(VENV)/installed
 	$(PYTHON) -m benchmarks.method_figures

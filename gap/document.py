@@ -178,6 +178,31 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Calibrated:
+    """A number that is known only within a tolerance, before and after the data.
+
+    The standard error of what is positive is its value times that of its logarithm.
+    """
+
+    name: str
+    words: str  # what it is
+    prior: Estimate
+    posterior: Estimate  # nan: the data do not tell it
+    learned: bool = False  # nobody states it: the prior is a usual value
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a fit takes for sensors, for what the workshop knows within tolerances, and for what a test repeats."""
+
+    sensor_gain: dict[str, float] = field(default_factory=dict)  # factor, by channel
+    tolerance: dict[str, float] = field(default_factory=dict)  # logarithm of a factor, by name
+    numbers: tuple[Calibrated, ...] = ()  # what the workshop knows within tolerances, with errors
+    gains: tuple[Calibrated, ...] = ()  # of sensors and runs
+    repeatability: tuple[Calibrated, ...] = ()  # standard deviations from run to run
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Everything that stands in ``diagnosis.json``."""
 
@@ -194,7 +219,7 @@ class Diagnosis:
     audit: tuple[Finding, ...] = ()
     excluded: tuple[str, ...] = ()
     unknown_score: float | None = None  # from 0 (a known effect is adequate) to 1
-    calibration: dict[str, dict[str, float]] = field(default_factory=dict)  # sensors' gains, workshop's tolerances
+    calibration: Calibration = Calibration()  # of the model with what is named, else of the nominal one
     timing_s: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> str:
@@ -226,6 +251,8 @@ class Diagnosis:
             diagnosis = _adapter(cls).validate_python(whole)
             k_b = diagnosis.nominal.get("k_b")
             nominal = {**diagnosis.nominal, "k_b": k_b and _adapter(Estimate).validate_python(k_b)}
+            if "calibration" in nominal:
+                nominal["calibration"] = _adapter(Calibration).validate_python(nominal["calibration"])
         except ValidationError as error:
             raise DocumentError(f"{_first_fault(error)}; the file is damaged, diagnose again") from error
         return dataclasses.replace(diagnosis, nominal=nominal)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigtwin.gap.document import DAMPING, Cause, Diagnosis
+from rigtwin.gap.document import DAMPING, Calibration, Cause, Diagnosis
 from rigtwin.gap.model.campaign_model import forward_of
 from rigtwin.gap.model.forward import acting
 from rigtwin.gap.model.motions import FINAL
@@ -66,16 +66,16 @@ class _Models:
 
 def _models(diagnosis: Diagnosis) -> _Models:
     effects, k_b = corrected_rotor(diagnosis)
-    nominal = diagnosis.nominal.get("calibration", {})
+    nominal = diagnosis.nominal.get("calibration", Calibration())
     calibration = diagnosis.calibration if diagnosis.names_a_cause else nominal
     return _Models(
         nominal_k_b=Condition(k_b=_nominal_k_b(diagnosis)).k_b,  # which refuses what is no stiffness
         k_b=Condition(k_b=k_b).k_b,
         effects=effects,
         damping={key: float(value) for key in DAMPING if (value := diagnosis.nominal.get(key)) is not None},
-        nominal_tolerance=nominal.get("tolerance", {}),
-        tolerance=calibration.get("tolerance", {}),
-        sensor_gain=calibration.get("sensor_gain", {}),
+        nominal_tolerance=nominal.tolerance,
+        tolerance=calibration.tolerance,
+        sensor_gain=calibration.sensor_gain,
     )
 
 

@@ -8,7 +8,7 @@ import re
 _NO_BREAK = "\u00a0"
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|Hz|mm|MN/m|N)\b|%|±)|(?<=±) |(?<=N) (?=s/m)")
 
-_UNITS = {"1": "", "N.s/m": "N s/m", "N/m3": "N/m³", "N.m/rad": "N m/rad", "kg.m": "kg m"}
+_UNITS = {"1": "", "N.s/m": "N s/m", "N/m3": "N/m³", "N.m/rad": "N m/rad", "kg.m": "kg m", "kg.m2": "kg m²"}
 
 # A standard error below this share of its value is round-off, not noise, and is not printed.
 _EXACT = 1e-8

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import io
 import re
 import subprocess
 import sys
+import tokenize
 import tomllib
 import venv
 import zipfile
@@ -290,6 +292,40 @@ def test_the_diagnosis_has_short_functions_and_few_constants_each_on_its_line():
             if isinstance(node, ast.FunctionDef) and node.end_lineno:
                 assert node.end_lineno - node.lineno < 40, f"{path.name}: {node.name}"
     assert constants <= 120
+
+
+MOST_LINES_OF_THE_DIAGNOSIS = 9_000
+
+
+def lines_of_code(text: str) -> int:
+    """Lines that hold code: neither blank, nor comments, nor docstrings."""
+    tree, lines = ast.parse(text), set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in _NO_CODE:
+            lines |= set(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node) is not None:
+            told = node.body[0]
+            lines -= set(range(told.lineno, (told.end_lineno or told.lineno) + 1))
+    return len(lines)
+
+
+_NO_CODE = {
+    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER
+}  # fmt: skip
+
+
+def test_lines_of_code_are_counted_without_words_about_it():
+    words = '"""Of a module,\n\nin three lines."""\n\n# a comment\n'
+    code = 'def f(x):\n    """Told."""\n    return (x +\n        1)  # why\n'
+    assert lines_of_code(words + code) == 3
+    assert lines_of_code('s = """two\nlines"""\n') == 2
+
+
+def test_the_diagnosis_has_few_lines_of_code():
+    count = sum(lines_of_code(path.read_text(encoding="utf-8")) for path in sources("rigtwin.gap"))
+    print(f"lines of code of the diagnosis: {count}")  # shown by pytest -s
+    assert 0 < count <= MOST_LINES_OF_THE_DIAGNOSIS
 
 
 # -- the wheel ---------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ module            what it holds                                                 
 ================  ============================================================  =====================
 ``report``        ranked candidates as a diagnosis, with its curves             ``report``
 ``causes``        a fitted candidate as ``diagnosis.json`` names it             ``cause_of``
+``calibration``   gains, tolerances and repeatabilities, before and after       ``calibration_of``
 ``where``         shares of the gap, and the joint stiffness of a place         ``locate``
 ``held_out``      how far the gap shrinks on lines that were left out           ``measure_shrink``
 ``transfer``      how far it will shrink where another node is driven           ``transfer_interval``

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.gap.answer import sentence as wording
+from rigtwin.gap.answer.calibration import calibration_of
 from rigtwin.gap.answer.causes import cause_of, locations
 from rigtwin.gap.answer.held_out import Confirm, measure_shrink
 from rigtwin.gap.answer.missing_test import missing_test
@@ -112,7 +113,7 @@ def report(
         audit=(*findings, *_repeatability_findings(answer.problem, named.best), *_noise_finding(answer)),
         excluded=tuple(exclude),
         unknown_score=_doubt(answer.standing),
-        calibration=calibration(answer.problem, named.best),
+        calibration=calibration_of(answer.problem, named.best, answer.scale),
         timing_s=clock.laps,
     )
     return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
@@ -201,7 +202,7 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
         "gap_dB": _mean([log_distance_db(c.run.H, c.nominal) for c in curves]),
         "misfit": judge(problem, answer.fitted).misfit,
         "probability": _known(answer) * answer.ranked.no_gap if answer.verdict != "not_enough_data" else math.nan,
-        "calibration": calibration(problem, problem.plausible(nominal)),
+        "calibration": calibration_of(problem, problem.plausible(nominal), answer.scale),
         **{key: getattr(problem.forward.belief, key) for key in DAMPING},
     }
 
@@ -345,15 +346,3 @@ def _noise_finding(answer: Answer) -> tuple[Finding, ...]:
         "fits are judged and ranked with errors scaled by that"
     )
     return (Finding("noise", "warning", words, "", quality.scale, high),)
-
-
-def calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
-    """What the fit says of sensors and of the workshop's tolerances: common to all runs of the rig."""
-    nuisances, workshop = problem.nuisances, problem.forward.workshop
-    return {
-        "sensor_gain": {
-            str(channel): float(np.exp(value))
-            for channel, value in zip(nuisances.sensors, fit.nu[nuisances.sensor], strict=True)
-        },
-        "tolerance": dict(zip(workshop.names, map(float, fit.nu[nuisances.tolerance]), strict=True)),
-    }

@@ -82,14 +82,14 @@ class Geometry:
         agree = (all_signs == all_signs[0]).all(axis=0)
         return np.where(agree, all_signs[0], 0), np.array(first)
 
-    def first_resonance(self, run: Run, k_b: float = 1e9) -> float:
+    def first_resonance(self, run: Run, k_b: float = Condition.k_b) -> float:
         """First natural frequency [Hz]; rig and exciter have to be known."""
         assert self.structure is not None
         condition = _condition(run, k_b)
         return float(natural_frequencies_hz(build_system(self.structure, condition), condition.excitation_plane)[0])
 
     def response(
-        self, run: Run, frequency_hz: FloatArray, k_b: float = 1e9, exciter: int | None = None
+        self, run: Run, frequency_hz: FloatArray, k_b: float = Condition.k_b, exciter: int | None = None
     ) -> ComplexArray:
         """(n_freq, n_nodes) receptance along the exciter; rig and exciter have to be known.
 

@@ -15,7 +15,7 @@ from rigtwin.gap.audit.noise import mean_square
 from rigtwin.gap.audit.resonances import Resonance
 from rigtwin.gap.document import Finding
 from rigtwin.rotor.model.arrays import FloatArray
-from rigtwin.sim.campaign import Channel, NominalBelief, Run
+from rigtwin.sim.campaign import USUAL_DRIFT, Channel, NominalBelief, Run
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class PairLimits:
     scatter_ratio: float = 2.0  # scatter of a comparison over what noise and drift explain
     scatter_floor: float = 0.01  # relative scatter that is too small to matter
     damping_change: float = 0.10  # relative change of a damping ratio that is worth a word
+    fewest_movements: int = 3  # of resonances between repeated runs, from which their drift is learned
     common_lines: int = 8  # lines that two runs must share
     same_line: float = 1e-6  # relative difference of frequencies that are the same line's
     same_resonance: float = 0.05  # relative difference of frequencies within which two resonances may be the same
@@ -179,31 +180,47 @@ def is_copy(a: Run, b: Run) -> bool:
 
 def check_pairs(runs: Sequence[CheckedRun], belief: NominalBelief) -> Iterator[Finding]:
     """Every comparison that the campaign allows."""
-    yield from _check_reciprocity(runs, belief)
-    tests: dict[tuple, list[CheckedRun]] = defaultdict(list)
-    for p in runs:
-        tests[_settings(p.run)].append(p)
-    repeats = False
-    for same in tests.values():
-        levels: dict[float, list[CheckedRun]] = defaultdict(list)
-        for p in same:
-            if p.run.force_amplitude_N is not None:
-                levels[p.run.force_amplitude_N].append(p)
-        for level in levels.values():
-            for a, b in pairwise(level):
-                repeats = True
-                yield _repeatability(a, b, belief)
+    tests = _tests(runs)
+    repeats = [pair for levels in tests for same in levels.values() for pair in pairwise(same)]
+    drift = _drift_shown(repeats) if belief.frequency_drift is None else belief.frequency_drift
+    yield from _check_reciprocity(runs, belief, drift)
+    for a, b in repeats:
+        yield _repeatability(a, b, belief, drift)
+    for levels in tests:
         if len(levels) > 1:
-            yield from _level_findings([levels[key][0] for key in sorted(levels)], belief)
+            yield from _level_findings([levels[key][0] for key in sorted(levels)], drift)
     if runs and not repeats:
         words = "No run was repeated, so drift and repeatability are not known; repeat one run after a rest."
         yield Finding("repeatability", "note", words)
 
 
+def _tests(runs: Sequence[CheckedRun]) -> list[dict[float, list[CheckedRun]]]:
+    """Runs of the same test, by their force level; those whose level is not known take no part."""
+    tests: dict[tuple, dict[float, list[CheckedRun]]] = defaultdict(lambda: defaultdict(list))
+    for p in runs:
+        if p.run.force_amplitude_N is not None:
+            tests[_settings(p.run)][p.run.force_amplitude_N].append(p)
+    return list(tests.values())
+
+
+def _drift_shown(repeats: Sequence[tuple[CheckedRun, CheckedRun]]) -> float:
+    """Relative drift of a resonance that most resonances of repeated runs show, and its standard error on top.
+
+    At least the usual drift, from which the diagnosis learns as well: few movements may be small by chance. One
+    resonance that moves more than most others has not drifted.
+    """
+    true_repeats = [(a, b) for a, b in repeats if a.run.sweep == b.run.sweep and not is_copy(a.run, b.run)]
+    shifts = [abs(m.shift) for a, b in true_repeats for m in _movements(a, b, 0.0)]
+    if len(shifts) < _LIMITS.fewest_movements:
+        return USUAL_DRIFT
+    shown = 1.4826 * float(np.median(shifts)) / np.sqrt(2)  # of one run; the difference of two scatters more
+    return max(USUAL_DRIFT, shown * (1 + 1.17 / np.sqrt(len(shifts))))
+
+
 # -- same settings -----------------------------------------------------------------------------------
 
 
-def _repeatability(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Finding:
+def _repeatability(a: CheckedRun, b: CheckedRun, belief: NominalBelief, drift: float) -> Finding:
     """One sentence on two runs of one test."""
     both = f"{a.label}, {b.label}"
     if is_copy(a.run, b.run):
@@ -211,8 +228,8 @@ def _repeatability(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Findi
         return Finding("repeatability", "warning", f"{words}; remove one of them, or look for the other's file.", both)
     directions = {a.run.sweep, b.run.sweep} == {"up", "down"}
     check = "sweep_direction" if directions else "repeatability"
-    found = compare(a, b, _shared_channels(a, b), belief.expected_drift)
-    moved = [m for m in _movements(a, b, belief) if m.significant]
+    found = compare(a, b, _shared_channels(a, b), drift)
+    moved = [m for m in _movements(a, b, drift) if m.significant]
     cause = "a jump or a rotor that had not settled" if directions else "something changed between them"
     if moved:
         m = max(moved, key=lambda m: abs(m.value_and_limit[0]) / max(m.value_and_limit[1], 1e-12))
@@ -233,7 +250,7 @@ def _repeatability(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Findi
         words = f"{words}: {cause}; find out before trusting either."
         return Finding(check, "warning", words, both, found.ratio, _LIMITS.scatter_ratio)
     words = f"Two runs of one test agree to {100 * found.scatter:.2g} % and {100 * found.gain:.2g} % in gain"
-    words += ", as noise explains"
+    words += ", as noise explains" if drift <= USUAL_DRIFT else f", as noise and drifts of {100 * drift:.2g} % explain"
     return Finding(check, "ok", f"{words}.", both, found.ratio, _LIMITS.scatter_ratio)
 
 
@@ -275,7 +292,7 @@ class _Movement:
         return f"{moves} and its damping ratio from {low} to {high} %"
 
 
-def _movements(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Iterator[_Movement]:
+def _movements(a: CheckedRun, b: CheckedRun, drift: float) -> Iterator[_Movement]:
     """What each resonance does from one run to the other."""
     for r, q in _match_resonances(a, b):
         error = float(np.hypot(r.frequency_std_hz, q.frequency_std_hz)) / r.frequency_hz
@@ -283,7 +300,7 @@ def _movements(a: CheckedRun, b: CheckedRun, belief: NominalBelief) -> Iterator[
         yield _Movement(
             r.frequency_hz,
             q.frequency_hz / r.frequency_hz - 1,
-            _LIMITS.drift_stds * float(np.hypot(error, np.sqrt(2) * belief.expected_drift)),
+            _LIMITS.drift_stds * float(np.hypot(error, np.sqrt(2) * drift)),
             (r.damping_ratio, q.damping_ratio),
             max(_LIMITS.drift_stds * damping_error, _LIMITS.damping_change) if np.isfinite(damping_error) else np.inf,
         )
@@ -297,7 +314,7 @@ def _force(p: CheckedRun) -> float:
 # -- levels ------------------------------------------------------------------------------------------
 
 
-def _level_findings(levels: Sequence[CheckedRun], belief: NominalBelief) -> Iterator[Finding]:
+def _level_findings(levels: Sequence[CheckedRun], drift: float) -> Iterator[Finding]:
     """Runs of one test at rising force: is the rotor the same at each?"""
     low, high = levels[0], levels[-1]
     both = ", ".join(p.label for p in levels)
@@ -305,7 +322,7 @@ def _level_findings(levels: Sequence[CheckedRun], belief: NominalBelief) -> Iter
     span = f"from {forces[0]:g} to {forces[-1]:g} N"
     index = _homogeneity(low, high)
     amplitude_dependent = False
-    for m in _movements(low, high, belief):
+    for m in _movements(low, high, drift):
         if m.significant:
             amplitude_dependent = True
             words = f"{m.words} {span}: the rig depends on amplitude; look for a nonlinear cause."
@@ -316,7 +333,7 @@ def _level_findings(levels: Sequence[CheckedRun], belief: NominalBelief) -> Iter
         words += f"the nearest is {abs(way):.0%} {'above' if way > 0 else 'below'} it" if way else "there is none"
         words += ": the rig depends on amplitude; look for a nonlinear cause."
         yield Finding("level", "note", words, both, way or -1.0, _LIMITS.same_resonance)
-    found = compare(high, low, _shared_channels(high, low), belief.expected_drift)
+    found = compare(high, low, _shared_channels(high, low), drift)
     if found is None:
         if not amplitude_dependent:
             yield Finding("level", "note", f"Runs {span} share {_reason_not_compared(high, low)}.", both)
@@ -362,7 +379,7 @@ def _homogeneity(low: CheckedRun, high: CheckedRun) -> float:
 # -- reciprocity -------------------------------------------------------------------------------------
 
 
-def _check_reciprocity(runs: Sequence[CheckedRun], belief: NominalBelief) -> Iterator[Finding]:
+def _check_reciprocity(runs: Sequence[CheckedRun], belief: NominalBelief, drift: float) -> Iterator[Finding]:
     """Runs with exchanged exciter and sensor on one support, at standstill."""
     gains = belief.gain_tolerance * np.sqrt(2 + 2 * 0.25)  # two of the force, two of sensors, these half as uncertain
     for a, b in combinations(runs, 2):
@@ -375,7 +392,7 @@ def _check_reciprocity(runs: Sequence[CheckedRun], belief: NominalBelief) -> Ite
             continue
         if at_b not in a.channels or at_a not in b.channels:
             continue
-        found = compare(a, b, [(at_b, at_a)], belief.expected_drift)
+        found = compare(a, b, [(at_b, at_a)], drift)
         if found is None:
             continue
         both, who = f"{a.label}, {b.label}", f"{at_a} and {at_b}"

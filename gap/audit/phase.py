@@ -19,8 +19,8 @@ from rigtwin.rotor.model.arrays import FloatArray
 class PhaseLimits:
     """Where delays and signs are looked for, and thresholds of the findings about them."""
 
-    longest_delay: float = 4e-3  # [s] that is looked for, ...
-    longest_periods: float = 10.0  # ... and in periods of the highest frequency
+    longest_delay: float = 0.4  # that is looked for, in periods of the first resonance, ...
+    longest_periods: float = 10.0  # ... and of the highest frequency
     delay_phase: float = 0.05  # [rad] at the highest line: 3 degrees, 5 % of the response
     delay_errors: float = 5.0  # standard errors
     # Times zeta / omega of the most damped mode. Dampers in the bearings make modes complex, by phases of about zeta,
@@ -79,7 +79,8 @@ def find_delays(p: CheckedRun) -> Delays | None:
     scale = float(np.median(w))
     rest = [np.ones_like(w), (w / scale) ** 2, (scale / w) ** 2]
     base = np.stack([*modes, *rest], axis=1)  # (n, columns)
-    found = [_delay(w, base, p.receptance[use, i], p.std[use, i] / np.abs(p.H[use, i])) for i in places]
+    longest = min(_LIMITS.longest_delay / resonances[0].frequency_hz, _LIMITS.longest_periods / p.f[-1])
+    found = [_delay(w, base, p.receptance[use, i], p.std[use, i] / np.abs(p.H[use, i]), longest) for i in places]
     known = [k for k, (_, error) in enumerate(found) if np.isfinite(error)]
     if not known:
         return None
@@ -88,14 +89,13 @@ def find_delays(p: CheckedRun) -> Delays | None:
     return Delays(np.array(places)[known], delay, std, _LIMITS.delay_complex * most)
 
 
-def _delay(w: FloatArray, base: np.ndarray, y: np.ndarray, relative: FloatArray) -> tuple[float, float]:
-    """Delay of one channel [s] and its standard error: best of a raster, then Gauss-Newton."""
+def _delay(w: FloatArray, base: np.ndarray, y: np.ndarray, relative: FloatArray, longest: float) -> tuple[float, float]:
+    """Delay of one channel [s] and its standard error: best of a raster up to the longest one, then Gauss-Newton."""
     size = np.abs(y)
     weight = 1 / np.maximum(size * np.maximum(relative, 1e-3), 1e-2 * np.median(size))
     A = base * weight[:, None]
     stack = np.concatenate([A.real, A.imag])
     Q = np.linalg.qr(stack / np.maximum(np.linalg.norm(stack, axis=0), np.finfo(float).tiny))[0]
-    longest = min(_LIMITS.longest_delay, _LIMITS.longest_periods / (w[-1] / (2 * np.pi)))
     raster = np.linspace(-longest, longest, 1 + 2 * int(np.ceil(longest * w[-1] / (2 * np.pi) * 16)))
 
     def left(T: FloatArray, factor: complex | np.ndarray = 1.0) -> FloatArray:

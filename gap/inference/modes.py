@@ -134,7 +134,9 @@ def _of_mode(mode: MeasuredMode, pole: Any, residues: ComplexArray, moved: Any) 
 def _seen(modal: Modal, group: Group, others: IntArray, measured: Sequence[MeasuredMode]) -> FloatArray:
     """(n_others,) heights of resonances that were not measured, over the smallest one that was, at most 1."""
     smallest = min((np.linalg.norm(m.residues[group.columns]) / -m.pole.real for m in measured), default=np.inf)
-    heights = np.linalg.norm(group.residues[:-1, others], axis=0) / np.maximum(-group.poles[others].real, 1e-9)
+    heights = np.linalg.norm(group.residues[:-1, others], axis=0) / np.maximum(
+        -group.poles[others].real, 1e-12 * np.abs(group.poles[others])
+    )
     inside = (group.poles[others].imag > modal.omega[0]) & (group.poles[others].imag < modal.omega[-1])
     return np.where(inside, np.minimum(heights / smallest, 1.0), 0.0)
 

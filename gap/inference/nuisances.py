@@ -89,8 +89,13 @@ class Nuisances:
         self.std[drifts] = self.drift_std
         self.std[self.level] = self.gain_std
         self.std[owns] = PRIOR.usual_gain if belief.gain_repeatability is None else belief.gain_repeatability
-        stated = (("frequency_drift", drifts, USUAL_DRIFT), ("gain_repeatability", owns, PRIOR.usual_gain))
-        self.learned = tuple(Learned(*each) for each in stated if getattr(belief, each[0]) is None)
+        self.repeatability = {"frequency_drift": drifts, "gain_repeatability": owns}  # key of [nominal] -> places
+        usual = {"frequency_drift": USUAL_DRIFT, "gain_repeatability": PRIOR.usual_gain}
+        self.learned = tuple(
+            Learned(key, places, usual[key])
+            for key, places in self.repeatability.items()
+            if getattr(belief, key) is None
+        )
 
     def std_for(self, nu: FloatArray) -> FloatArray:
         """(n,) standard deviations, where they are learned at least as large as these nuisances."""

@@ -41,7 +41,7 @@ class ModelSize:
     """How much of a rotor is kept and remembered."""
 
     kept_ratio: float = 50.0  # modes above so many times the highest line are taken as quasi-static, ...
-    kept_hz: float = 20e3  # ... and none below this frequency [Hz]
+    kept: float = 200.0  # ... and none below so many times the lowest bending frequency on rigid supports
     # Resonances below so many times the highest line may drift. Some above the lines are among them: between
     # resonances, where the response nearly vanishes, their drifts are seen.
     drifting_ratio: float = 6.0
@@ -325,7 +325,8 @@ class Forward:
 
         k_b does not change the rotor on rigid supports; effects on drive and sensors never do.
         """
-        limit = max(_SIZE.kept_hz, _SIZE.kept_ratio * run.frequency_hz[-1])
+        lowest = self.workshop.scale.of("Hz") / (2 * np.pi)
+        limit = max(_SIZE.kept * lowest, _SIZE.kept_ratio * run.frequency_hz[-1])
         if condition.rigid_support:
             condition = replace(condition, k_b=Condition.k_b)
         effects = on_the_rotor(effects)

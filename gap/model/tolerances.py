@@ -98,7 +98,7 @@ def sensitivity_of(
     count = min(MODES, len(modes.omega))
     Phi, omega = modes.Phi[:, :count], np.maximum(modes.omega[:count], 1e-6)
     strain = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / omega**2
-    bodies = {each.name: _kinetic_share(system, Phi, each) for each in tolerances if each.mass or each.inertia}
+    bodies = {each.name: _kinetic_share(system, Phi, each) for each in tolerances if each.is_body}
     slopes = {name: -share / 2 for name, share in bodies.items()} | {
         "modulus": strain / 2,
         "span": -1.5 * strain - 0.5 * np.clip(1 - sum(bodies.values(), np.zeros(count)), 0.0, 1.0),
@@ -115,6 +115,5 @@ def sensitivity_of(
 
 def _kinetic_share(system: LinearSystem, Phi: FloatArray, body: Tolerance) -> FloatArray:
     """(n_modes,) share of a disk or a lumped mass in each mode's kinetic energy, of its motion or its tilting."""
-    places = 4 * int(system.structure.stations[body.node - 1]) + np.arange(2) + (2 if body.inertia else 0)
-    size = body.inertia or body.mass
-    return np.sum(size * Phi[(system.free[:, None] == places).any(axis=1)] ** 2, axis=0)
+    places = 4 * int(system.structure.stations[body.node - 1]) + np.arange(2) + (2 if body.tilts else 0)
+    return np.sum(body.value * Phi[(system.free[:, None] == places).any(axis=1)] ** 2, axis=0)

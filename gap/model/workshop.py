@@ -8,13 +8,14 @@ left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from rigtwin.rotor.effects.scale import RigScale, scale_of
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import FloatArray
@@ -41,9 +42,20 @@ class Tolerance:
     std: float  # of the logarithm of its factor
     change: Callable[[Rig, float], Rig] | None = None  # the rig with it so many times as large; None of a damping
     node: int = 0  # of the rig that the disk or mass sits at, from 1
-    mass: float = 0.0  # [kg]
-    inertia: float = 0.0  # diametral [kg m^2]
+    value: float = 1.0  # as drawn, in the unit
+    unit: str = "1"
+    words: str = ""  # what the number is
     settled: float = 2e-5  # change from an anchor below which a fit would go nowhere else from a new one
+
+    @property
+    def is_body(self) -> bool:
+        """Whether it is the mass or the diametral inertia of a disk or lumped mass."""
+        return self.unit in ("kg", "kg.m2")
+
+    @property
+    def tilts(self) -> bool:
+        """Whether it acts where its node tilts."""
+        return self.unit == "kg.m2"
 
 
 class Workshop:
@@ -75,6 +87,11 @@ class Workshop:
     def std(self) -> FloatArray:
         """(n_tolerances,) standard deviations."""
         return np.array([each.std for each in self.tolerances])
+
+    @cached_property
+    def scale(self) -> RigScale:
+        """Of the rig as drawn."""
+        return scale_of(self.anchor(np.zeros(len(self.tolerances))).structure)
 
     def rig_at(self, values: FloatArray) -> Rig:
         """The rig with tolerances (n_tolerances,); dampings are no part of it."""
@@ -143,23 +160,42 @@ class Anchor:
 
 
 def _tolerances(rig: Rig, belief: NominalBelief) -> Iterator[Tolerance]:
-    yield Tolerance("modulus", belief.modulus_tolerance, _stiffer)
-    yield Tolerance("span", belief.span_tolerance, _longer)
+    modulus = _common([s.youngs_modulus_Pa for s in rig.segment], "Pa", "modulus of the shaft")
+    length = {"value": sum(s.length_m for s in rig.segment), "unit": "m", "words": "length of the shaft"}
+    yield Tolerance("modulus", belief.modulus_tolerance, _stiffer, **modulus)
+    yield Tolerance("span", belief.span_tolerance, _longer, **length)
+    yield from _bodies(rig, belief.disk_mass_tolerance)
+    held = [s.tilt_stiffness_Nm_per_rad for s in rig.support if s.tilt_stiffness_Nm_per_rad not in ("rigid", 0.0)]
+    if held:
+        tilt = _common(held, "N.m/rad", "tilt stiffness of the supports")
+        yield Tolerance("tilt", belief.tilt_tolerance, _held_tighter, **tilt, settled=_SETTLED_PART)
+    if zeta := belief.shaft_damping_ratio:
+        shaft = {"value": zeta, "words": "damping ratio of the shaft"}
+        yield Tolerance("shaft_damping_ratio", belief.shaft_damping_tolerance, **shaft, settled=_SETTLED_PART)
+    if c_b := belief.bearing_damping_Ns_per_m:
+        bearing = {"value": c_b, "unit": "N.s/m", "words": "damping of each bearing"}
+        yield Tolerance("bearing_damping", belief.bearing_damping_tolerance, **bearing, settled=_SETTLED_PART)
+
+
+def _bodies(rig: Rig, std: float) -> Iterator[Tolerance]:
+    """Of disks and lumped masses."""
     for k, disk in enumerate(rig.disk):
+        there = f"of the disk at node {disk.node}"
         change = partial(_heavier, kind="disk", number=k)
-        yield Tolerance(f"disk_mass_{k + 1}", belief.disk_mass_tolerance, change, disk.node, disk.mass)
-        if disk.diametral_inertia:  # of another shape as well as of another density
-            change, inertia = partial(_wider, number=k), disk.diametral_inertia
-            yield Tolerance(f"disk_inertia_{k + 1}", belief.disk_mass_tolerance, change, disk.node, inertia=inertia)
+        yield Tolerance(f"disk_mass_{k + 1}", std, change, disk.node, disk.mass, "kg", f"mass {there}")
+        if inertia := disk.diametral_inertia:  # of another shape as well as of another density
+            change, words = partial(_wider, number=k), f"diametral inertia {there}"
+            yield Tolerance(f"disk_inertia_{k + 1}", std, change, disk.node, inertia, "kg.m2", words)
     for k, mass in enumerate(rig.mass):
-        change = partial(_heavier, kind="mass", number=k)
-        yield Tolerance(f"mass_{k + 1}", belief.disk_mass_tolerance, change, mass.node, mass.mass_kg)
-    if any(s.tilt_stiffness_Nm_per_rad not in ("rigid", 0.0) for s in rig.support):
-        yield Tolerance("tilt", belief.tilt_tolerance, _held_tighter, settled=_SETTLED_PART)
-    if belief.shaft_damping_ratio:
-        yield Tolerance("shaft_damping_ratio", belief.shaft_damping_tolerance, settled=_SETTLED_PART)
-    if belief.bearing_damping_Ns_per_m:
-        yield Tolerance("bearing_damping", belief.bearing_damping_tolerance, settled=_SETTLED_PART)
+        change, words = partial(_heavier, kind="mass", number=k), f"mass at node {mass.node}"
+        yield Tolerance(f"mass_{k + 1}", std, change, mass.node, mass.mass_kg, "kg", words)
+
+
+def _common(values: Sequence[float], unit: str, words: str) -> dict[str, Any]:
+    """Value, unit and words of a number that has one value; else those of the factor on all of its values."""
+    if len(set(values)) == 1:
+        return {"value": values[0], "unit": unit, "words": words}
+    return {"value": 1.0, "unit": "1", "words": f"factor on the {words}"}
 
 
 def _stiffer(rig: Rig, factor: float) -> Rig:

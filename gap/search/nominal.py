@@ -11,6 +11,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import NOMINAL
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.effects.scale import scale_of
+from rigtwin.rotor.model.condition import Condition
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def is_close(nominal: Fit) -> bool:
 def _nominal(problem: Problem) -> Fit:
     """The nominal model near its best, from wherever."""
     if not problem.with_k_b:
-        return problem.fit(NOMINAL, np.array([np.log(1e7)]))
+        return problem.fit(NOMINAL, np.array([np.log(Condition.k_b)]))
     starts = np.geomspace(*scale_of(problem.forward.structure).k_b, NOMINAL_FITS.starts)
     few = problem.thinned(NOMINAL_FITS.every)
     rough = [few.rough(NOMINAL, np.array([np.log(start)]), NOMINAL_FITS.steps) for start in starts]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from rigtwin.gap.curves import Curve, nrmse
-from rigtwin.gap.document import Cause, Diagnosis, Finding, Shrink, Where
+from rigtwin.gap.document import Calibration, Cause, Diagnosis, Finding, Shrink, Where
 from rigtwin.gap.phrases import part
 from rigtwin.pages.diagnosis_figures import (
     MAP_COLOURS,
@@ -35,6 +35,8 @@ from rigtwin.pages.diagnosis_words import (
     VERIFIED,
     at_edge,
     best_k_b,
+    calibrated_row,
+    calibration_words,
     cause_key,
     cause_title,
     explained,
@@ -46,6 +48,7 @@ from rigtwin.pages.diagnosis_words import (
     named,
     parameters,
     places,
+    repeatability_row,
     run_toml,
     share,
     title,
@@ -118,6 +121,7 @@ def write_diagnosis_page(diagnosis: Diagnosis, curves: Sequence[Curve], campaign
         joint=joint_figure(diagnosis.where.joint) if diagnosis.where.joint else None,
         bearings=bearings_figure(diagnosis.where.bearings, _WITH_EFFECT[0]) if diagnosis.where.bearings else None,
         **_shrink_content(diagnosis.shrink),
+        **_calibration_content(diagnosis),
         toml=run_toml(diagnosis.next_test.run) if diagnosis.next_test and diagnosis.next_test.run else "",
         audit=_audit_rows(diagnosis.audit),
         share=share,
@@ -341,6 +345,25 @@ def _shrink_content(shrink: Shrink | None) -> dict[str, Any]:
         "explained": explained(shrink),
         "verified": VERIFIED[shrink.verified_by],
     }
+
+
+def _calibration_content(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What the nominal model takes, and what the one with the effect takes, beside what was known before."""
+    own, nominal = diagnosis.calibration, diagnosis.nominal.get("calibration")
+    models = [nominal, own] if named(diagnosis) and nominal is not None else [own]
+    return {
+        "calibrated": _calibrated_rows(models, "numbers", calibrated_row),
+        "calibrated_gains": _calibrated_rows(models, "gains", calibrated_row),
+        "repeatability": _calibrated_rows(models, "repeatability", repeatability_row),
+        "calibrated_models": ("nominal model", _WITH_EFFECT[0])[: len(models)],
+        "calibration_words": calibration_words(own.numbers) if own.numbers else "",
+    }
+
+
+def _calibrated_rows(models: Sequence[Calibration], kind: str, row: Callable[..., tuple[str, ...]]) -> list[tuple]:
+    """One row for each number of the last model, with what every model takes."""
+    by_name = [{each.name: each.posterior for each in getattr(model, kind)} for model in models]
+    return [row(each, *(found.get(each.name) for found in by_name)) for each in getattr(models[-1], kind)]
 
 
 def _audit_rows(audit: Sequence[Finding]) -> list[dict[str, str]]:

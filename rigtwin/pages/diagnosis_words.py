@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from rigtwin.gap.document import Cause, Diagnosis, Estimate, Shrink
-from rigtwin.gap.phrases import place, ten_to
+from rigtwin.gap.document import Calibrated, Cause, Diagnosis, Estimate, Shrink
+from rigtwin.gap.phrases import listed, place, ten_to
 from rigtwin.rotor.effects import EFFECTS
 from rigtwin.wording import interval, number, stiffness_with_error, unit, with_error
 
@@ -119,7 +119,7 @@ def parameters(cause: Cause) -> list[str]:
     pair = len(cause.effects) > 1
     edge = set(cause.at_prior_edge)
     return [
-        f"{_parameter_name(name, pair)} {quantity(replace(estimate, std=math.nan) if name in edge else estimate)}"
+        f"{_parameter_name(name, pair)} {quantity(_plain(estimate) if name in edge else estimate)}"
         for name, estimate in cause.parameters.items()
     ]
 
@@ -162,6 +162,45 @@ def explained(shrink: Shrink) -> str:
     known = finite(low) and finite(high)
     between = f" (with another node driven: {share(low)} to {share(high)} of the noise-free gap)" if known else ""
     return f"{share(shrink.explainable)} of what can be explained is explained{between}"
+
+
+def moved(number: Calibrated) -> float:
+    """How far the data moved a number, in standard deviations of its prior; nan where it was not known at all."""
+    prior, value = number.prior, number.posterior.value
+    known = finite(prior.std) and prior.std > 0 and value > 0
+    return math.log(value / prior.value) * prior.value / prior.std if known else math.nan
+
+
+def calibration_words(numbers: Sequence[Calibrated]) -> str:
+    """'Known at least twice as well as before: … Moved by more than one standard deviation of what was known: …'."""
+    told = [n.words for n in numbers if n.posterior.std < n.prior.std / 2]
+    far = [f"{n.words} ({_signed(moved(n))})" for n in numbers if abs(moved(n)) > 1]
+    return (
+        f"Known at least twice as well as before: {listed(told)}. "
+        f"Moved by more than one standard deviation of what was known: {listed(far)}."
+    )
+
+
+def calibrated_row(number: Calibrated, *posteriors: Estimate | None) -> tuple[str, ...]:
+    """A number in words, as it was known, as each model has it, and how far it moved."""
+    after = ("" if p is None else quantity(p) if finite(p.value) else "not told" for p in posteriors)
+    return number.words, quantity(number.prior), *after, _signed(moved(number))
+
+
+def repeatability_row(number: Calibrated, *posteriors: Estimate | None) -> tuple[str, ...]:
+    """The same of a repeatability: learned from the runs, or stated."""
+    words, prior, *after, _ = calibrated_row(number, *posteriors)
+    return words, f"learned, usually {quantity(_plain(number.prior))}" if number.learned else f"{prior}, stated", *after
+
+
+def _plain(estimate: Estimate) -> Estimate:
+    """Without its standard error."""
+    return replace(estimate, std=math.nan)
+
+
+def _signed(value: float) -> str:
+    """'+1.4', '−0.3'; empty where there is no number."""
+    return f"{value:+.1f}".replace("-", "−") if finite(value) else ""
 
 
 def run_toml(run: Mapping[str, Any]) -> str:

@@ -92,7 +92,7 @@ class SensorMass(Effect):
     rides_on_sensor = True
 
     mass: float = parameter(
-        0.02, "kg", "Mass of the accelerometer", 0.001, 0.02, null=0.0, minimum=0.0, maximum=10.0, log=True
+        0.02, "kg", "Mass of the accelerometer", 0.001, 0.02, null=0.0, minimum=0.0, maximum=1e6, log=True
     )
     node: int = node(2, "Node of the sensor, 0: every sensor in turn", all_nodes=True)
 
@@ -118,7 +118,7 @@ class SensorPosition(Effect):
     reads_beside_node = True
 
     offset: float = parameter(
-        0.005, "m", "Distance from the node along x", -0.025, 0.025, null=0.0, minimum=-0.1, maximum=0.1
+        0.005, "m", "Distance from the node along x", -0.025, 0.025, null=0.0, minimum=-10.0, maximum=10.0
     )
     node: int = node(2, "Node of the sensor, 0: every sensor", all_nodes=True)
 
@@ -156,15 +156,15 @@ class ForceDropout(Effect):
         0.2,
         null=0.0,
         minimum=0.0,
-        maximum=100.0,
+        maximum=1e6,
         log=True,
         starts=MANY_STARTS,
     )
     stiffness: float = parameter(
-        1e4, "N/m", "Suspension of the exciter", 0.0005, 0.1, null=0.0, minimum=0.0, maximum=1e9, log=True
+        1e4, "N/m", "Suspension of the exciter", 0.0005, 0.1, null=0.0, minimum=0.0, maximum=1e12, log=True
     )
     damping: float = parameter(
-        5.0, "N.s/m", "Damping of the exciter, back EMF included", 0.0, 0.02, null=0.0, minimum=0.0, maximum=1e6
+        5.0, "N.s/m", "Damping of the exciter, back EMF included", 0.0, 0.02, null=0.0, minimum=0.0, maximum=1e9
     )
     time_constant: float = parameter(
         0.0,

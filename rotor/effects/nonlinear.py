@@ -125,7 +125,7 @@ class BearingClearance(Effect):
         0.00014,
         amplitude=1,
         minimum=0.0,
-        maximum=1e6,
+        maximum=1e9,
     )
 
     def add_to(self, design: Design) -> None:
@@ -170,7 +170,7 @@ class BearingFriction(Effect):
         amplitude=1,
         null=0.0,
         minimum=0.0,
-        maximum=1e6,
+        maximum=1e9,
         log=True,
         grid=10,
     )

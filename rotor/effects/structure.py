@@ -25,11 +25,11 @@ class AttachedMass(Effect):
     family = "structure"
     acts_at_once = True
 
-    mass: float = parameter(0.1, "kg", "Attached mass", 0.004, 0.5, null=0.0, minimum=0.0, maximum=100.0, log=True)
+    mass: float = parameter(0.1, "kg", "Attached mass", 0.004, 0.5, null=0.0, minimum=0.0, maximum=1e6, log=True)
     node: int = node(4, "Node at which the mass sits")
     half_width: float = parameter(
         0.0, "m", "Distance b from the node on each side at which half of the mass sits", 0.0, 0.07,
-        minimum=0.0, maximum=0.1, form=True,
+        minimum=0.0, maximum=10.0, form=True,
     )  # fmt: skip
 
     def add_to(self, design: Design) -> None:
@@ -56,10 +56,10 @@ class ExciterSuspension(Effect):
     family = "structure"
 
     stiffness: float = parameter(
-        3e4, "N/m", "Stiffness to ground at the drive node", 0.001, 1.0, null=0.0, minimum=0.0, maximum=1e9, log=True
+        3e4, "N/m", "Stiffness to ground at the drive node", 0.001, 1.0, null=0.0, minimum=0.0, maximum=1e12, log=True
     )
     damping: float = parameter(
-        1.0, "N.s/m", "Damping to ground at the drive node", 0.0, 0.01, null=0.0, minimum=0.0, maximum=1e6
+        1.0, "N.s/m", "Damping to ground at the drive node", 0.0, 0.01, null=0.0, minimum=0.0, maximum=1e9
     )
 
     def add_to(self, design: Design) -> None:
@@ -181,7 +181,7 @@ class AxialLoad(Effect):
     family = "structure"
 
     force: float = parameter(
-        2e3, "N", "Axial force, tension positive", -0.04, 0.04, null=0.0, minimum=-1e7, maximum=1e7
+        2e3, "N", "Axial force, tension positive", -0.04, 0.04, null=0.0, minimum=-1e10, maximum=1e10
     )
 
     def add_to(self, design: Design) -> None:

@@ -35,7 +35,7 @@ class BearingDamping(Effect):
         0.4,
         null="bearing_damping",
         minimum=0.0,
-        maximum=1e6,
+        maximum=1e9,
         log=True,
     )
 
@@ -60,7 +60,7 @@ class BearingTiltStiffness(Effect):
     family = "support"
 
     stiffness: float = parameter(
-        2e3, "N.m/rad", "Tilt stiffness of each bearing", 0.0004, 0.07, null=0.0, minimum=0.0, maximum=1e9, log=True
+        2e3, "N.m/rad", "Tilt stiffness of each bearing", 0.0004, 0.07, null=0.0, minimum=0.0, maximum=1e12, log=True
     )
 
     def add_to(self, design: Design) -> None:
@@ -105,13 +105,13 @@ class PedestalFlexibility(Effect):
         "Moving mass of each pedestal",
         0.05,
         3.0,
-        minimum=1e-3,
-        maximum=1e4,
+        minimum=1e-6,
+        maximum=1e7,
         log=True,
         starts=(0.15, 0.5, 0.85),
     )
     damping: float = parameter(
-        50.0, "N.s/m", "Damping of each pedestal", 0.0002, 0.5, minimum=0.0, maximum=1e6, log=True
+        50.0, "N.s/m", "Damping of each pedestal", 0.0002, 0.5, minimum=0.0, maximum=1e9, log=True
     )
     block_compliance: float = parameter(
         0.0,
@@ -187,7 +187,7 @@ class BearingOffset(Effect):
     family = "support"
 
     offset: float = parameter(
-        0.003, "m", "Shift of each bearing towards the middle", -0.025, 0.025, null=0.0, minimum=-0.1, maximum=0.1
+        0.003, "m", "Shift of each bearing towards the middle", -0.025, 0.025, null=0.0, minimum=-10.0, maximum=10.0
     )
 
     def add_to(self, design: Design) -> None:
@@ -212,7 +212,7 @@ class CompliantRigidSupport(Effect):
     changes_size = True
 
     stiffness: float = parameter(
-        1e8, "N/m", "Stiffness of each rigid support", 3.0, 100000.0, null=np.inf, minimum=1e3, maximum=1e15, log=True
+        1e8, "N/m", "Stiffness of each rigid support", 3.0, 100000.0, null=np.inf, minimum=1.0, maximum=1e18, log=True
     )
 
     def add_to(self, design: Design) -> None:

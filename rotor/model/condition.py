@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 # Largest damping that a bearing may have [N s/m].
-MOST_BEARING_DAMPING = 1e6
+MOST_BEARING_DAMPING = 1e9
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -753,6 +754,42 @@ def test_a_resonance_that_moved_between_repeats_is_found():
     (found,) = troubles(audit(in_campaign(one, two)))
     assert found.check == "repeatability"
     assert found.value == pytest.approx(2e-3, rel=0.2)
+
+
+DRIFT = 1e-3
+
+
+def repeated(drifts, **settings):
+    """Runs of one test whose resonances lie a little higher or lower."""
+    return [measure(BEARING, seed=k, drift=drift, **settings) for k, drift in enumerate(drifts)]
+
+
+def test_a_drift_that_is_learned_is_what_repeats_show_among_themselves():
+    """Six runs of a rig whose resonances drift ten times as much as is usual."""
+    runs = repeated(DRIFT * np.random.default_rng(1).standard_normal(6))
+    assert not troubles(audit(in_campaign(*runs)), "repeatability")
+    fine = [f for f in audit(in_campaign(*runs)) if (f.check, f.severity) == ("repeatability", "ok")]
+    assert len(fine) == 5
+    (shown,) = re.findall(r"drifts of ([\d.]+) %", fine[0].words)
+    assert 0.5 * DRIFT < float(shown) / 100 < 2 * DRIFT
+    stated = NominalBelief(frequency_drift=1e-4)
+    assert troubles(audit(in_campaign(*runs, nominal=stated)), "repeatability")
+
+
+def test_a_run_that_moved_far_more_than_the_others_is_found_beside_a_learned_drift():
+    drifts = DRIFT * np.random.default_rng(1).standard_normal(6)
+    drifts[3] = 0.02
+    found = troubles(audit(in_campaign(*repeated(drifts))), "repeatability")
+    assert [f.run for f in found] == ["bearing-2, bearing-3", "bearing-3, bearing-4"]
+
+
+def test_levels_that_differ_by_the_drift_of_repeats_are_no_dependence_on_amplitude():
+    runs = repeated(DRIFT * np.random.default_rng(1).standard_normal(6), force_amplitude_N=1.0)
+    high = measure(BEARING, seed=9, drift=2 * DRIFT, force_amplitude_N=5.0)
+    assert not noted(audit(in_campaign(*runs, high)), "level")
+    assert noted(audit(in_campaign(runs[0], high)), "level")
+    far = measure(BEARING, seed=9, drift=0.02, force_amplitude_N=5.0)
+    assert noted(audit(in_campaign(*runs, far)), "level")
 
 
 def test_repeats_of_a_rig_without_errors_of_gain_may_differ_by_their_noise():

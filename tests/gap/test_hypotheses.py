@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis, candidates
-from rigtwin.gap.search.strategies.dwell import STRONG, WEAK
+from rigtwin.gap.search.strategies.dwell import STRONG, WEAK, SweepScale
 from rigtwin.rotor.effects import EFFECTS
 from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.rotor.geometry.assembly import assemble
@@ -169,7 +169,8 @@ def test_no_range_ends_beyond_what_is_possible(force, nonlinear):
 def test_dwells_that_are_tried_lie_in_the_range_of_the_rig(rig):
     (sweep,) = (h for h in candidates([RIGID], assemble(load_rig(rig))) if h.ids == ("fast_sweep",))
     (dwell,) = sweep.free
-    for grid in (WEAK.grid(dwell), STRONG.grid(dwell)):
+    scale = SweepScale.of(sweep)
+    for grid in (WEAK.grid(scale), STRONG.grid(scale)):
         assert (np.diff(grid) > 0).all()
         assert grid[0] == pytest.approx(dwell.low)
         assert grid[-1] <= dwell.high

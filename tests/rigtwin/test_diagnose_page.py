@@ -22,6 +22,8 @@ from rigtwin.gap.curves import Curve, nrmse
 from rigtwin.gap.document import (
     Band,
     BearingStiffness,
+    Calibrated,
+    Calibration,
     Cause,
     Diagnosis,
     Estimate,
@@ -63,10 +65,13 @@ HEADINGS = [
     "Candidates",
     "Joint dynamic stiffness",
     "How far the gap shrinks",
+    "What was calibrated",
     "What to measure next",
     "Measurement audit",
     "Where this comes from",
 ]
+# Of a diagnosis that calibrated nothing.
+BARE = [heading for heading in HEADINGS if heading != "What was calibrated"]
 FIGURES = ["responses", "gap-map", "candidates", "joint", "shrink"]
 
 
@@ -140,6 +145,19 @@ SHRINK = Shrink(
     after_model=0.0128,
     without_effect=0.207,
 )
+GIGA = 1e9
+
+
+def calibration(modulus: float, drift: float) -> Calibration:
+    """Of a workshop that knows its modulus to 1 %, and whose resonances drift."""
+    known = Estimate(207 * GIGA, 2.07 * GIGA, "Pa")
+    told = Calibrated("modulus", "modulus of the shaft", known, Estimate(modulus * GIGA, 0.5 * GIGA, "Pa"))
+    gain = Calibrated("sensor_gain.node4", "gain of the sensor node4", Estimate(1.0, 0.01), Estimate(0.985, 0.004))
+    repeated = Calibrated("frequency_drift", "drift", Estimate(1e-4, 1.5e-4), Estimate(drift, 1e-4), learned=True)
+    stated = Calibrated("gain_repeatability", "change of gains", Estimate(2e-3), Estimate(math.nan))
+    return Calibration({"node4": 0.985}, {"modulus": math.log(modulus / 207)}, (told,), (gain,), (repeated, stated))
+
+
 AUDIT = (
     Finding("noise", "ok", "Noise was given with the lines.", value=0.01),
     Finding("raster", "warning", "2 lines in the half-power band of mode 1: refine the raster.", "rigid-1", 2.0, 4.0),
@@ -150,7 +168,8 @@ DIAGNOSIS = Diagnosis(
     rig="nit-rourkela",
     verdict="cause",
     sentence="Pedestal flexibility at the bearings causes the gap (93 %); it falls from 31.4 % to 1.31 %.",
-    nominal={"k_b": Estimate(7.1e6, 2e5, "N/m"), "gap": 0.35, "gap_dB": 4.2},
+    nominal={"k_b": Estimate(7.1e6, 2e5, "N/m"), "gap": 0.35, "gap_dB": 4.2, "calibration": calibration(211, 9e-4)},
+    calibration=calibration(205, 4e-4),
     where=Where(
         bands=BANDS,
         supports={"rigid": 0.02, "bearing": 0.98},
@@ -276,6 +295,33 @@ def test_shrink_next_test_audit_and_foot_are_told(page):
     ]
 
 
+def test_calibrated_numbers_stand_beside_what_was_known(page):
+    text = words(page)
+    for said in (
+        "Known at least twice as well as before: modulus of the shaft. "
+        "Moved by more than one standard deviation of what was known: none.",
+        "number before nominal model with the effect moved by "
+        "modulus of the shaft (2.070 ± 0.021)×10¹¹ Pa (2.1100 ± 0.0050)×10¹¹ Pa (2.0500 ± 0.0050)×10¹¹ Pa −1.0",
+        "drift learned, usually 1×10⁻⁴ (9.0 ± 1.0)×10⁻⁴ (4.0 ± 1.0)×10⁻⁴",
+        "change of gains 0.002, stated not told not told",
+        "gain of the sensor node4 1.000 ± 0.010 0.9850 ± 0.0040 0.9850 ± 0.0040 −1.5",
+    ):
+        assert said in text, said
+
+
+def test_without_a_cause_the_nominal_model_alone_is_calibrated(curves, tmp_path):
+    bare = replace(DIAGNOSIS, verdict="unknown", shrink=None, calibration=DIAGNOSIS.nominal["calibration"])
+    text = words(page_of(bare, curves, tmp_path))
+    assert "number before nominal model moved by modulus" in text
+    assert "what was known: modulus of the shaft (+1.9)." in text
+
+
+def test_a_diagnosis_without_calibrated_numbers_has_no_such_part(curves, tmp_path):
+    bare = replace(DIAGNOSIS, nominal={**DIAGNOSIS.nominal, "calibration": Calibration()}, calibration=Calibration())
+    page = page_of(bare, curves, tmp_path)
+    assert headings(page) == BARE
+
+
 def test_the_next_run_is_a_table_that_a_campaign_can_take(page):
     (toml,) = re.findall(r"<pre[^>]*>(.*?)</pre>", page.source, re.DOTALL)
     assert tomllib.loads(html.unescape(toml)) == {
@@ -349,7 +395,7 @@ def test_a_campaign_of_resonance_lists_has_no_curves(tmp_path):
     peaks = (PeakList("rigid", np.array([95.0, 320.0]), np.array([1.5, 3.0])),)
     few = Diagnosis("", "nit-rourkela", "not_enough_data", "Two peaks are not enough.", {"k_b": None}, Where())
     page = page_of(few, (), tmp_path, title="", peaks=peaks)
-    assert headings(page) == HEADINGS
+    assert headings(page) == BARE
     assert page.figures == []
     assert "95.0 ± 1.5, 320.0 ± 3.0" in words(page)
 

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import NOMINAL, Free, Hypothesis
+from rigtwin.gap.inference.hypotheses import NOMINAL, Hypothesis
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.linear import MODES, Modal
@@ -25,11 +25,28 @@ from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)
+class SweepScale:
+    """The unit of all times of a search, the shortest dwell that is tried: a spindle settles sooner than a pump."""
+
+    shortest: float  # [s]
+    longest: float  # dwell that is looked for, in the shortest
+
+    @classmethod
+    def of(cls, hypothesis: Hypothesis) -> SweepScale:
+        """The scale of a fast sweep, whose dwell is its only number."""
+        (dwell,) = hypothesis.free
+        return cls(dwell.low, dwell.high / dwell.low)
+
+    def grid(self, *parts: FloatArray) -> FloatArray:
+        """Dwells [s] of parts in the shortest one."""
+        return self.shortest * np.concatenate(parts)
+
+
+@dataclass(frozen=True)
 class WeakTransients:
     """Search of a dwell whose transients leave the nominal model right but for themselves.
 
-    Times here and in the classes below are in the shortest dwell of the range, which suits the rig: a spindle settles
-    sooner than a pump.
+    Times here and in the classes below are in the shortest dwell, see ``SweepScale``.
     """
 
     relative_step: float = 0.01  # between dwells up to ``even_from``, where minima widen with the dwell
@@ -40,12 +57,11 @@ class WeakTransients:
     fine_step: float = 0.02
     to_either_side: int = 12  # fine steps
 
-    def grid(self, dwell: Free) -> FloatArray:
+    def grid(self, scale: SweepScale) -> FloatArray:
         """Dwells [s], as far apart as the misfit's minima are wide."""
         n = int(np.ceil(np.log(self.even_from) / self.relative_step))
         short = np.geomspace(1.0, self.even_from, n, endpoint=False)
-        longest = min(dwell.high / dwell.low, self.longest)
-        return dwell.low * np.concatenate([short, np.arange(self.even_from, longest, self.even_step)])
+        return scale.grid(short, np.arange(self.even_from, min(scale.longest, self.longest), self.even_step))
 
 
 @dataclass(frozen=True)
@@ -76,12 +92,12 @@ class StrongTransients:
         """(n_shifts,) relative shifts of a resonance."""
         return np.linspace(-self.largest_shift, self.largest_shift, self.n_shifts)
 
-    def grid(self, dwell: Free) -> FloatArray:
+    def grid(self, scale: SweepScale) -> FloatArray:
         """Dwells [s] that are tried near a resonance."""
-        longest = min(dwell.high / dwell.low, self.longest)
+        longest = min(scale.longest, self.longest)
         n = int(np.ceil(np.log(longest / self.relative_from) / self.relative_step))
         even = np.arange(1.0, self.relative_from, self.even_step)
-        return dwell.low * np.concatenate([even, np.geomspace(self.relative_from, longest, n)])
+        return scale.grid(even, np.geomspace(self.relative_from, longest, n))
 
 
 @dataclass(frozen=True)
@@ -137,13 +153,12 @@ def _fit(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray
 
 def _fit_weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
     """Fits next to the nominal model, by what transients would take away to first order once nuisances are refitted."""
-    few = problem.at_middle_level()
-    coarse = _most_promising(few, hypothesis, few.fit(NOMINAL, nominal.u), WEAK.grid(hypothesis.free[0]))
-    shortest = hypothesis.free[0].low
-    around = shortest * WEAK.fine_step * np.arange(-WEAK.to_either_side, WEAK.to_either_side + 1)
+    few, scale = problem.at_middle_level(), SweepScale.of(hypothesis)
+    coarse = _most_promising(few, hypothesis, few.fit(NOMINAL, nominal.u), WEAK.grid(scale))
+    around = scale.shortest * WEAK.fine_step * np.arange(-WEAK.to_either_side, WEAK.to_either_side + 1)
     fits = []
     for dwell, *_ in coarse:
-        near = np.maximum(dwell + around, shortest)
+        near = np.maximum(dwell + around, scale.shortest)
         _, u, nu = _most_promising(problem, hypothesis, nominal, near)[0]
         fits += _fit(problem, hypothesis, u, nu, (REFINED.error,))
     return fits
@@ -165,7 +180,7 @@ def _most_promising(
     """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
     found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, REFINED.dwells_at_once))
     gain, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    apart = 1.5 * WEAK.even_step * hypothesis.free[0].low
+    apart = 1.5 * WEAK.even_step * SweepScale.of(hypothesis).shortest
     chosen = _minima(dwells, (-gain).tolist(), apart, WEAK.kept)
     places = [np.split(np.concatenate([nominal.u, nominal.nu]) + moved[k], [1]) for k in chosen]
     return [
@@ -194,7 +209,8 @@ def _fit_strong(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[
 
 def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[tuple[float, FloatArray]]:
     """Lowest minima of the misfit of all lines, round the dwell that resonances agree on, each with its nuisances."""
-    dwells = STRONG.grid(*hypothesis.free)
+    scale = SweepScale.of(hypothesis)
+    dwells = STRONG.grid(scale)
     total, shifts, near = np.zeros(len(dwells)), np.zeros((len(dwells), problem.nuisances.n)), 0
     for r, modal in enumerate(problem.modals(nominal.k_b, ())):
         if modal.as_linear is not None:
@@ -206,8 +222,7 @@ def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit)
         return []
     shifts[:, problem.nuisances.gain] = nominal.nu[problem.nuisances.gain]
     middle = float(dwells[np.argmin(total)])
-    shortest = hypothesis.free[0].low
-    step = max(STRONG.fine_step * shortest, STRONG.fine_relative_step * middle)
+    step = max(STRONG.fine_step * scale.shortest, STRONG.fine_relative_step * middle)
     low, high = max(middle / STRONG.within, dwells[0]), min(middle * STRONG.within, dwells[-1])
     fine = np.arange(low, high, step)
     nus = shifts[np.searchsorted(dwells, fine).clip(max=len(dwells) - 1)]
@@ -216,7 +231,7 @@ def _dwells_of_all_lines(problem: Problem, hypothesis: Hypothesis, nominal: Fit)
         loose.cost(hypothesis, np.array([nominal.u[0], np.log(dwell)]), nu, STRONG.rough_error)
         for dwell, nu in zip(fine, nus, strict=True)
     ]
-    return [(float(fine[k]), nus[k]) for k in _minima(fine, costs, STRONG.apart * shortest, STRONG.rivals)]
+    return [(float(fine[k]), nus[k]) for k in _minima(fine, costs, STRONG.apart * scale.shortest, STRONG.rivals)]
 
 
 def _minima(places: FloatArray, costs: Sequence[float], apart: float, count: int) -> list[int]:
@@ -286,7 +301,7 @@ def _misfit(
 
 def _add_images(problem: Problem, fit: Fit) -> Fit:
     """Go on from a fit with images: to the best of the many minima round it, as long as that gets better."""
-    last, shortest = np.inf, fit.hypothesis.free[0].low
+    last, shortest = np.inf, SweepScale.of(fit.hypothesis).shortest
     for _ in range(REFINED.rounds):
         dwell = float(np.exp(fit.u[1]))
         unit = max(dwell / WEAK.even_from, shortest)

@@ -57,7 +57,10 @@ class JointSearch:
 
 
 JOINT_SEARCH = JointSearch()
-DAMPERS = ("branch_damping_ratio", "branch_ground_ratio")  # of a branch; it mostly has one of them
+
+# Dampers of a branch, of which it mostly has one, with the least damping ratio that is looked for: beside its spring it
+# makes a resonance, and a large one to the ground a Maxwell element.
+DAMPERS = {"branch_damping_ratio": 0.0, "branch_ground_ratio": 0.3}
 
 
 @dataclass(frozen=True)
@@ -254,7 +257,11 @@ def _laws(found: _Located, views: Sequence[_View], forward: Forward) -> list[tup
     usable = np.isfinite(Z) & np.isfinite(std)
     law, bent = _LinearLaw(omega[usable], Z[usable], std[usable]), found.hypothesis.bent
     ranges = {free.name: free.ends for free in bent.free}
-    made = [law.with_branch(damper, [ranges["branch_frequency"], ranges[damper]]) for damper in DAMPERS]
+    made = []
+    for damper, least in DAMPERS.items():
+        low, high = ranges[damper]
+        ratios = max(low, float(np.log(max(least, 1e-300)))), high
+        made.append(law.with_branch(damper, [ranges["branch_frequency"], ratios]))
     return [(bent, bent.clipped(_coordinates(bent, k_b, numbers))) for numbers in made]
 
 

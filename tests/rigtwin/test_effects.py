@@ -62,7 +62,9 @@ def test_the_record_of_a_parameter_is_the_parameter():
     assert [p["zero"] for p in others] == [None] * 4
     assert pedestal["changes_size"]
     place = {"name": "node", "start": 2, "meaning": "Node of the sensor, 0: every sensor"}
-    assert run_json("effects", "sensor_gain")["places"] == [place | {"kind": "node", "all_nodes": True, "exciter": False}]
+    assert run_json("effects", "sensor_gain")["places"] == [
+        place | {"kind": "node", "all_nodes": True, "exciter": False}
+    ]
 
 
 def test_a_zero_that_is_named_is_an_entry_of_the_test_condition():

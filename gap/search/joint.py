@@ -90,7 +90,7 @@ def find_joint(problem: Problem, nominal: Fit) -> FoundJoint | None:
     fits = _found(each(partial(fitted, few, first), starts))
     for stage in further:
         fits = _found(each(partial(_fitted_on, few, stage), fits))
-    fits = first_of_each(fits, lambda fit: fit.hypothesis)
+    fits = first_of_each(fits, lambda fit: fit.hypothesis.places)
     fits = best_first(each(partial(_polished, problem), [fit for fit in fits if fit.cost <= reach(fits[0])]))
     return FoundJoint(located[0].hypothesis.terms[0].node, tuple(best_first([*fits, *map(_plain(problem), fits[:1])])))
 

@@ -13,8 +13,8 @@ from rigtwin.wording import number, unit
 from tests.rigtwin.conftest import run, run_json
 
 KEYS = {
-    "id", "title", "family", "where", "meaning", "equation", "signature", "source", "in_fmu", "is_candidate", "changes_size",
-    "parameters", "places",
+    "id", "title", "family", "where", "meaning", "equation", "signature", "source", "in_fmu", "is_candidate",
+    "changes_size", "parameters", "places",
 }  # fmt: skip
 
 

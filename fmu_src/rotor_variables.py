@@ -142,5 +142,5 @@ def _effect_parameter(effect: type[Effect], name: str, start: float, rig: RotorF
     if role.kind == "position":
         start = min(start, rig.length / 2)
         return Variable(full_name, "parameter", role.meaning, "m", start, 0.0, rig.length, "tunable")
-    start, least = min(int(start), rig.n_nodes), 0 if role.all_nodes else 1
+    start, least = min(int(start), rig.n_nodes), role.first
     return Variable(full_name, "parameter", role.meaning, None, start, least, rig.n_nodes, "tunable")

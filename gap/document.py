@@ -166,6 +166,23 @@ class Shrink:
 
 
 @dataclass(frozen=True)
+class FittedJoint:
+    """The law of an unknown mechanism at one node: the effect ``measured_joint``."""
+
+    node: int
+    at_exciter: bool  # whether it goes with the exciter, because every run drives this node
+    parameters: dict[str, Estimate]
+    k_b: Estimate | None  # None: no run on bearings
+    nodes: tuple[NodeShare, ...]  # probability of the nodes whose laws were fitted
+    frequency_hz: tuple[float, ...]  # of its dynamic stiffness over the band of the runs
+    real: tuple[float, ...]  # N/m
+    imag: tuple[float, ...]  # N/m
+    shrink: Shrink  # of the gap on data that were held out
+    control: Number  # gap after a black box of as many free numbers or more, on the same data
+    calibration: dict[str, dict[str, float]] = field(default_factory=dict)  # as a diagnosis has it, of this fit
+
+
+@dataclass(frozen=True)
 class Finding:
     """One finding of the measurement audit."""
 
@@ -221,6 +238,7 @@ class Diagnosis:
     unknown_score: float | None = None  # from 0 (a known effect is adequate) to 1
     calibration: Calibration = Calibration()  # of the model with what is named, else of the nominal one
     timing_s: dict[str, float] = field(default_factory=dict)
+    measured_joint: FittedJoint | None = None  # where the verdict is "unknown" and enough sensors tell a place
 
     def to_json(self) -> str:
         """The file's text; numbers that are not finite become null."""
@@ -261,6 +279,11 @@ class Diagnosis:
     def names_a_cause(self) -> bool:
         """Whether the corrected model is another than the nominal one."""
         return self.verdict in ("cause", "ambiguous") and bool(self.causes)
+
+    @property
+    def correction(self) -> FittedJoint | None:
+        """The law at a node that corrects the model under an unknown cause."""
+        return self.measured_joint if self.verdict == "unknown" else None
 
     def save(self, folder: Path) -> Path:
         """Write ``diagnosis.json`` into a folder and return its path."""

@@ -14,6 +14,7 @@ from rigtwin.gap.model.motions import FINAL
 from rigtwin.gap.model.workshop import TOLERANCE_KEYS
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.effects.structure import MeasuredJoint
 from rigtwin.rotor.model.arrays import ComplexArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.campaign import Campaign, MeasurementError, Run
@@ -68,6 +69,8 @@ def _models(diagnosis: Diagnosis) -> _Models:
     effects, k_b = corrected_rotor(diagnosis)
     nominal = diagnosis.nominal.get("calibration", Calibration())
     calibration = diagnosis.calibration if diagnosis.names_a_cause else nominal
+    if diagnosis.correction:
+        calibration = diagnosis.correction.calibration
     return _Models(
         nominal_k_b=Condition(k_b=_nominal_k_b(diagnosis)).k_b,  # which refuses what is no stiffness
         k_b=Condition(k_b=k_b).k_b,
@@ -102,8 +105,12 @@ def _nominal_k_b(diagnosis: Diagnosis) -> float:
 
 
 def corrected_rotor(diagnosis: Diagnosis) -> tuple[tuple[Effect, ...], float]:
-    """Effects and bearing stiffness [N/m] of the corrected model; no effect where none is named."""
+    """Effects and bearing stiffness [N/m] of the corrected model; no effect where none is named and no joint fitted."""
     nominal = _nominal_k_b(diagnosis)
+    if joint := diagnosis.correction:
+        values = {name: estimate.value for name, estimate in joint.parameters.items()}
+        effect = MeasuredJoint(**values, node=0 if joint.at_exciter else joint.node)
+        return (effect,), nominal if joint.k_b is None else joint.k_b.value
     if not diagnosis.names_a_cause:
         return (), nominal
     cause = diagnosis.causes[0]

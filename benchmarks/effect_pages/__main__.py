@@ -109,6 +109,8 @@ def _whereabouts(effect: type[Effect]) -> str:
     """Where the effect may sit, in the rotor and in the FMU."""
     fields = [f" (`{name}`: {lowered(role.meaning)})" for name, _, role in places_of(effect)]
     sentences = [f"Where: {LOCATIONS[effect.location]}{''.join(fields)}."]
+    if not effect.is_candidate:
+        sentences.append("A diagnosis never names it as a cause; it is fitted where the cause is unknown.")
     if not effect.in_fmu:
         sentences.append("The FMU does not have it, because it belongs to the measurement and not to the rotor.")
     elif effect.changes_size:

@@ -47,6 +47,7 @@ from rigtwin.rotor.effects import (
     ForceDropout,
     Gyroscopic,
     HubStiffening,
+    MeasuredJoint,
     OpenCrack,
     PedestalFlexibility,
     PlaneAnisotropy,
@@ -294,6 +295,11 @@ _CUBIC, _HERTZ, _GAP = BearingCubic(stiffness=1e15), BearingHertz(preload=5e-6),
 _LOADED, _SLIPPING = BearingClearance(gap=2e-6, preload=20.0), BearingFriction(force=1.0, stiffness=1e6)
 _ONE_SIDED, _STATOR = BilinearSupport(ratio=2.0), Rub()
 
+_UNKNOWN: Cases = {
+    "absorber": [MeasuredJoint(stiffness=0.0, mass=0.0, damping=0.0, branch_mass=0.2, branch_frequency=120.0)],
+    "spring and damper": [MeasuredJoint(stiffness=1e5, mass=0.0, damping=20.0)],
+}
+
 FIGURES: dict[str, EffectFigure] = {
     "attached_mass": EffectFigure(
         on_both_supports({f"{m:g} kg": [AttachedMass(mass=m)] for m in (0.1, 0.5)}),
@@ -331,6 +337,10 @@ FIGURES: dict[str, EffectFigure] = {
         (response(_RATIOS, band=FIRST_MODE, title=_ZOOMED),
          response(_RATIOS, RIGID, band=FIRST_MODE_RIGID, title="on rigid supports, first mode")),
         "On bearings only a share of the shaft's damping acts on a mode, and the bearings damp it too.",
+    ),
+    "measured_joint": EffectFigure(
+        on_both_supports(_UNKNOWN),
+        "Two laws at node 4: a branch alone, which is an absorber, and a spring with a damper to the ground.",
     ),
     "bearing_damping": EffectFigure(
         on_both_supports({f"{c:g} N s/m": [BearingDamping(damping=c)] for c in (10.0, 200.0, 500.0)}),

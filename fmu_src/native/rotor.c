@@ -7,6 +7,7 @@
 #include <string.h>
 
 #define DOF 4
+#define TWO_PI 6.283185307179586
 #define MOST_ENTRIES 8             /* of a pattern: a point between two mesh nodes, and a base */
 #define MOST_LAWS (4 + SEAT_PARTS) /* at a bearing */
 
@@ -304,6 +305,12 @@ static void add_mass(Assembly *a, int node, double mass, double half_width)
     }
 }
 
+/* Of a measured joint; its node 0 is the exciter's. */
+static int joint_node(const Design *d)
+{
+    return d->measured_joint.node ? d->measured_joint.node : d->condition.excitation_node;
+}
+
 static void add_bodies(Assembly *a)
 {
     const Structure *s = a->s;
@@ -320,6 +327,7 @@ static void add_bodies(Assembly *a)
     }
     add_mass(a, d->attached_mass.node, d->attached_mass.mass, d->attached_mass.half_width);
     add_mass(a, d->sensor_mass.node, d->sensor_mass.mass, 0);
+    add_mass(a, joint_node(d), d->measured_joint.mass, 0);
 }
 
 /* -- the supports ------------------------------------------------------------------------------------------------ */
@@ -552,6 +560,36 @@ static const char *add_bearings(Assembly *a)
     return 0;
 }
 
+static int has_branch(const Design *d)
+{
+    return d->measured_joint.branch_mass != 0;
+}
+
+static void add_measured_joint(Assembly *a)
+{
+    const Design *d = a->d;
+    const double omega = TWO_PI * d->measured_joint.branch_frequency, mass = d->measured_joint.branch_mass;
+    Pattern shaft[2], body[2], spring[2];
+    if (!d->measured_joint.enabled)
+        return;
+    for (int plane = 0; plane < 2; plane++) {
+        const int place = structure_dof(a->s, joint_node(d), plane + 1);
+        add_at(a->K, a->size, place, d->measured_joint.stiffness);
+        add_at(a->C, a->size, place, d->measured_joint.damping);
+        shaft[plane].count = 0;
+        put(&shaft[plane], place, 1);
+    }
+    if (!has_branch(d))
+        return;
+    new_pair(a, body);
+    for (int plane = 0; plane < 2; plane++)
+        spring[plane] = difference(&shaft[plane], &body[plane]);
+    alike(a, a->M, body, mass);
+    alike(a, a->K, spring, omega * omega * mass);
+    alike(a, a->C, spring, 2 * d->measured_joint.branch_damping_ratio * omega * mass);
+    alike(a, a->C, body, 2 * d->measured_joint.branch_ground_ratio * omega * mass);
+}
+
 static void add_at_nodes(Assembly *a)
 {
     const Design *d = a->d;
@@ -559,6 +597,7 @@ static void add_at_nodes(Assembly *a)
     const int drive = structure_dof(a->s, d->condition.excitation_node, d->condition.excitation_plane);
     add_at(a->K, a->size, drive, d->exciter_suspension.stiffness);
     add_at(a->C, a->size, drive, d->exciter_suspension.damping);
+    add_measured_joint(a);
     if (d->rub.stiffness == 0)
         return;
     for (int plane = 0; plane < 2; plane++)
@@ -570,7 +609,8 @@ static void add_at_nodes(Assembly *a)
 
 int system_most(const Structure *structure)
 {
-    return DOF * structure->n_mesh + 2 * (2 + BRANCHES) * n_bearings(structure); /* a pedestal, its block, branches */
+    /* of each bearing a pedestal, its block, branches; and the branch of a measured joint */
+    return DOF * structure->n_mesh + 2 * (2 + BRANCHES) * n_bearings(structure) + 2;
 }
 
 void system_memory(const Structure *structure, int *doubles, int *ints, int *forces)
@@ -629,7 +669,7 @@ static void keep_free(System *system, Assembly *a)
 const char *system_build(System *system, const Structure *structure, const Design *design, double *doubles, int *ints)
 {
     const int bearings = design->condition.rigid_support ? 0 : n_bearings(structure), n = DOF * structure->n_mesh;
-    const int size = n + 2 * bearings * (pedestals(design) + branches(design));
+    const int size = n + 2 * (bearings * (pedestals(design) + branches(design)) + has_branch(design));
     Assembly a = {structure, design, n, size, n, 0, 0, 0, 0, 0, 0, system->forces, 0, 0};
     memset(doubles, 0, 5 * (size_t)size * size * sizeof *doubles);
     a.M = system->M = doubles;

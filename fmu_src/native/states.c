@@ -76,7 +76,7 @@ static const char *modes_of(States *s, const double *K, const double *M, const i
     if (la_modes(count, k, mass, s->omega + first, Phi, rest))
         return "the rotor's mass matrix is not positive";
     if (strain_share(count, k, Phi, 0) < -NO_STRAIN)
-        return "the rotor buckles: its stiffness is negative; reduce the axial compression";
+        return "the rotor buckles: reduce the axial compression, or the stiffness that is negative";
     for (int c = 0; c < count; c++) {
         const int strained = strain_share(count, k, Phi, c) > NO_STRAIN;
         s->omega[first + c] = strained ? sqrt(fmax(s->omega[first + c], 0)) : 0;

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rigtwin.gap.answer.black_box import further_resonance
 from rigtwin.gap.answer.transfer import transfer_interval
 from rigtwin.gap.curves import nrmse
 from rigtwin.gap.document import Shrink, explainable
@@ -37,9 +38,7 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     scale : true over believed standard error
     confirm : measures on the virtual rig
     """
-    masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
-    pairs = zip(problem.observed, masks, strict=True)
-    training = problem.on([replace(o, std=np.where(mask[:, None], np.inf, o.std)) for o, mask in pairs])
+    masks, training = _split(problem)
     without = training.at_fit(nominal).fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
     with_it = _refit(training, best)
     before = problem.recalibrated(without)  # drifts would follow any gap between the lines that they were fitted to
@@ -61,6 +60,32 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
         after_model=_figures(problem, masks, before, model_after, scale)[1],
         without_effect=_figures(problem, masks, before, problem.calibrated(without), scale)[1],
     )
+
+
+def _split(problem: Problem) -> tuple[list[BoolArray], Problem]:
+    """Which lines of each run are held out, and the problem of the others."""
+    masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
+    pairs = zip(problem.observed, masks, strict=True)
+    return masks, problem.on([replace(o, std=np.where(mask[:, None], np.inf, o.std)) for o, mask in pairs])
+
+
+def gap_after_black_box(problem: Problem, nominal: Fit, scale: float) -> float:
+    """The gap on the held-out lines of ``measure_shrink`` where a black box without a place corrects the nominal model.
+
+    The model has the gains and drifts that it was fitted with, as a joint has its own.
+
+    Parameters
+    ----------
+    problem, nominal, scale : as there
+    """
+    masks, training = _split(problem)
+    without = training.at_fit(nominal).fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
+    before = problem.predict(without)
+    after = [
+        H + further_resonance(o.run, H, o.valid & ~mask[:, None])
+        for o, H, mask in zip(problem.observed, before, masks, strict=True)
+    ]
+    return _figures(problem, masks, before, after, scale)[1]
 
 
 def _refit(training: Problem, best: Fit) -> Fit:

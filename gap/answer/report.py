@@ -13,27 +13,16 @@ import numpy as np
 
 from rigtwin.gap.answer import sentence as wording
 from rigtwin.gap.answer.calibration import calibration_of
-from rigtwin.gap.answer.causes import cause_of, locations
+from rigtwin.gap.answer.causes import cause_of, k_b_of, locations
 from rigtwin.gap.answer.held_out import Confirm, measure_shrink
+from rigtwin.gap.answer.joint import UnknownJoint, unknown_joint
 from rigtwin.gap.answer.missing_test import missing_test
 from rigtwin.gap.answer.next_run import best_next_test
 from rigtwin.gap.answer.where import locate
 from rigtwin.gap.audit.findings import amplitude_dependent
 from rigtwin.gap.clock import Clock
 from rigtwin.gap.curves import Curve, log_distance_db, nrmse
-from rigtwin.gap.document import (
-    DAMPING,
-    Cause,
-    Diagnosis,
-    Estimate,
-    Finding,
-    Location,
-    NextTest,
-    Regime,
-    Shrink,
-    Verdict,
-    Where,
-)
+from rigtwin.gap.document import DAMPING, Cause, Diagnosis, Finding, Location, NextTest, Regime, Shrink, Verdict, Where
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.nuisances import PRIOR
 from rigtwin.gap.inference.problem import Problem
@@ -43,6 +32,7 @@ from rigtwin.gap.verdict.ranking import Ranked, best_of, by_name, likely, name_o
 from rigtwin.gap.verdict.standing import Standing, scale_of
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.rotor.effects.structure import MeasuredJoint
 from rigtwin.sim.campaign import Campaign
 
 
@@ -95,8 +85,10 @@ def report(
     """
     findings = (*findings, *_form_finding(answer))
     named = _name_causes(campaign, answer, findings, exclude)
-    curves = _curves(answer, named)
-    where = _where(answer, named, curves, findings)
+    joint = _joint(answer, named, exclude)
+    clock.lap("measured joint")
+    curves = _curves(answer, named, joint)
+    where = _where(answer, named, curves, findings, joint)
     clock.lap("where")
     shrink = _shrink(answer, named.best, confirm, clock)
     diagnosis = Diagnosis(
@@ -115,6 +107,7 @@ def report(
         unknown_score=_doubt(answer.standing),
         calibration=calibration_of(answer.problem, named.best, answer.scale),
         timing_s=clock.laps,
+        measured_joint=joint.document,
     )
     return Outcome(replace(diagnosis, sentence=wording.sentence(diagnosis)), curves)
 
@@ -149,20 +142,32 @@ def _name_causes(campaign: Campaign, answer: Answer, findings: Sequence[Finding]
     return _Named(verdict, causes, answer.nominal)
 
 
-def _curves(answer: Answer, named: _Named) -> tuple[Curve, ...]:
+def _joint(answer: Answer, named: _Named, exclude: Sequence[str]) -> UnknownJoint:
+    """What is told of a mechanism that no known effect explains."""
+    if named.verdict != "unknown" or MeasuredJoint.id in exclude:
+        return UnknownJoint()
+    return unknown_joint(answer.problem, answer.fitted, answer.scale)
+
+
+def _curves(answer: Answer, named: _Named, joint: UnknownJoint) -> tuple[Curve, ...]:
     """All lines of the runs, with the nominal model and, where there is one, the corrected model."""
-    drawn = answer.all_lines
+    drawn, best = answer.all_lines, joint.fit or named.best
     before = drawn.recalibrated(answer.nominal)
-    corrects = named.best is not answer.nominal or named.verdict == "no_gap"
-    after = drawn.predict(named.best) if corrects else [None] * len(before)
+    corrects = best is not answer.nominal or named.verdict == "no_gap"
+    after = drawn.predict(best) if corrects else [None] * len(before)
     return tuple(Curve(o.run, H0, H1, o.error) for o, H0, H1 in zip(drawn.observed, before, after, strict=True))
 
 
-def _where(answer: Answer, named: _Named, curves: Sequence[Curve], findings: Sequence[Finding]) -> Where:
+def _where(
+    answer: Answer, named: _Named, curves: Sequence[Curve], findings: Sequence[Finding], joint: UnknownJoint
+) -> Where:
     """Where the gap lies, with the bearings' stiffness where that may be the cause; nothing of too few data."""
     if named.verdict == "not_enough_data":
         return Where()
-    where = locate(answer.all_lines, answer.nominal, [c.nominal for c in curves], _regime(named.answered, findings))
+    regime = _regime(named.answered, findings)
+    where = locate(answer.all_lines, answer.nominal, [c.nominal for c in curves], regime, joint.node)
+    if joint.document:
+        where = replace(where, nodes=joint.document.nodes)
     if not _may_be_the_bearings(named.answered):
         return where
     best = named.best if named.best is not answer.nominal else None
@@ -197,7 +202,7 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
     """What the diagnosis says about the recalibrated nominal model."""
     problem, nominal = answer.problem, answer.nominal
     return {
-        "k_b": _k_b(problem, nominal, answer.scale) if nominal.n_data else None,
+        "k_b": k_b_of(problem, nominal, answer.scale) if nominal.n_data else None,
         "gap": _mean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]),
         "gap_dB": _mean([log_distance_db(c.run.H, c.nominal) for c in curves]),
         "misfit": judge(problem, answer.fitted).misfit,
@@ -231,12 +236,6 @@ def _rivals(ranked: Ranked, named: _Named) -> list[Fit]:
     return []
 
 
-def _k_b(problem: Problem, fit: Fit, scale: float) -> Estimate | None:
-    if not problem.with_k_b:
-        return None
-    return Estimate(fit.k_b, fit.k_b * float(np.sqrt(fit.covariance(scale)[0, 0])), "N/m")
-
-
 def _causes(problem: Problem, ranked: Ranked, scale: float, known: float) -> tuple[Cause, ...]:
     """One cause for every set of effects, at its most probable place, with the probability of all its places.
 
@@ -256,7 +255,7 @@ def _causes(problem: Problem, ranked: Ranked, scale: float, known: float) -> tup
 
 def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:
     std = np.sqrt(fit.covariance(scale).diagonal())[: len(fit.u)]
-    k_b = _k_b(problem, fit, scale)
+    k_b = k_b_of(problem, fit, scale)
     cause = cause_of(fit.hypothesis, fit.u, std, probability, k_b, fit.log_evidence(scale))
     if fit.sampled is None:
         return cause
@@ -305,7 +304,7 @@ def _raster_effect() -> str:
 
 def _raster_cause(answer: Answer, effect: str) -> Cause:
     """The raster as the cause, as surely as the model is right."""
-    k_b, place = _k_b(answer.problem, answer.nominal, answer.scale), Location("raster")
+    k_b, place = k_b_of(answer.problem, answer.nominal, answer.scale), Location("raster")
     return Cause((effect,), place, answer.ranked.no_gap, {}, k_b, math.nan, locations=(place,))
 
 

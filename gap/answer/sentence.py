@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rigtwin.gap.document import Cause, Diagnosis, Finding, Shrink, explainable
+from rigtwin.gap.document import Cause, Diagnosis, Finding, FittedJoint, Shrink, explainable
 from rigtwin.gap.phrases import effects_at, listed, lowered, part, place
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects.library import EFFECTS
@@ -93,11 +93,26 @@ def _takes_away(shrink: Shrink | None) -> str:
 
 
 def _acts_like(diagnosis: Diagnosis) -> str:
-    """What a single joint stiffness would have to be, where one at one node explains nearly the whole gap."""
-    joint = diagnosis.where.joint
-    if joint is None or any(map(must_be_corrected, diagnosis.audit)):
+    """What the unknown mechanism is at its node: the law that was fitted there, or what one joint stiffness looks like
+    that explains nearly the whole gap."""
+    if any(map(must_be_corrected, diagnosis.audit)):
         return "."
-    if diagnosis.where.remark or joint.explained < MENTION.one_joint or joint.order.startswith(("none", "too")):
+    if diagnosis.measured_joint:
+        return _unknown_mechanism(diagnosis.measured_joint)
+    joint = diagnosis.where.joint
+    if joint is None or diagnosis.where.remark or joint.explained < MENTION.one_joint:
+        return "."
+    if joint.order.startswith(("none", "too")):
         return "."
     law = joint.order.partition(" (")[0]
     return f"; at node {joint.node} something acts like {law} ({100 * joint.explained:.0f} % of the gap there)."
+
+
+def _unknown_mechanism(joint: FittedJoint) -> str:
+    """Where it is, and how far its fitted law corrects the model."""
+    place = f"node {joint.node}" + (", where the exciter acts" if joint.at_exciter else "")
+    gap = f"from {part(joint.shrink.before)} to {part(joint.shrink.after)}"
+    return (
+        f": an unknown mechanism acts at {place}. The dynamic stiffness that was fitted there takes the gap {gap} on "
+        "data that were held out."
+    )

@@ -35,7 +35,9 @@ LAWS = (
 )
 
 
-def locate(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], regime: Regime) -> Where:
+def locate(
+    problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], regime: Regime, at: int | None = None
+) -> Where:
     """Shares of the gap over bands, supports, levels and nodes.
 
     Parameters
@@ -43,6 +45,7 @@ def locate(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], re
     problem, nominal : the runs, and the recalibrated nominal model
     predicted : its response for every run
     regime : what kind of gap it is
+    at : node of the joint stiffness; None: the one that explains most of a run
     """
     misfits = [_misfit(o, H) for o, H in zip(problem.observed, predicted, strict=True)]
     supports: dict[str, float] = {"rigid": 0.0, "bearing": 0.0}
@@ -53,7 +56,7 @@ def locate(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], re
         if run.force_amplitude_N is not None:
             level = f"{run.force_amplitude_N:g}"
             levels[level] = levels.get(level, 0.0) + float(misfit.sum())
-    nodes, joint, remark = _nodes(problem, nominal, predicted)
+    nodes, joint, remark = _nodes(problem, nominal, predicted, at)
     return Where(
         bands=_bands(problem, nominal, misfits),
         supports={name: _share(value, supports) for name, value in supports.items()},
@@ -105,7 +108,7 @@ def _bands(problem: Problem, nominal: Fit, misfits: Sequence[FloatArray]) -> tup
     )
 
 
-def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray]):
+def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], at: int | None):
     """Nodes by what a joint stiffness there explains, the best one's curve, and what must be said about it."""
     structure = problem.forward.structure
     nodes = range(1, structure.n_nodes + 1)
@@ -131,7 +134,7 @@ def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray]):
             g = np.sum(weight * toward.conj() * e, axis=1) / np.maximum(norm, 1e-300)
             left = np.sum(np.abs((e - toward * g[:, None]) / std) ** 2)
             explained[j - 1] += float(power - left)
-            if best is None or power - left > best[0]:
+            if at in (None, j) and (best is None or power - left > best[0]):
                 best = (float(power - left), number, j, g, float(1 - left / max(power, 1e-300)))
     if total <= 0 or best is None:
         return (), None, "No run has a phase: the place cannot be told from a joint stiffness."

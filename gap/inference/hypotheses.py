@@ -247,14 +247,27 @@ def candidates(
     for name, effect in EFFECTS.items():
         if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs):
             continue
-        terms = [term for term in _terms(effect, runs, structure, scale) if all(f.low < f.high for f in term.free)]
-        found += [Hypothesis((term,), 1.0 / len(terms)) for term in terms]
+        found += _at_every_place(effect, runs, structure, scale)
     total = sum(h.prior for h in found)
     return tuple(Hypothesis(h.terms, h.prior / total) for h in found)
 
 
+def at_every_place(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> list[Hypothesis]:
+    """One effect at every place where it could sit in these runs, all of them equally probable."""
+    return _at_every_place(effect, runs, structure, scale_of(structure))
+
+
+def _at_every_place(
+    effect: type[Effect], runs: Sequence[Run], structure: Structure, scale: RigScale
+) -> list[Hypothesis]:
+    terms = [term for term in _terms(effect, runs, structure, scale) if all(f.low < f.high for f in term.free)]
+    return [Hypothesis((term,), 1.0 / len(terms)) for term in terms]
+
+
 def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
-    """Whether runs like these could show the effect."""
+    """Whether runs like these could show the effect, and a diagnosis may name it."""
+    if not effect.is_candidate:
+        return False
     supports = {run.support for run in runs}
     if effect.location == "bearings" and "bearing" not in supports:
         return False

@@ -211,7 +211,7 @@ def write_controls(
 
 def control_diagnosis(measured: Any, hypotheses: Sequence[Any]) -> Any:
     """A diagnosis with the best of these candidates, if any, as the cause."""
-    from rigtwin.gap.answer.report import calibration
+    from rigtwin.gap.answer.causes import calibration
     from rigtwin.gap.document import Cause, Diagnosis, Estimate, Location, Where
     from rigtwin.gap.prepare import prepared
     from rigtwin.gap.search.linear import search

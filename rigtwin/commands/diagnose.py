@@ -267,7 +267,11 @@ def run_predict(path: Path, folder: Path, out: Path) -> None:
     """Write every run of a campaign as the nominal and as the corrected model compute it."""
     n = write_prediction(path, folder, out)
     say(f"{n} runs written to {out / 'nominal'} and {out / 'corrected'}")
-    if not load_diagnosis(path).names_a_cause:
+    diagnosis = load_diagnosis(path)
+    if diagnosis.correction:
+        node = diagnosis.correction.node
+        note(f"the cause is unknown: {out / 'corrected'} is a best effort by the law that was fitted at node {node}")
+    elif not diagnosis.names_a_cause:
         note(f"{path} names no cause: what is in {out / 'corrected'} is the nominal model too")
 
 

@@ -27,6 +27,8 @@ LOCATIONS = {
     "raster": "the way the test steps through its frequencies",
 }
 
+NO_CANDIDATE = "never named as a cause; it is fitted where the cause is unknown"
+
 
 def effect_of(effect_id: str) -> type[Effect]:
     """The effect of this id. Raises UserError."""
@@ -52,6 +54,7 @@ def record(effect: type[Effect]) -> dict[str, Any]:
         "signature": effect.signature,
         "source": effect.source,
         "in_fmu": effect.in_fmu,
+        "is_candidate": effect.is_candidate,
         "changes_size": effect.changes_size,
         "parameters": [_parameter(name, start, role) for name, start, role in parameters_of(effect)],
         "places": [{"name": name, "start": start, **asdict(role)} for name, start, role in places_of(effect)],
@@ -146,6 +149,8 @@ def print_effect(effect_id: str, *, as_json: bool) -> None:
         "shows": effect.signature,
         "source": f"{effect.source} in docs/references.bib",
     }
+    if not effect.is_candidate:
+        facts["diagnosis"] = NO_CANDIDATE
     for name, text in facts.items():
         say(f"  {name:<10}{text}")
     rows = [

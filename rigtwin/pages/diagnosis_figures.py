@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from plotly.subplots import make_subplots
 
 from rigtwin.gap.curves import SILENT, Curve, nrmse
-from rigtwin.gap.document import Band, BearingStiffness, Cause, JointStiffness, Shrink
+from rigtwin.gap.document import Band, BearingStiffness, Cause, FittedJoint, JointStiffness, Shrink
 from rigtwin.gap.phrases import part
 from rigtwin.pages.diagnosis_words import cause_key, cause_title, finite, places, share
 from rigtwin.pages.figures import BLUE, GREY, INK, ORANGE, PURPLE, RESPONSE_UNITS, VERMILION, styled
@@ -426,6 +426,23 @@ def joint_figure(joint: JointStiffness) -> go.Figure:
     figure.update_xaxes(title="frequency, Hz")
     figure.update_yaxes(title="ΔZ, N/m", exponentformat="power", range=_bulk([*joint.real, *joint.imag]))
     return styled(figure, height=340)
+
+
+def law_figure(joint: FittedJoint) -> go.Figure:
+    """Magnitude of the dynamic stiffness that was fitted at a node, over frequency."""
+    size = np.abs(np.array(joint.real) + 1j * np.array(joint.imag))  # (n_freq,)
+    figure = go.Figure(
+        go.Scatter(
+            x=np.array(joint.frequency_hz),
+            y=size,
+            mode="lines",
+            line={"color": BLUE, "width": 2},
+            hovertemplate="%{x:.4f} Hz<br>%{y:.4g} N/m<extra></extra>",
+        )
+    )
+    figure.update_xaxes(title="frequency, Hz")
+    figure.update_yaxes(title="|Z|, N/m", type="log", exponentformat="power")
+    return styled(figure, height=300)
 
 
 def bearings_figure(bearings: BearingStiffness, corrected_name: str) -> go.Figure:

@@ -22,6 +22,7 @@ from rigtwin.pages.diagnosis_figures import (
     gap_map,
     gap_map_figure,
     joint_figure,
+    law_figure,
     map_width,
     peaks_figure,
     response_figure,
@@ -119,6 +120,7 @@ def write_diagnosis_page(diagnosis: Diagnosis, curves: Sequence[Curve], campaign
         with_runs=bool(curves),
         **_candidate_content(diagnosis),
         joint=joint_figure(diagnosis.where.joint) if diagnosis.where.joint else None,
+        law=law_figure(diagnosis.measured_joint) if diagnosis.measured_joint else None,
         bearings=bearings_figure(diagnosis.where.bearings, _WITH_EFFECT[0]) if diagnosis.where.bearings else None,
         **_shrink_content(diagnosis.shrink),
         **_calibration_content(diagnosis),
@@ -197,7 +199,10 @@ def _meanings(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 # What the corrected model of a diagnosis is called.
 _WITH_EFFECT = ("with the effect", "the same with the effect")
-_WITH_NUISANCES = ("nominal, with gains and drifts", "the same with the gains and drifts of this test")
+_CORRECTED_AS = {
+    "no_gap": ("nominal, with gains and drifts", "the same with the gains and drifts of this test"),
+    "unknown": ("with the fitted joint", "the same with the fitted joint"),
+}
 
 
 def _response_content(curves: Sequence[Curve], diagnosis: Diagnosis) -> dict[str, Any]:
@@ -205,7 +210,7 @@ def _response_content(curves: Sequence[Curve], diagnosis: Diagnosis) -> dict[str
     if not curves:
         return {"response": None, "gap_map": None, "map_colours": "", "no_curves": _NO_CURVES}
     where = diagnosis.where
-    name, words = _WITH_NUISANCES if diagnosis.verdict == "no_gap" else _WITH_EFFECT
+    name, words = _CORRECTED_AS.get(diagnosis.verdict, _WITH_EFFECT)
     cells = gap_map(curves, where.bands)
     with_phase = any(not curve.run.magnitude_only for curve in curves)
     data = {"runs": responses(curves), "first": first_choice(curves), "gap_axis": "yaxis3" if with_phase else "yaxis2"}

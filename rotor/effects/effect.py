@@ -63,11 +63,17 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Place:
-    """A node, or a position along the shaft, that an effect sits at. Node 0 stands for all nodes."""
+    """A node, or a position along the shaft, that an effect sits at."""
 
     meaning: str
     kind: str = "node"  # or "position" [m]
-    all_nodes: bool = False
+    all_nodes: bool = False  # whether node 0 stands for all nodes,
+    exciter: bool = False  # or for the exciter's, wherever it drives
+
+    @property
+    def first(self) -> int:
+        """Its lowest node."""
+        return 0 if self.all_nodes or self.exciter else 1
 
 
 def parameter(start: float, unit: str, meaning: str, low: float, high: float, **options: Any) -> Any:
@@ -75,9 +81,9 @@ def parameter(start: float, unit: str, meaning: str, low: float, high: float, **
     return field(default=start, metadata={"role": Parameter(unit, meaning, low, high, **options)})
 
 
-def node(start: int, meaning: str, *, all_nodes: bool = False) -> Any:
-    """Dataclass field of a node, counted from 1."""
-    return field(default=start, metadata={"role": Place(meaning, "node", all_nodes)})
+def node(start: int, meaning: str, *, all_nodes: bool = False, exciter: bool = False) -> Any:
+    """Dataclass field of a node, counted from 1; see ``Place``."""
+    return field(default=start, metadata={"role": Place(meaning, "node", all_nodes, exciter)})
 
 
 def position(start: float, meaning: str) -> Any:
@@ -99,6 +105,7 @@ class Effect(ABC):
     family: ClassVar[str]  # structure, support, nonlinear, chain, spinning
     changes_size: ClassVar[bool] = False  # of the equations: not to be switched while the rotor runs
     in_fmu: ClassVar[bool] = True
+    is_candidate: ClassVar[bool] = True  # whether a diagnosis may name it as a cause
     acts_at_once: ClassVar[bool] = False  # on the accelerations of a rotor at rest, when a force sets in
     rides_on_sensor: ClassVar[bool] = False  # whether it is at a node only while that node's sensor is read
     reads_beside_node: ClassVar[bool] = False  # whether a sensor reads another place than its node
@@ -205,6 +212,5 @@ def _check_parameter(name: str, value: float, role: Parameter) -> None:
 
 
 def _check_node(name: str, value: int, role: Place) -> None:
-    least = 0 if role.all_nodes else 1
-    if value != int(value) or value < least:
-        raise ValueError(f"{name} must be a node number from {least}, got {value}")
+    if value != int(value) or value < role.first:
+        raise ValueError(f"{name} must be a node number from {role.first}, got {value}")

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from rigtwin.rotor.effects.effect import Effect, node, parameter, position
-from rigtwin.rotor.model.design import Design
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.rotor.model.design import Branch, Design
 
 
 @dataclass(frozen=True)
@@ -257,3 +260,80 @@ class ShaftDamping(Effect):
         """Replaces the shaft's damping ratio."""
         design.replace(self.id)
         design.shaft_damping_ratio = self.damping_ratio
+
+
+@dataclass(frozen=True)
+class MeasuredJoint(Effect):
+    """Something at a node that no other effect describes, by the dynamic stiffness that was measured there.
+
+    Between the node and the ground acts
+
+        Z = k - omega^2 m + i omega c + D_r (i omega c_g - omega^2 m_r) / (D_r + i omega c_g - omega^2 m_r),
+
+    in y and in z alike: a branch of a mass m_r on a spring and a damper, D_r = k_r + i omega c_r, to the node and on a
+    damper c_g to the ground, with k_r = m_r w_r^2, c_r = 2 zeta_r w_r m_r, c_g = 2 zeta_g w_r m_r, w_r = 2 pi f_r. With
+    little damping it is a resonance, with a large zeta_g a Maxwell element. No damper is negative, so that it never
+    feeds power into the rotor. k is negative where something pulls the shaft
+    away from its axis, as a magnet does; a rotor that has no stiffness left raises ValueError when it is solved. No
+    mass is negative, as a shaft has none at a single point that could be missing.
+
+    >>> MeasuredJoint(stiffness=1e4, node=3).start_values()["measured_joint.stiffness"]
+    10000.0
+    """
+
+    id = "measured_joint"
+    title = "Measured joint"
+    meaning = "something unknown acts at a node, by a dynamic stiffness to the ground that was fitted to measurements"
+    equation = (
+        r"D(\omega) \to D(\omega) + Z\, e_n e_n^{T}, \quad Z = k - \omega^2 m + i\omega c +"
+        r"\frac{D_r\,(i\omega c_g - \omega^2 m_r)}{D_r + i\omega c_g - \omega^2 m_r}, \quad"
+        r" D_r = m_r (\omega_r^2 + 2 i \zeta_r \omega_r \omega), \; c_g = 2 \zeta_g \omega_r m_r, \;"
+        r" \omega_r = 2\pi f_r"
+    )
+    signature = "modes that move at the node shift and widen; near the branch's frequency a further resonance appears"
+    source = "ren1995"
+    location = "node"
+    family = "structure"
+    is_candidate = False
+    acts_at_once = True
+    changes_size = True
+
+    stiffness: float = parameter(
+        5e4, "N/m", "Stiffness k to the ground", -0.1, 1.0, null=0.0, minimum=-1e9, maximum=1e9
+    )
+    mass: float = parameter(0.02, "kg", "Mass m", 0.0, 0.2, null=0.0, minimum=0.0, maximum=100.0)
+    damping: float = parameter(5.0, "N.s/m", "Damping c to the ground", 0.0, 0.05, null=0.0, minimum=0.0, maximum=1e6)
+    node: int = node(4, "Node at which it acts, 0: the exciter's, wherever that is", exciter=True)
+    branch_mass: float = parameter(
+        0.0, "kg", "Mass m_r of the branch; 0: no branch", 0.0, 0.5, null=0.0, minimum=0.0, maximum=100.0, form=True
+    )
+    branch_frequency: float = parameter(
+        200.0, "Hz", "Natural frequency f_r of the branch while its node is held", 0.02, 3.0, minimum=1e-3, maximum=1e6,
+        log=True, form=True,
+    )  # fmt: skip
+    branch_damping_ratio: float = parameter(
+        0.02, "1", "Damping ratio zeta_r beside the branch's spring", 0.001, 5.0, minimum=0.0, maximum=1e4, log=True,
+        form=True,
+    )  # fmt: skip
+    branch_ground_ratio: float = parameter(
+        0.001, "1", "Damping ratio zeta_g between the branch's mass and the ground", 1e-5, 5.0, minimum=0.0,
+        maximum=1e4, log=True, form=True,
+    )  # fmt: skip
+
+    def add_to(self, design: Design) -> None:
+        """A mass, springs and dampers to ground in y and z, and the branch where it has a mass."""
+        at = self.node or design.condition.excitation_node
+        design.masses.append((at, self.mass, 0.0))
+        design.ground_springs += [(at, plane, self.stiffness, self.damping) for plane in (1, 2)]
+        if self.branch_mass:
+            omega = 2 * np.pi * self.branch_frequency
+            damping = 2 * omega * self.branch_mass
+            spring = omega**2 * self.branch_mass, self.branch_damping_ratio * damping
+            design.branches.append(Branch(at, self.branch_mass, *spring, self.branch_ground_ratio * damping))
+
+    def dynamic_stiffness(self, omega: FloatArray) -> ComplexArray:
+        """(n_freq,) Z [N/m] at angular frequencies [rad/s]."""
+        s, own = 1j * np.asarray(omega), 2 * np.pi * self.branch_frequency
+        spring = own**2 + 2 * self.branch_damping_ratio * own * s  # per kilogram of the branch's mass
+        body = s**2 + 2 * self.branch_ground_ratio * own * s
+        return self.stiffness + s**2 * self.mass + s * self.damping + self.branch_mass * spring * body / (spring + body)

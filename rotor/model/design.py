@@ -64,6 +64,17 @@ class Pedestal:
         return 2 if self.has_block else 1
 
 
+@dataclass(frozen=True)
+class Branch:
+    """A mass [kg] beside a node, in y and in z, on a spring [N/m] and a damper [N s/m] to the node."""
+
+    node: int
+    mass: float
+    stiffness: float
+    damping: float
+    ground_damping: float  # between the mass and the ground [N s/m]
+
+
 @dataclass
 class Bearing:
     """A support whose stiffness is the parameter k_b: a joint between the shaft and its base."""
@@ -103,6 +114,7 @@ class Design:
         self.gyroscopic_factor = 0.0  # of the polar inertia that the nominal rotor leaves out
         self.masses: list[tuple[int, float, float]] = []  # node, mass [kg], half its width [m]
         self.ground_springs: list[tuple[int, int, float, float]] = []  # node, plane, [N/m], [N s/m]
+        self.branches: list[Branch] = []  # at nodes
         self.rigid_stiffness = np.inf  # of the rigid supports in place of the bearings [N/m]
         self.bearings = _bearings(structure, condition)
         self.contacts: list[tuple[int, JointLaw]] = []  # between a node and the ground

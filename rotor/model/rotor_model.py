@@ -12,6 +12,7 @@ from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.design import (
     Bearing,
+    Branch,
     Design,
     JointLaw,
     Pattern,
@@ -119,7 +120,8 @@ class _Assembly:
     def __init__(self, design: Design):
         self.design, self.structure = design, design.structure
         n = self.structure.n
-        self.size = n + sum(2 * ((b.pedestal.n_masses if b.pedestal else 0) + len(b.branches)) for b in design.bearings)
+        pairs = sum((b.pedestal.n_masses if b.pedestal else 0) + len(b.branches) for b in design.bearings)
+        self.size = n + 2 * (pairs + len(design.branches))
         self.used = n
         self.M, self.K, self.C, self.G, self.K_shaft = (np.zeros((self.size, self.size)) for _ in range(5))
         self.held = np.zeros(self.size, dtype=bool)
@@ -138,6 +140,8 @@ class _Assembly:
             place = self.structure.dof(node, plane)
             self.K[place, place] += stiffness
             self.C[place, place] += damping
+        for branch in self.design.branches:
+            self._branch(branch)
         for node, law in self.design.contacts:
             self._local_force([self._node(node, plane) for plane in (1, 2)], law, 0.0)
         return self._on_free()
@@ -269,6 +273,15 @@ class _Assembly:
         self._connect(self.K, leg, pedestal.stiffness * np.eye(2))
         self._connect(self.C, leg, pedestal.damping * np.eye(2))
         return base
+
+    def _branch(self, branch: Branch) -> None:
+        """A mass on a spring and a damper to a node, and on a damper to the ground, in y and in z."""
+        body = self._new_pair()
+        spring = [_difference(self._node(branch.node, plane), own) for plane, own in zip((1, 2), body, strict=True)]
+        self._connect(self.M, body, branch.mass * np.eye(2))
+        self._connect(self.K, spring, branch.stiffness * np.eye(2))
+        self._connect(self.C, spring, branch.damping * np.eye(2))
+        self._connect(self.C, body, branch.ground_damping * np.eye(2))
 
     def _new_pair(self) -> list[Pattern]:
         pair: list[Pattern] = [(np.array([self.used + k]), np.ones(1)) for k in (0, 1)]

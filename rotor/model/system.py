@@ -202,7 +202,9 @@ def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
     motions = stiff[:, None] * eigh(stiff[:, None] * K * stiff)[1]
     shares = strain_share(K, motions)
     if shares.min() < -_NO_STRAIN:
-        raise ValueError("the rotor buckles: its stiffness is negative; reduce the axial compression")
+        raise ValueError(
+            "the rotor buckles: its stiffness is negative; reduce the axial compression or the negative stiffness"
+        )
     rigid = motions[:, shares <= _NO_STRAIN]
     n_rigid = rigid.shape[1]
     if not n_rigid:

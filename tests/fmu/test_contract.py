@@ -29,6 +29,7 @@ hub_stiffening: enabled factor
 shaft_modulus: enabled factor
 axial_load: enabled force
 open_crack: enabled reduction position
+measured_joint: enabled* stiffness mass damping node# branch_mass* branch_frequency* branch_damping_ratio* branch_ground_ratio*
 shaft_damping: enabled damping_ratio
 bearing_damping: enabled damping
 bearing_tilt_stiffness: enabled stiffness
@@ -48,7 +49,7 @@ sensor_mass: enabled mass node#
 sensor_position: enabled offset node#
 gyroscopic: enabled factor
 unbalance: enabled moment phase node#
-"""
+"""  # noqa: E501
 ESTIMATOR = {
     **{name: ("Real", "input", "continuous") for name in ("delta_f1", "delta_f2", "amplitude_ratio")},
     **{f"{name}_std": ("Real", "input", "continuous") for name in ("delta_f1", "delta_f2", "amplitude_ratio")},

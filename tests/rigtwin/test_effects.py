@@ -13,8 +13,8 @@ from rigtwin.wording import number, unit
 from tests.rigtwin.conftest import run, run_json
 
 KEYS = {
-    "id", "title", "family", "where", "meaning", "equation", "signature", "source", "in_fmu", "changes_size",
-    "parameters", "places",
+    "id", "title", "family", "where", "meaning", "equation", "signature", "source", "in_fmu", "is_candidate",
+    "changes_size", "parameters", "places",
 }  # fmt: skip
 
 
@@ -62,7 +62,9 @@ def test_the_record_of_a_parameter_is_the_parameter():
     assert [p["zero"] for p in others] == [None] * 4
     assert pedestal["changes_size"]
     place = {"name": "node", "start": 2, "meaning": "Node of the sensor, 0: every sensor"}
-    assert run_json("effects", "sensor_gain")["places"] == [place | {"kind": "node", "all_nodes": True}]
+    assert run_json("effects", "sensor_gain")["places"] == [
+        place | {"kind": "node", "all_nodes": True, "exciter": False}
+    ]
 
 
 def test_a_zero_that_is_named_is_an_entry_of_the_test_condition():

@@ -77,7 +77,7 @@ def _value(role: Any) -> st.SearchStrategy[Any]:
         return st.floats(low, high)
     if role.kind == "position":
         return st.floats(0.0, float(paper().x[-1]))
-    return st.integers(0 if role.all_nodes else 1, paper().n_nodes)
+    return st.integers(role.first, paper().n_nodes)
 
 
 def paper_with(condition: Condition, *effects: Change, elements: int = 1) -> LinearSystem:

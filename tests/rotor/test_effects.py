@@ -386,6 +386,7 @@ SIGNS = {
     "compliant_rigid_support": (-1, -1, None),
     "viscoelastic_support": (1, 1, 1),
     "sensor_mass": (-1, -1, None),
+    "measured_joint": (1, 0, 1),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from rigtwin.rotor.effects import (
     ExciterSuspension,
     Gyroscopic,
     HubStiffening,
+    MeasuredJoint,
     OpenCrack,
     PedestalFlexibility,
     PlaneAnisotropy,
@@ -430,6 +432,40 @@ def test_an_attached_mass_is_a_lumped_mass_of_the_rig():
     lumped = assemble(Rig.model_validate(rigs.tables(mass=[{"node": 3, "mass_kg": 0.2}])))
     H = node_receptance(paper_with(BEARING, AttachedMass(mass=0.2, node=3)))
     assert_allclose(H, node_receptance(build_system(lumped, BEARING)), rtol=0, atol=ROUND_OFF * np.abs(H).max())
+
+
+@pytest.mark.parametrize("node", [0, 5])
+@pytest.mark.parametrize("plane", [1, 2])
+def test_a_measured_joint_adds_its_dynamic_stiffness_at_its_node_or_the_exciters(node, plane):
+    k, m, c, m_r, f_r, zeta, ground = -2e4, 0.04, 3.0, 0.2, 130.0, 0.04, 0.7
+    joint = MeasuredJoint(k, m, c, node, m_r, f_r, zeta, ground)
+    condition = replace(UNDAMPED, excitation_node=3)
+    system = build_system(paper(), condition, [joint])
+    own = system.n - 2 + plane - 1  # of the branch
+    D = dynamic_stiffness(system, WIDE)
+    place = int(np.flatnonzero(system.free == paper().dof(node or 3, plane))[0])
+    found = D[:, place, place] - D[:, place, own] * D[:, own, place] / D[:, own, own]
+    plain = dynamic_stiffness(build_system(paper(), condition), WIDE)[:, place, place]
+    w_r, s = 2 * np.pi * f_r, 1j * WIDE
+    spring, body = m_r * w_r**2 + s * 2 * zeta * w_r * m_r, s * 2 * ground * w_r * m_r + s**2 * m_r
+    Z = k + s**2 * m + s * c + spring * body / (spring + body)
+    assert_allclose(joint.dynamic_stiffness(WIDE), Z, rtol=ROUND_OFF)
+    assert (np.abs(found - plain - Z) <= ROUND_OFF * (np.abs(plain) + np.abs(Z))).all()
+
+
+def test_a_measured_joint_of_a_mass_or_a_spring_is_that_mass_or_spring():
+    node = BEARING.excitation_node
+    for joint, twin in (
+        (MeasuredJoint(0.0, 0.2, 0.0, node), AttachedMass(mass=0.2, node=node)),
+        (MeasuredJoint(5e4, 0.0, 7.0, 0), ExciterSuspension(stiffness=5e4, damping=7.0)),
+    ):
+        found, expected = (node_receptance(paper_with(BEARING, each).in_plane(1)) for each in (joint, twin))
+        assert_allclose(found, expected, rtol=0, atol=ROUND_OFF * np.abs(expected).max())
+
+
+def test_a_joint_that_pulls_harder_than_the_rotor_holds_is_refused():
+    with pytest.raises(ValueError, match="buckles"):
+        _ = paper_with(BEARING, MeasuredJoint(stiffness=-1e8)).modes
 
 
 def test_a_mass_in_the_middle_of_a_light_beam_swings_on_its_stiffness():

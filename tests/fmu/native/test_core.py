@@ -18,6 +18,7 @@ from rigtwin.rotor.effects import (
     BearingClearance,
     BearingDamping,
     BearingFriction,
+    MeasuredJoint,
     PedestalFlexibility,
     Rub,
     ShaftDamping,
@@ -48,6 +49,7 @@ BENT = (
     BearingClearance(preload=20.0),
     BearingFriction(spread=0.8),
     ViscoelasticSupport(spread=0.6),
+    MeasuredJoint(stiffness=-2e4, branch_mass=0.1),
 )
 
 # Of a channel's peak, over a simulation.

@@ -166,23 +166,6 @@ class Shrink:
 
 
 @dataclass(frozen=True)
-class FittedJoint:
-    """The law of an unknown mechanism at one node: the effect ``measured_joint``."""
-
-    node: int
-    at_exciter: bool  # whether it goes with the exciter, because every run drives this node
-    parameters: dict[str, Estimate]
-    k_b: Estimate | None  # None: no run on bearings
-    nodes: tuple[NodeShare, ...]  # probability of the nodes whose laws were fitted
-    frequency_hz: tuple[float, ...]  # of its dynamic stiffness over the band of the runs
-    real: tuple[float, ...]  # N/m
-    imag: tuple[float, ...]  # N/m
-    shrink: Shrink  # of the gap on data that were held out
-    control: Number  # gap after a black box of as many free numbers or more, on the same data
-    calibration: dict[str, dict[str, float]] = field(default_factory=dict)  # as a diagnosis has it, of this fit
-
-
-@dataclass(frozen=True)
 class Finding:
     """One finding of the measurement audit."""
 
@@ -217,6 +200,23 @@ class Calibration:
     numbers: tuple[Calibrated, ...] = ()  # what the workshop knows within tolerances, with errors
     gains: tuple[Calibrated, ...] = ()  # of sensors and runs
     repeatability: tuple[Calibrated, ...] = ()  # standard deviations from run to run
+
+
+@dataclass(frozen=True)
+class FittedJoint:
+    """The law of an unknown mechanism at one node: the effect ``measured_joint``."""
+
+    node: int
+    at_exciter: bool  # whether it goes with the exciter, because every run drives this node
+    parameters: dict[str, Estimate]
+    k_b: Estimate | None  # None: no run on bearings
+    nodes: tuple[NodeShare, ...]  # probability of the nodes whose laws were fitted
+    frequency_hz: tuple[float, ...]  # of its dynamic stiffness over the band of the runs
+    real: tuple[float, ...]  # N/m
+    imag: tuple[float, ...]  # N/m
+    shrink: Shrink  # of the gap on data that were held out
+    control: Number  # gap after a black box of as many free numbers or more, on the same data
+    calibration: Calibration = field(default_factory=Calibration)  # as a diagnosis has it, of this fit
 
 
 @dataclass(frozen=True)

@@ -82,9 +82,13 @@ def _repeatabilities(problem: Problem, fit: Fit, std: FloatArray) -> Iterator[Ca
             found = _estimate(each.of(fit.prior_std), spread)
             yield Calibrated(name, words, _estimate(each.median, PRIOR.spread), found, learned=True)
         else:
-            size = math.sqrt(float(np.sum(fit.nu[places] ** 2)) / told) if told >= 1 else math.nan
-            found = _estimate(size, 1 / math.sqrt(2 * max(told, 1.0)))
-            yield Calibrated(name, words, Estimate(float(nuisances.std[places[0]])), found)
+            prior = Estimate(float(nuisances.std[places[0]]))
+            yield Calibrated(name, words, prior, _from_data(fit, told, places) if told >= 1 else prior)
+
+
+def _from_data(fit: Fit, told: float, places: IntArray) -> Estimate:
+    """A repeatability by these nuisances alone, of which so many are told."""
+    return _estimate(math.sqrt(float(np.sum(fit.nu[places] ** 2)) / told), 1 / math.sqrt(2 * told))
 
 
 def _told(fit: Fit, std: FloatArray, places: IntArray) -> float:

@@ -76,15 +76,3 @@ def k_b_of(problem: Problem, fit: Fit, scale: float) -> Estimate | None:
     if not problem.with_k_b:
         return None
     return Estimate(fit.k_b, fit.k_b * float(np.sqrt(fit.covariance(scale)[0, 0])), "N/m")
-
-
-def calibration(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
-    """What the fit says of sensors and of the workshop's tolerances: common to all runs of the rig."""
-    nuisances, workshop = problem.nuisances, problem.forward.workshop
-    return {
-        "sensor_gain": {
-            str(channel): float(np.exp(value))
-            for channel, value in zip(nuisances.sensors, fit.nu[nuisances.sensor], strict=True)
-        },
-        "tolerance": dict(zip(workshop.names, map(float, fit.nu[nuisances.tolerance]), strict=True)),
-    }

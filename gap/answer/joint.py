@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from rigtwin.gap.answer.causes import calibration, k_b_of
+from rigtwin.gap.answer.calibration import calibration_of
+from rigtwin.gap.answer.causes import k_b_of
 from rigtwin.gap.answer.held_out import gap_after_black_box, measure_shrink
 from rigtwin.gap.document import Estimate, FittedJoint, NodeShare
 from rigtwin.gap.inference.fit import Fit
@@ -79,7 +80,7 @@ def _documented(problem: Problem, nominal: Fit, fits: Sequence[Fit], scale: floa
         imag=tuple(Z.imag.tolist()),
         shrink=shrink,
         control=gap_after_black_box(problem, nominal, scale),
-        calibration=calibration(problem, best),
+        calibration=calibration_of(problem, best, scale),
     )
 
 

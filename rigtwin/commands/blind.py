@@ -211,7 +211,7 @@ def write_controls(
 
 def control_diagnosis(measured: Any, hypotheses: Sequence[Any]) -> Any:
     """A diagnosis with the best of these candidates, if any, as the cause."""
-    from rigtwin.gap.answer.causes import calibration
+    from rigtwin.gap.answer.calibration import calibration_of
     from rigtwin.gap.document import Cause, Diagnosis, Estimate, Location, Where
     from rigtwin.gap.prepare import prepared
     from rigtwin.gap.search.linear import search
@@ -233,7 +233,7 @@ def control_diagnosis(measured: Any, hypotheses: Sequence[Any]) -> Any:
         nominal={"k_b": Estimate(nominal.k_b, math.nan)},
         where=Where(),
         causes=(cause,),
-        calibration=calibration(problem, best),
+        calibration=calibration_of(problem, best, 1.0),
     )
 
 

@@ -64,18 +64,9 @@ class Modal(RunModel):
     @property
     def frequencies_hz(self) -> FloatArray:
         """Resonances that may drift, lowest first [Hz]."""
-        return np.abs(self._drifting_poles) / (2 * np.pi)
-
-    @property
-    def damping_ratios(self) -> FloatArray:
-        """Their damping ratios."""
-        return -self._drifting_poles.real / np.abs(self._drifting_poles)
-
-    @property
-    def _drifting_poles(self) -> ComplexArray:
         group = self.groups[0]
-        poles = group.poles[(group.mode >= 0) & (group.poles.imag > 0)]
-        return poles[np.argsort(np.abs(poles))]
+        positive = (group.mode >= 0) & (group.poles.imag > 0)
+        return np.sort(np.abs(group.poles[positive])) / (2 * np.pi)
 
     @property
     def in_order(self) -> IntArray:

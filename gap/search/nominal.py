@@ -42,21 +42,6 @@ def is_close(nominal: Fit) -> bool:
     return nominal.cost < NOMINAL_FITS.near * nominal.n_data and bool(outside < NOMINAL_FITS.calm)
 
 
-def drifts_far(problem: Problem, nominal: Fit) -> bool:
-    """Whether a resonance that the lines show had to drift by more than its half-power half-width, the damping ratio.
-
-    Drifts that are learned follow a law from level to level. Where they went so far, a law that is added moves the
-    resonances once more, and what it changes there says nothing of what it would change in their place.
-    """
-    for r, modal in enumerate(problem.modals(nominal.k_b, nominal.effects)):
-        assert modal.as_linear is not None
-        shown = int(np.sum(modal.frequencies_hz < problem.runs[r].frequency_hz[-1]))
-        drift = problem.nuisances.drift_of(nominal.nu, r).real[:shown]
-        if np.any(np.abs(drift) > modal.as_linear.damping_ratios[: len(drift)]):
-            return True
-    return False
-
-
 def _nominal(problem: Problem) -> Fit:
     """The nominal model near its best, from wherever."""
     if not problem.with_k_b:

@@ -1,27 +1,21 @@
-"""A force law beside linear effects: what it promises, how both are found, and drifts that follow a law."""
+"""A force law beside linear effects: what these promise, and how both are found."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rigtwin.gap.inference.hypotheses import candidates
-from rigtwin.gap.inference.observed import observe
-from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.model.motions import FINE
 from rigtwin.gap.search.laws.beside import _can_stand_beside, _grown, _shown_at_rest, promises_much, search_laws
 from rigtwin.gap.search.laws.robust import robust_fit
-from rigtwin.gap.search.nominal import drifts_far, recalibrate
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.rotor.effects import AttachedMass, SensorDelay, SensorGain
 from rigtwin.rotor.effects.effect import Effect
 from rigtwin.rotor.effects.library import EFFECTS
 from tests.gap.conftest import (
-    BELIEF,
     CUBIC,
     K_B,
     LEVELS,
@@ -34,7 +28,6 @@ from tests.gap.conftest import (
     problem_of,
     truth,
     with_noise,
-    workshop,
 )
 
 MASS = AttachedMass(mass=0.05, node=3)
@@ -126,12 +119,3 @@ def test_beside_a_law_that_is_fitted_the_score_tells_the_linear_effect(weighed_d
     (both,) = _grown(problem, alone, [*laws, *effects])
     assert str(both.hypothesis) == "bearing_cubic + attached_mass node 3"
     assert both.chi2 < 1.2 * both.n_data < alone.chi2
-
-
-def test_drifts_that_follow_a_law_are_not_close_to_the_data():
-    """Learned from the levels, they explain most of what the law does, and a law beside them moves resonances twice."""
-    runs = runs_of(CUBIC)[1:]
-    learned = Problem(Forward(workshop(replace(BELIEF, frequency_drift=None))), [observe(run, run.std) for run in runs])
-    followed, calm = recalibrate(learned), recalibrate(problem_of(*runs[:1]))
-    assert drifts_far(learned, followed)
-    assert not drifts_far(problem_of(*runs[:1]), calm)

@@ -28,7 +28,7 @@ from rigtwin.gap.search.laws.robust import (
     settle,
     thin_out,
 )
-from rigtwin.gap.search.nominal import NOMINAL_FITS, drifts_far, recalibrate
+from rigtwin.gap.search.nominal import NOMINAL_FITS, recalibrate
 from rigtwin.gap.search.race import Progress, Search, best_first, first_of_each
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest, axis
@@ -106,16 +106,14 @@ def search_nonlinear(
     final = problem.made(resolution=FINAL, refined=True)
     every, lines = thin_out(final, EVERY.fits, calm.k_b, MODEL_ERROR), EVERY.fits
     nominal = every.fit(NOMINAL, calm.u, nu)
-    linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     small = nominal.chi2 < NOMINAL_FITS.near * nominal.n_data
-    tell = _Teller(progress, len(hypotheses) + 3)
-    others, plain, left = _gridded(hypotheses), False, []
-    if not small or drifts_far(every, nominal):
-        plain, left = _far(problem, others, rest, linear, nu, tell)
-    if small and not plain:
+    if small:
         every, lines = thin_out(final, EVERY.small_gap, calm.k_b, MODEL_ERROR), EVERY.small_gap
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
-        linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
+    linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
+    tell = _Teller(progress, len(hypotheses) + 3)
+    others = _gridded(hypotheses)
+    plain, left = (False, []) if small else _far(problem, others, rest, linear, nu, tell)
     beside = [] if plain else left[:1]  # told by other lines and errors than those near the nominal model
     if not plain:
         left = _near(problem, lines, others, rest, nominal, tell)

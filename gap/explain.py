@@ -20,8 +20,9 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis, candidates
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
+from rigtwin.gap.search.laws.beside import search_laws
 from rigtwin.gap.search.laws.robust import robust_fit
-from rigtwin.gap.search.laws.search import most_promised, search_nonlinear
+from rigtwin.gap.search.laws.search import most_promised
 from rigtwin.gap.search.linear import bend_best, bend_laws, search, search_from_afar
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.pairs import exchanged, extended, most_left, pairs, pursued, straightened, without_one
@@ -109,7 +110,8 @@ def _attempt(task: Task) -> Task | Explained:
         if not (laws and _levels_differ_beside(task.problem, found.best, laws)):
             problem, fits = _finish(task, found)
             return Explained(problem, task.nominal, fits)
-    coarser, linear, bent = search_nonlinear(task.problem, laws, THRESHOLDS.adequate_nonlinear, task.progress)
+    linear_effects, adequate = task.library.linear, THRESHOLDS.adequate_nonlinear
+    coarser, linear, bent = search_laws(task.problem, laws, linear_effects, adequate, task.progress)
     task.clock.lap("nonlinear effects")
     return _rival(task, found, Explained(coarser, linear, bent.fits), bent)
 

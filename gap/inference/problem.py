@@ -89,6 +89,10 @@ class Problem:
         there.bend(fit)
         return there
 
+    def on_rotor_with(self, effects: Sequence[Effect]) -> Problem:
+        """The same with a model on a rotor that has these effects, whatever a candidate adds."""
+        return self._like(forward=self.forward.on_rotor_with(effects))
+
     def as_drawn(self) -> Problem:
         """The same with the model of the rig as drawn, without accelerometers on it."""
         forward = Forward(self.forward.workshop.without_sensors())
@@ -236,7 +240,7 @@ class Problem:
         here = self.at_fit(fit)
         before, after = here.modals(fit.k_b, fit.effects), here.modals(fit.k_b, (*fit.effects, *more))
         return [
-            a.change_to(b, *self.nuisances.of_run(fit.nu, r, a)) * self.nuisances.gains(fit.nu, r, b)
+            a.small_change_to(b, *self.nuisances.of_run(fit.nu, r, a)) * self.nuisances.gains(fit.nu, r, b)
             for r, (a, b) in enumerate(zip(before, after, strict=True))
         ]
 

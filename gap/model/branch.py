@@ -146,7 +146,7 @@ class Branch:
         sensors, joints = drive.by_force(balance)
         linear = sensors[:, :, -1] * drive.force
         there = np.isfinite(run.H)
-        y = np.where(there, np.nan_to_num(run.H) / (drive.unit * drive.scale[:, None]), linear)
+        y = np.where(there, np.nan_to_num(run.H) / (drive.unit * drive.scale), linear)
         if run.magnitude_only:
             y = linear if phase is None else np.abs(y) * np.exp(1j * (np.angle(linear) + phase))
         elif run.quantity == "acceleration":  # of an arbitrary scale

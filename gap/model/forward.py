@@ -114,6 +114,7 @@ class Forward:
         self.workshop = workshop
         self.anchor = workshop.anchor(np.zeros(len(workshop.tolerances)))
         self.manner = Manner()
+        self.beside: tuple[Effect, ...] = ()
         self._known: dict[tuple, Known] = {}
         self._rotors: dict[tuple, _Rotor] = {}
         self._structures: dict[tuple, Structure] = {}
@@ -185,6 +186,12 @@ class Forward:
         other.manner = replace(self.manner, **manner)
         return other
 
+    def on_rotor_with(self, effects: Sequence[Effect]) -> Forward:
+        """The same model on a rotor that has these effects, whatever is added."""
+        other = copy.copy(self)
+        other.beside = tuple(effects)
+        return other
+
     def forget(self) -> None:
         """Drop the motions that nonlinear candidates start from."""
         self._known.clear()
@@ -204,6 +211,7 @@ class Forward:
 
     def modal(self, run: Run, k_b: float, effects: Sequence[Effect] = ()) -> RunModel:
         """The run's response with these effects. Raises ValueError where an effect is impossible."""
+        effects = (*effects, *acting(self.beside, run.support))
         if nonlinear(effects):
             return self._nonlinear(run, k_b, effects)
         return self._linear(run, k_b, effects)
@@ -244,14 +252,14 @@ class Forward:
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> RunModel:
         effects, manner, anchor = tuple(effects), self.manner, self.anchor.values
-        acting, condition = (*effects, *self._mounted(run)), self.condition(run, k_b)
-        plain = self._balance(condition, acting, anchor)
+        mounted, condition = (*effects, *self._mounted(run)), self.condition(run, k_b)
+        plain = self._balance(condition, mounted, anchor)
         if plain is None:
             return self._linear(run, k_b, [e for e in effects if e.family != "nonlinear"])
         top = 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1]
 
         def balance(tolerance: FloatArray) -> tuple[Balance, IntArray]:
-            made = self._balance(self.condition(run, k_b, tolerance), acting, tolerance)
+            made = self._balance(self.condition(run, k_b, tolerance), mounted, tolerance)
             assert made is not None  # no tolerance takes a law away
             return made, resonance_numbers(made.values, top)
 

@@ -82,5 +82,5 @@ class MotionSlopes:
         dX = (inverse @ flat).reshape(len(inverse), *DN.shape[2:], m)
         dN = np.einsum("fjun,funm->fjm", DN, dX, optimize=True)
         to_sensors = drive.read_out(balance) @ balance.resolvent(drive.omega, balance.loads)[:, 1, :, :-1]
-        change = drive.unit * drive.scale[:, None, None] * (own - to_sensors @ dN)
+        change = drive.unit * drive.scale[:, :, None] * (own - to_sensors @ dN)
         return np.moveaxis(np.where(np.isfinite(change), change, 0.0), 2, 0)

@@ -71,6 +71,7 @@ class Drive:
 
     run: Run
     level: float = 0.0  # logarithm of the true force over the one that the run believes; responses are per true force
+    chain: ComplexArray | float = 1.0  # (n_freq, n_channels) reported over true response
 
     @property
     def omega(self) -> FloatArray:
@@ -89,8 +90,8 @@ class Drive:
 
     @property
     def scale(self) -> ComplexArray:
-        """(n_freq,) powers of i omega between displacements and the run's quantity."""
-        return (1j * self.omega) ** DERIVATIVE_ORDER[self.run.quantity]
+        """(n_freq, n_channels or 1) of what is reported over displacements: powers of i omega, and the channels'."""
+        return (1j * self.omega[:, None]) ** DERIVATIVE_ORDER[self.run.quantity] * self.chain
 
     def read_out(self, balance: Balance) -> ComplexArray:
         """(n_channels, n_states) displacements that the sensors read of the states."""
@@ -115,7 +116,7 @@ class Drive:
         at = slice(None) if lines is None else lines
         motions = balance.solve(self.run.frequency_hz[at], self.force, start, iterations=iterations)
         states = motions.states
-        H = self.unit * self.scale[at, None] * (states[:, 1] @ self.read_out(balance).T)
+        H = self.unit * self.scale[at] * (states[:, 1] @ self.read_out(balance).T)
         usable: BoolArray = np.asarray(np.isfinite(H).all(axis=1), dtype=bool)
         assert motions.off is not None
         near = usable & (motions.converged | (motions.off <= tells))

@@ -10,12 +10,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from rigtwin.gap.model.branch import Branch, Known
-from rigtwin.gap.model.linear import towards_damping
+from rigtwin.gap.model.linear import chain_factors, towards_damping
 from rigtwin.gap.model.motion_slopes import MotionSlopes
 from rigtwin.gap.model.motions import Drive, Resolution, Solved
 from rigtwin.gap.model.run_model import RunModel
@@ -85,13 +86,15 @@ class NonlinearModal(RunModel):
     def small_change_to(
         self, other: RunModel, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
     ) -> ComplexArray:
-        """(n_freq, n_channels) the response with other numbers of the same laws less this one, to first order."""
+        """(n_freq, n_channels) the response with the same laws, other numbers or more linear effects less this one, to
+        first order."""
         if other.as_nonlinear is None:
             return self.change_to(other, drift, tolerance, level)
         there = self.at_level(level)
         solved = there.motions(drift, tolerance)
         balance = _drift_poles(*other.as_nonlinear._with_tolerance(tolerance), drift)
-        return np.where(solved.tells[:, None], MotionSlopes(there.drive, solved).change_to(balance), 0.0)
+        reported = solved.H * (other.as_nonlinear.chain / self.chain - 1)
+        return np.where(solved.tells[:, None], MotionSlopes(there.drive, solved).change_to(balance) + reported, 0.0)
 
     def at_level(self, level: float) -> NonlinearModal:
         """The same under a force e^level as large as the run believes, remembered."""
@@ -139,10 +142,15 @@ class NonlinearModal(RunModel):
     def _with_tolerance(self, tolerance: FloatArray) -> tuple[Balance, IntArray]:
         return (self.balance, self.mode) if np.array_equal(tolerance, self.anchor) else self.balance_of(tolerance)
 
+    @cached_property
+    def chain(self) -> ComplexArray:
+        """(n_freq, n_channels) reported over true response."""
+        return chain_factors(self.effects, self.run, np.arange(len(self.run.channels)))
+
     @property
     def drive(self) -> Drive:
         """How the run drives the rotor and reads it."""
-        return Drive(self.run, self.level)
+        return Drive(self.run, self.level, self.chain)
 
     @property
     def branch(self) -> Branch:
@@ -165,7 +173,7 @@ class NonlinearModal(RunModel):
         from the response; (n_freq, n_channels) the response without any
         """
         drive, balance = self.drive, _drift_poles(*self._with_tolerance(tolerance), drift)
-        sensors = drive.unit * drive.scale[:, None, None] * drive.by_force(balance)[0]
+        sensors = drive.unit * drive.scale[:, :, None] * drive.by_force(balance)[0]
         return self.branch.measured_motion(balance), sensors[:, :, :-1], drive.force * sensors[:, :, -1]
 
 

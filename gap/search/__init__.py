@@ -9,7 +9,7 @@ module          what it holds                                         start here
 ``linear``      single linear effects                                 ``search``
 ``pairs``       two linear effects at once                            ``pairs``
 ``strategies``  how the fits of an effect begin, where it is special  ``strategy_of``
-``laws``        nonlinear effects                                     ``search_nonlinear``
+``laws``        nonlinear effects                                     ``search_laws``
 ``workers``     fits that are shared with other processes             ``helped_by``
 ==============  ====================================================  ====================
 """

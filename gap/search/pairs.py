@@ -91,7 +91,7 @@ def exchanged(
 
     Alone, an effect takes over what another one does: from there its partner may lie too far for a start of its own.
     """
-    leaders = [fit for start in _one_fewer(pair, hypotheses) if (fit := _as_it_is(problem, start))]
+    leaders = [fit for start in one_fewer(pair, hypotheses) if (fit := _as_it_is(problem, start))]
     return race(problem, pair_starts(problem, leaders, hypotheses, near, progress), FAR, progress)
 
 
@@ -101,7 +101,7 @@ def without_one(problem: Problem, several: Fit, hypotheses: Sequence[Hypothesis]
     The starts of fewer may have missed that place, and what was found first may not be needed beside the later ones.
     """
     there = problem.around(several)
-    return best_first(fit for start in _one_fewer(several, hypotheses) if (fit := fitted(there, CLOSE[0], start)))
+    return best_first(fit for start in one_fewer(several, hypotheses) if (fit := fitted(there, CLOSE[0], start)))
 
 
 def straightened(problem: Problem, pair: Fit) -> list[Fit]:
@@ -111,14 +111,14 @@ def straightened(problem: Problem, pair: Fit) -> list[Fit]:
     return [made] if made else []
 
 
-def _one_fewer(several: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
+def one_fewer(several: Fit, hypotheses: Sequence[Hypothesis]) -> list[Start]:
     """Several effects without each of them, where they ended; the last one first."""
     numbers = several.hypothesis.split(several.u[1:])
     singles = [_single(term, hypotheses) for term in several.hypothesis.terms]
     found = []
     for left_out in reversed(range(len(singles))):
         kept = [k for k in range(len(singles)) if k != left_out]
-        hypothesis = reduce(_paired, [singles[k] for k in kept])
+        hypothesis = reduce(paired, [singles[k] for k in kept])
         found.append(Start(hypothesis, np.concatenate([several.u[:1], *(numbers[k] for k in kept)]), several.nu))
     return found
 
@@ -156,7 +156,7 @@ def pair_starts(
         for second, gained in zip(seconds, promised, strict=True):
             if progress:
                 progress(number, len(leaders), f"{leader.hypothesis} + {second}")
-            pair = _paired(leader.hypothesis, second)
+            pair = paired(leader.hypothesis, second)
             by_score += gained
             if not near:
                 points = strategy_of(second).points(leader.u, second)
@@ -182,7 +182,7 @@ def _down_a_step(few: Problem, starts: Sequence[Start]) -> list[Start]:
     return [start for start, _ in each(partial(_down_from, few, PAIRS.steps), best)]
 
 
-def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
+def paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
     """All effects at once: each further one has the odds of a pair against it."""
     k, odds = len(first.terms), PRIORS.pair_log_odds
     mean = (k * (np.log(first.prior) + odds * (k - 1)) + np.log(second.prior)) / (k + 1)
@@ -191,7 +191,7 @@ def _paired(first: Hypothesis, second: Hypothesis) -> Hypothesis:
 
 def _beside(score: Score, second: Hypothesis) -> list[Promise]:
     """What a second effect promises beside a leader, whose score it is."""
-    return promises(score, second, _paired(score.fit.hypothesis, second))
+    return promises(score, second, paired(score.fit.hypothesis, second))
 
 
 def _down_from(few: Problem, steps: int, start: Start) -> tuple[Start, float]:

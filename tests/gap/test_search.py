@@ -24,10 +24,10 @@ from rigtwin.gap.search.pairs import (
     PAIRS,
     _down_a_step,
     _leaders,
-    _paired,
     exchanged,
     most_left,
     pair_starts,
+    paired,
     pairs,
     straightened,
     without_one,
@@ -366,7 +366,7 @@ def test_far_from_the_data_a_pair_that_begins_like_others_leads_after_a_step_dow
     lead = np.log([K_B, 1450.0])
     starts = []
     for second in of(problem.runs, "attached_mass", "sensor_gain", "sensor_delay", "bearing_damping"):
-        pair = _paired(seat, second)
+        pair = paired(seat, second)
         begin = [np.log(0.0018)] if second.ids == ("attached_mass",) else second.starts()[0]
         starts.append(Start(pair, pair.clipped(np.append(lead, begin)), np.zeros(problem.nuisances.n)))
     if not resonances:
@@ -388,7 +388,7 @@ def test_a_wrong_partner_is_exchanged():
     hypotheses = of(problem.runs, "attached_mass", "bearing_damping", "disk_mass")
     mass = next(h for h in hypotheses if dict(h.terms[0].fixed).get("node") == 5)
     (damping,) = (h for h in hypotheses if h.ids == ("bearing_damping",))
-    wrong = problem.fit(_paired(mass, damping), np.log([K_B, 0.05, 9.0]))
+    wrong = problem.fit(paired(mass, damping), np.log([K_B, 0.05, 9.0]))
     right, *_ = exchanged(problem, wrong, hypotheses, near=False)
     assert set(right.hypothesis.ids) == {"disk_mass", "bearing_damping"}
     assert right.chi2 < 1.2 * right.n_data
@@ -414,7 +414,7 @@ def test_a_pair_found_from_either_of_its_effects_is_one_pair():
 def test_a_pair_has_to_explain_more_before_it_is_as_probable_as_one_effect():
     runs = both_supports()
     mass, modulus = (replace(of(runs, name)[0], prior=0.1) for name in ("attached_mass", "shaft_modulus"))
-    assert np.log(_paired(mass, modulus).prior / 0.1) == pytest.approx(-PRIORS.pair_log_odds)
+    assert np.log(paired(mass, modulus).prior / 0.1) == pytest.approx(-PRIORS.pair_log_odds)
 
 
 def test_a_bent_law_beside_another_effect_is_tried_plain():
@@ -460,7 +460,7 @@ def test_what_later_effects_make_needless_is_left_out():
     names = ("shaft_modulus", "disk_mass", "sensor_gain")
     modulus, disks, gain = (next(h for h in hypotheses if h.ids == (name,)) for name in names)
     gain = next(h for h in hypotheses if h.ids == ("sensor_gain",) and h.terms[0].node == 3)
-    three = problem.fit(reduce(_paired, (modulus, disks, gain)), np.array([np.log(K_B), 1.0005, 0.04, 1.1]))
+    three = problem.fit(reduce(paired, (modulus, disks, gain)), np.array([np.log(K_B), 1.0005, 0.04, 1.1]))
     two = _needed(problem, three, hypotheses, 1.0)
     assert set(two.hypothesis.ids) == {"disk_mass", "sensor_gain"}
     assert two.cost < three.cost + 2 * PRIORS.pair_log_odds

@@ -125,7 +125,7 @@ def search_nonlinear(
     tell("fits")
     fits = _fits(problem, every, lines, calm.k_b, left, adequate)
     fits = best_first(fit for fit in fits if fit.log_evidence() > linear.log_evidence())
-    if fits and _is_adequate(fits[0], adequate):
+    if fits and is_adequate(fits[0], adequate):
         every, fits = _at_believed_levels(every, fits)
     return every, linear, Search(nominal, tuple(fits))
 
@@ -133,7 +133,7 @@ def search_nonlinear(
 def _rest(problem: Problem) -> tuple[Rest, FloatArray]:
     """Linear rotors of the lowest and the highest level; the nuisances of the first, in the order of all runs."""
     calm, nu = _calm(problem)
-    loud, held = recalibrate(_at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
+    loud, held = recalibrate(at_level(problem, max)).k_b, problem.forward.structure.supported_nodes
     return Rest(calm, loud, seen_motion(problem, calm.k_b), held), nu
 
 
@@ -279,7 +279,7 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
     How stiff it is on average is another number for every resonance, and takes several harmonics. Single lines near a
     resonance are on another branch of the response at times, so the fits are robust.
     """
-    low = thin_out(_at_level(problem.made(resolution=SEVERAL), min), EVERY.descents, calm.k_b, MODEL_ERROR)
+    low = thin_out(at_level(problem.made(resolution=SEVERAL), min), EVERY.descents, calm.k_b, MODEL_ERROR)
     points = list(each(partial(_of_mean, low, hypothesis, calm), UNEVEN.log_ratios))
     found = sorted(robust_fits(low, points, rounds=UNEVEN.rounds, steps=UNEVEN.steps), key=lambda fit: fit.cost)
     near = [Start(hypothesis, fit.u, nu, fit.cost) for fit in found if fit.cost < LAWS.within * found[0].cost]
@@ -333,7 +333,7 @@ def _near(
 def _bent(problem: Problem, every: Problem, fits: Sequence[Fit], adequate: float) -> list[Fit]:
     """The best law bent, if it can be, where it leaves more than noise: that number roughly first, then all finely."""
     plain = min(fits, key=lambda fit: fit.cost, default=None)
-    if plain is None or _is_adequate(plain, adequate):
+    if plain is None or is_adequate(plain, adequate):
         return []
     law = plain.hypothesis
     starts = [Start(law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
@@ -343,7 +343,7 @@ def _bent(problem: Problem, every: Problem, fits: Sequence[Fit], adequate: float
     return robust_fits(every, settle(some, descend(some, starts, LAWS.first_added))[:1])
 
 
-def _is_adequate(fit: Fit, adequate: float) -> bool:
+def is_adequate(fit: Fit, adequate: float) -> bool:
     return fit.chi2 < adequate * fit.n_data
 
 
@@ -404,7 +404,7 @@ def _few_of_each(starts: Sequence[Start]) -> list[Start]:
     return first_of_each(best_of_each(starts), lambda start: start.hypothesis.ids[0], LAWS.places_small)
 
 
-def _at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:
+def at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:
     """The runs at the lowest or the highest level (``min`` or ``max``)."""
     levels = {o.run.force_amplitude_N or 0.0 for o in problem.observed if o.run.support == "bearing"}
     kept = [
@@ -417,7 +417,7 @@ def _at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:
 
 def _calm(problem: Problem) -> tuple[Fit, FloatArray]:
     """The nominal model of the runs at the lowest level, and its nuisances in the order of all runs."""
-    low = _at_level(problem, min)
+    low = at_level(problem, min)
     fit = recalibrate(low)
     nu = np.zeros(problem.nuisances.n)
     nu[problem.nuisances.tolerance] = fit.nu[low.nuisances.tolerance]

@@ -25,7 +25,7 @@ from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.gap.search.laws.search import most_promised
 from rigtwin.gap.search.linear import bend_best, bend_laws, search, search_from_afar
 from rigtwin.gap.search.nominal import recalibrate
-from rigtwin.gap.search.pairs import exchanged, extended, most_left, pairs, pursued, straightened, without_one
+from rigtwin.gap.search.pairs import best_effects, exchanged, most_left, pairs, pursued, straightened, without_one
 from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_leaders, reach
 from rigtwin.gap.verdict.adequacy import judge, not_shared
 from rigtwin.gap.verdict.standing import adequate, excess_of, scale_of
@@ -226,7 +226,7 @@ def _add_pairs(task: Task, found: Search) -> list[Fit]:
     exchanged for others.
     """
     problem, hypotheses = task.problem, task.library.linear
-    answer = _grown(task, found, pursued(problem, found, hypotheses, task.progress))
+    answer = _grown(task, found, pursued(problem, best_effects(problem, found), hypotheses, task.progress))
     if not adequate(problem, answer[0]):
         answer = best_first([*answer, *_grown(task, found, pairs(problem, found, hypotheses, task.progress))])
     several = next((fit for fit in answer if len(fit.hypothesis.terms) > 1), None)
@@ -261,7 +261,7 @@ def _more(task: Task, leaders: Sequence[Fit], scale: float) -> list[Fit]:
         if most_left(problem, leader, hypotheses) < 2 * PRIORS.pair_log_odds * scale**2:
             break
         needed = leader.log_evidence(scale) + PRIORS.pair_log_odds
-        more = extended(problem, leader, hypotheses, task.progress)
+        more = pursued(problem, [leader], hypotheses, task.progress)
         leaders = [fit for fit in more if fit.log_evidence(scale) > needed]
         if leaders and (enough := _needed(problem, leaders[0], hypotheses, scale)) is not leaders[0]:
             leaders = [enough]

@@ -210,8 +210,9 @@ def test_effects_are_known_by_name_in_two_places_only():
     from rigtwin.rotor.model.condition import Condition
 
     assert set(LINEAR) | set(LAWS) <= set(EFFECTS)
-    names = set(EFFECTS) - {field.name for field in fields(Condition)} - set(OTHER_MEANINGS)
-    in_text = {name for name in names if "_" in name} | {effect.__name__ for effect in EFFECTS.values()}
+    candidates = {name: effect for name, effect in EFFECTS.items() if effect.is_candidate}
+    names = set(candidates) - {field.name for field in fields(Condition)} - set(OTHER_MEANINGS)
+    in_text = {name for name in names if "_" in name} | {effect.__name__ for effect in candidates.values()}
     whole = names - in_text  # plain words in a sentence
     known = re.compile(rf"\b({'|'.join(sorted(in_text))})\b|^({'|'.join(sorted(whole))})(\..*)?$")
     found = []

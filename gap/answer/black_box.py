@@ -10,6 +10,8 @@ has seen, but says nothing of another sensor, exciter or support.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.optimize import minimize
 
@@ -17,8 +19,16 @@ from rigtwin.gap.model.linear import over_receptance
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
 from rigtwin.sim.campaign import Run
 
-# Poles that are tried: so many frequencies, evenly in the logarithm over the band, with each of these damping ratios.
-_FREQUENCIES, _RATIOS = 60, (0.001, 0.005, 0.02, 0.1, 0.5)
+
+@dataclass(frozen=True)
+class Poles:
+    """Poles that are tried: so many frequencies, evenly in the logarithm over the band, with each damping ratio."""
+
+    frequencies: int = 60
+    ratios: tuple[float, ...] = (0.001, 0.005, 0.02, 0.1, 0.5)
+
+
+_POLES = Poles()
 
 
 def further_resonance(run: Run, H0: ComplexArray, usable: BoolArray) -> ComplexArray:
@@ -43,7 +53,11 @@ def further_resonance(run: Run, H0: ComplexArray, usable: BoolArray) -> ComplexA
         return float(np.sum((target - columns @ numbers) ** 2)), shapes @ numbers
 
     f = run.frequency_hz
-    grid = [np.log([frequency, ratio]) for frequency in np.geomspace(f[0], f[-1], _FREQUENCIES) for ratio in _RATIOS]
+    grid = [
+        np.log([frequency, ratio])
+        for frequency in np.geomspace(f[0], f[-1], _POLES.frequencies)
+        for ratio in _POLES.ratios
+    ]
     begin = min(grid, key=lambda at: fitted(at)[0])
     best = minimize(lambda at: fitted(at)[0], begin, method="Nelder-Mead").x
     return fitted(best)[1] * size

@@ -59,14 +59,18 @@ def most_left(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) -> f
 
 
 def pursued(
-    problem: Problem, found: Search, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
+    problem: Problem, leaders: Sequence[Fit], hypotheses: Sequence[Hypothesis], progress: Progress | None = None
 ) -> list[Fit]:
-    """The best effects, each with another one that its score promises; best first by evidence and prior.
+    """Leaders, each with one more effect that its score promises; best first by evidence and prior.
 
-    The score is that of the leader's own minimum, with the tolerances as they act there.
+    At a leader's own minimum, with the tolerances as they act there, the score tells nearly what a fit would gain.
     """
-    leaders = polish_all(problem, _not_behind(problem, _of_each_effect(found.fits)[: PAIRS.leaders]))
-    return race(problem, pair_starts(problem, leaders, hypotheses, near=True, progress=progress), FAR, progress)
+    starts: list[Start] = []
+    for leader in polish_all(problem, leaders):
+        promised = _promised(problem, leader, hypotheses, settled=True)
+        limit = worth_from(promised[0].gain) if promised else 0.0
+        starts += _some([promise for promise in promised if promise.gain >= limit], len(leaders))
+    return race(problem, starts, FAR, progress)
 
 
 def pairs(
@@ -75,13 +79,6 @@ def pairs(
     """Pairs of effects that do not fall behind, best first by evidence and prior."""
     leaders = _leaders(problem, found, hypotheses)
     return race(problem, pair_starts(problem, leaders, hypotheses, not found.rough, progress), FAR, progress)
-
-
-def extended(
-    problem: Problem, leader: Fit, hypotheses: Sequence[Hypothesis], progress: Progress | None = None
-) -> list[Fit]:
-    """Several effects and one more, from where the several ended; best first by evidence and prior."""
-    return race(problem, pair_starts(problem, [leader], hypotheses, near=True, progress=progress), FAR, progress)
 
 
 def exchanged(
@@ -150,24 +147,31 @@ def pair_starts(
     starts: list[Start] = []
     beside: list[Start] = []
     for number, leader in enumerate(leaders):
-        by_score: list[Promise] = []
-        seconds = [second for second in hypotheses if second.ids[0] not in leader.hypothesis.ids]
-        promised = each(partial(_beside, Score(problem, leader, settled=near)), seconds)
-        for second, gained in zip(seconds, promised, strict=True):
-            if progress:
-                progress(number, len(leaders), f"{leader.hypothesis} + {second}")
+        if progress:
+            progress(number, len(leaders), f"beside {leader.hypothesis}")
+        starts += _some(_promised(problem, leader, hypotheses, settled=near), len(leaders))
+        for second in _others(leader, hypotheses) if not near else ():
             pair = paired(leader.hypothesis, second)
-            by_score += gained
-            if not near:
-                points = strategy_of(second).points(leader.u, second)
-                beside += [begin(pair, pair.clipped(point), leader) for point in points]
-        by_score.sort(key=lambda promise: promise.gain, reverse=True)
-        if near and by_score:
-            limit = worth_from(by_score[0].gain)
-            by_score = [promise for promise in by_score if promise.gain >= limit]
-        some = in_turns(by_score, lambda promise: promise.start.hypothesis.ids)
-        starts += [promise.start for promise in some[: max(PAIRS.by_score // len(leaders), PAIRS.of_each)]]
+            points = strategy_of(second).points(leader.u, second)
+            beside += [begin(pair, pair.clipped(point), leader) for point in points]
     return starts + _down_a_step(problem.thinned(PAIRS.every), beside)
+
+
+def _others(leader: Fit, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Candidates of effects that a leader does not have."""
+    return [second for second in hypotheses if second.ids[0] not in leader.hypothesis.ids]
+
+
+def _promised(problem: Problem, leader: Fit, hypotheses: Sequence[Hypothesis], *, settled: bool) -> list[Promise]:
+    """What second effects promise beside a leader, most first."""
+    found = each(partial(_beside, Score(problem, leader, settled=settled)), _others(leader, hypotheses))
+    return sorted((promise for own in found for promise in own), key=lambda promise: promise.gain, reverse=True)
+
+
+def _some(promised: Sequence[Promise], leaders: int) -> list[Start]:
+    """The starts that one of so many leaders has, effects in turns."""
+    count = max(PAIRS.by_score // leaders, PAIRS.of_each)
+    return [promise.start for promise in in_turns(promised, lambda promise: promise.start.hypothesis.ids)[:count]]
 
 
 def _down_a_step(few: Problem, starts: Sequence[Start]) -> list[Start]:
@@ -207,10 +211,10 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
     rigid runs, in which fewer effects can act. What leaves many times as much as the best is no leader, but for those
     by rough fits.
     """
-    leaders = _of_each_effect(found.fits)[: PAIRS.leaders]
+    leaders = best_effects(problem, found)
     there = {fit.hypothesis.ids for fit in leaders}
     if found.leads:
-        return _not_behind(problem, leaders)
+        return leaders
     rough = [start for start in found.rough[: PAIRS.rough_leaders] if start.hypothesis.ids not in there]
     roughly = [problem.try_fit(s.hypothesis, s.u, s.nu, anneal=(PAIRS.roughly,), steps=2) for s in rough]
     rigid = problem.only("rigid")
@@ -221,6 +225,11 @@ def _leaders(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) 
             made = problem.try_fit(fit.hypothesis, u, found.nominal.nu, anneal=(0.1, 0.0), steps=6)
             leaders += [made] if made else []
     return [*_not_behind(problem, leaders), *(fit for fit in roughly if fit)]
+
+
+def best_effects(problem: Problem, found: Search) -> list[Fit]:
+    """The best effects of a search that others may stand beside."""
+    return _not_behind(problem, _of_each_effect(found.fits)[: PAIRS.leaders])
 
 
 def _not_behind(problem: Problem, leaders: Sequence[Fit]) -> list[Fit]:

@@ -130,17 +130,22 @@ def fitted(problem: Problem, stage: Stage, start: Start) -> Fit | None:
 def _from_where_it_tells(
     problem: Problem, starts: Sequence[Start], stages: Sequence[Stage]
 ) -> tuple[Sequence[Start], Sequence[Stage]]:
-    """The stages from the first one whose added error the best start is not yet within: before, nothing tells starts
-    apart. Of many, the starts that are not far behind the best one there."""
+    """The stages from the last one whose added error the best start is within, since before nothing tells starts apart;
+    of many, the starts that are not far behind the best one there."""
+    if len(stages) == 1:
+        return starts, stages
     within = NOMINAL_FITS.within * sum(observed.n_values for observed in problem.observed)
-    while len(stages) > 1:
-        costs = [problem.cost(start.hypothesis, start.u, start.nu, stages[0].added) for start in starts]
-        lowest = min(costs, default=np.inf)
-        if lowest > within:
-            limit = RACE.from_the_start * lowest + RACE.hopeless
-            return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit], stages
+    costs, further = _costs(problem, starts, stages[0]), _costs(problem, starts, stages[1])
+    while len(stages) > 2 and min(further, default=np.inf) <= within:
         stages = stages[1:]
-    return starts, stages
+        costs, further = further, _costs(problem, starts, stages[1])
+    limit = RACE.from_the_start * min(costs, default=0.0) + RACE.hopeless
+    return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit], stages
+
+
+def _costs(problem: Problem, starts: Sequence[Start], stage: Stage) -> list[float]:
+    """Costs of starts with the error that a stage adds."""
+    return [problem.cost(start.hypothesis, start.u, start.nu, stage.added) for start in starts]
 
 
 def best_first(fits: Iterable[Fit]) -> list[Fit]:

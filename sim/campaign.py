@@ -135,6 +135,9 @@ class PeakList:
 # Standard deviations of the logarithm of a damping: of one that somebody states, and of one that nobody does.
 STATED_DAMPING, UNKNOWN_DAMPING = 0.1, 0.7
 
+# The same of the stiffness of a joint: a lap joint that was opened and bolted again comes back so differently.
+USUAL_JOINT = 0.3
+
 # Relative drift of a resonance from run to run where nobody states one.
 USUAL_DRIFT = 1e-4
 
@@ -143,7 +146,8 @@ USUAL_DRIFT = 1e-4
 class NominalBelief:
     """What the nominal model assumes about this rig before any diagnosis, and how well the workshop knows it.
 
-    A tolerance is a relative standard deviation, that of a damping or a tilt stiffness one of the logarithm. A
+    A tolerance is a relative standard deviation, that of a damping, a tilt stiffness or a joint one of the
+    logarithm. A
     repeatability of None is learned from the runs.
     """
 
@@ -158,6 +162,7 @@ class NominalBelief:
     shaft_damping_tolerance: float = STATED_DAMPING
     bearing_damping_tolerance: float = STATED_DAMPING
     tilt_tolerance: float = UNKNOWN_DAMPING  # of supports that hold the shaft's slope
+    joint_tolerance: float = USUAL_JOINT  # of each joint's stiffness
     sensor_mass_kg: float = 0.0  # of every accelerometer that stays mounted
 
     @property

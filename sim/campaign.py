@@ -99,6 +99,27 @@ class Run:
         force = None if self.force_N is None else self.force_N[lines]
         return replace(self, frequency_hz=some, H=self.H[lines], std=std, harmonics={}, swept_hz=swept, force_N=force)
 
+    @property
+    def forces(self) -> FloatArray:
+        """(n_freq,) peak force of each line [N]: as recorded, or the run's own; 1 where nobody knows it."""
+        if self.force_N is not None:
+            return self.force_N
+        return np.full(len(self.frequency_hz), self.force_amplitude_N or 1.0)
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Force levels that the run was made at [N]: one, both ends under response control, none where unknown."""
+        if self.control == "response" and self.force_N is not None:
+            return float(self.force_N.min()), float(self.force_N.max())
+        return () if self.force_amplitude_N is None else (self.force_amplitude_N,)
+
+    def at_force(self, factor: float) -> Run:
+        """The same run under forces so many times as large; its response per newton stays."""
+        if factor == 1:
+            return self
+        force = None if self.force_N is None else factor * self.force_N
+        return replace(self, force_amplitude_N=factor * (self.force_amplitude_N or 1.0), force_N=force)
+
     def as_recorded(self, H: ComplexArray) -> np.ndarray:
         """A model's response (n_freq, n_channels) as this run holds its own: magnitudes where no phase was recorded."""
         return np.abs(H) if self.magnitude_only else H

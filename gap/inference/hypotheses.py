@@ -243,7 +243,7 @@ def candidates(
     nonlinear : the nonlinear effects, or else the linear ones
     """
     found: list[Hypothesis] = []
-    scale = scale_of(structure, max((run.force_amplitude_N or 0.0 for run in runs), default=0.0))
+    scale = scale_of(structure, max((max(run.levels, default=0.0) for run in runs), default=0.0))
     for name, effect in EFFECTS.items():
         if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs):
             continue

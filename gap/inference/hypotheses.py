@@ -245,7 +245,7 @@ def candidates(
     found: list[Hypothesis] = []
     scale = scale_of(structure, max((max(run.levels, default=0.0) for run in runs), default=0.0))
     for name, effect in EFFECTS.items():
-        if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs):
+        if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs, structure):
             continue
         terms = [term for term in _terms(effect, runs, structure, scale) if all(f.low < f.high for f in term.free)]
         found += [Hypothesis((term,), 1.0 / len(terms)) for term in terms]
@@ -253,12 +253,14 @@ def candidates(
     return tuple(Hypothesis(h.terms, h.prior / total) for h in found)
 
 
-def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
-    """Whether runs like these could show the effect."""
+def _may_act(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> bool:
+    """Whether runs like these of this rotor could show the effect."""
     supports = {run.support for run in runs}
     if effect.location == "bearings" and "bearing" not in supports:
         return False
     if effect.location == "rigid_support" and "rigid" not in supports:
+        return False
+    if effect.location == "joints" and not structure.tilting_joints:
         return False
     if effect.family == "spinning" and not any(run.spin_rpm for run in runs):
         return False

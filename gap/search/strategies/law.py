@@ -40,6 +40,10 @@ class LawGrid:
     clearances: int = 7
     # Preloads of a clearance, as shares of the largest force of the bearings: more keeps the contact closed.
     preloads: tuple[float, ...] = (0.95, 0.75, 0.55, 0.35, 0.2, 0.1, 0.02)
+    angles: int = 10  # of microslip, where all of a joint slips,
+    exponents: int = 2
+    contacts: tuple[float, ...] = (0.15,)  # of its second contact, as shares of the largest stiffness,
+    joint_gaps: int = 8  # and of its gap
     forces: int = 30  # of friction, where its two stiffnesses are those of the lowest and the highest level
 
 
@@ -118,6 +122,21 @@ class Sliding(LawStrategy):
             between = np.log(rest.calm.k_b - rest.loud)
             for force in axis(hypothesis.free[0], GRID.forces):
                 yield hypothesis.clipped(np.array([np.log(rest.loud), force, between]))
+
+
+class Microslip(LawStrategy):
+    """Joints that slip part by part: with and without a second contact."""
+
+    def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
+        """Points along every number; the contact's at some tenths of the joint's stiffness, or none."""
+        angle, exponent, contact, gap = hypothesis.free
+        contacts = np.array([0.0, *GRID.contacts]) * contact.high
+        return [axis(angle, GRID.angles), axis(exponent, GRID.exponents), contacts, axis(gap, GRID.joint_gaps)]
+
+    def points(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+        """Of points without a second contact one for all of its gaps."""
+        first = self.axes(hypothesis, rest)[-1][0]
+        yield from (u for u in super().points(hypothesis, rest) if u[3] > 0 or u[4] == first)
 
 
 class Uneven(LawStrategy):

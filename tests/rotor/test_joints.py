@@ -214,7 +214,7 @@ def stiffness(balance: Balance, angle: float) -> complex:
 
 @pytest.mark.parametrize("p", [0.7, 1.0, 1.5])
 def test_a_joint_loses_what_a_continuous_law_does(p):
-    """Backbone k x - c x^(1 + p), c = k / ((1 + p) theta_s^p): 4 c X^(2 + p) p / (2 + p) in each cycle [segalman2005]."""
+    """Backbone k x - c x^(1 + p), c = k / (1 + p) / theta_s^p: 4 c X^(2 + p) p / (2 + p) a cycle [segalman2005]."""
     balance = slipping(angle=0.02, exponent=p)
     for share in (0.02, 0.05, 0.1, 0.3):
         expected = 4 / ((1 + p) * (2 + p)) * p * share**p / np.pi

@@ -37,6 +37,9 @@ class LawGrid:
     stiffnesses: int = 5  # of a contact
     # Gaps of a contact, as shares of its node's largest motion, which goes little beyond them.
     gaps: tuple[float, ...] = (0.97, 0.85, 0.7, 0.5, 0.3)
+    # The same where the forces in the runs are read, which is quick: what the motion can still reach.
+    stiffnesses_read: int = 10
+    gaps_read: tuple[float, ...] = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1)
     clearances: int = 7
     # Preloads of a clearance, as shares of the largest force of the bearings: more keeps the contact closed.
     preloads: tuple[float, ...] = (0.95, 0.75, 0.55, 0.35, 0.2, 0.1, 0.02)
@@ -75,6 +78,10 @@ class LawStrategy:
             for stiffness in self.stiffnesses_at_rest(point, rest):
                 yield np.array([np.clip(np.log(stiffness), *np.log(K_B_RANGE)), *point])
 
+    def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+        """Points that are compared with the forces in the runs, where these can be read."""
+        return self.points(hypothesis, rest)
+
     def stiffnesses_at_rest(self, point: Sequence[float], rest: Rest) -> Sequence[float]:
         """Bearing stiffnesses [N/m] that go with a point."""
         return (rest.calm.k_b,)
@@ -88,6 +95,11 @@ class Contact(LawStrategy):
     def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
         """Points along its stiffness, and gaps as shares of its node's largest motion."""
         return contact_axes(hypothesis, rest, GRID.stiffnesses, GRID.gaps)
+
+    def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+        """A finer grid."""
+        axes = contact_axes(hypothesis, rest, GRID.stiffnesses_read, GRID.gaps_read)
+        yield from (np.array([rest.calm.u[0], *point]) for point in itertools.product(*axes))
 
 
 def contact_axes(hypothesis: Hypothesis, rest: Rest, stiffnesses: int, shares: Sequence[float]) -> list[FloatArray]:
@@ -127,6 +139,8 @@ class Sliding(LawStrategy):
 class Microslip(LawStrategy):
     """Joints that slip part by part: with and without a second contact."""
 
+    readable = True
+
     def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
         """Points along every number; the contact's at some tenths of the joint's stiffness, or none."""
         angle, exponent, contact, gap = hypothesis.free
@@ -137,6 +151,10 @@ class Microslip(LawStrategy):
         """Of points without a second contact one for all of its gaps."""
         first = self.axes(hypothesis, rest)[-1][0]
         yield from (u for u in super().points(hypothesis, rest) if u[3] > 0 or u[4] == first)
+
+    def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+        """With a second contact, which a descent can take away and not add: without one its gap tells nothing."""
+        yield from (u for u in self.points(hypothesis, rest) if u[3] > 0)
 
 
 class Uneven(LawStrategy):

@@ -20,7 +20,8 @@ class ForceLaw:
 
     Without memory it is force(x, *coefficients). With memory it depends on the displacement and on
     the displacement and the force one instant earlier, force(x, x_before, force_before, *coefficients).
-    It is then exact for any monotone path in between, and of the form limited(force_before + ..., ...).
+    It is then exact for any monotone path in between, and of the form limited(force_before + ..., ...). An element that
+    never reaches its limit is a spring, whatever the path.
 
     >>> CLEARANCE.arguments
     ('x', 'k', 'gap', 'corner')

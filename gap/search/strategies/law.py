@@ -43,10 +43,12 @@ class LawGrid:
     clearances: int = 7
     # Preloads of a clearance, as shares of the largest force of the bearings: more keeps the contact closed.
     preloads: tuple[float, ...] = (0.95, 0.75, 0.55, 0.35, 0.2, 0.1, 0.02)
-    angles: int = 10  # of microslip, where all of a joint slips,
+    angles: int = 4  # of microslip, at which all of a joint slips,
+    angles_read: int = 10  # and where the forces in the runs are read
     exponents: int = 2
-    contacts: tuple[float, ...] = (0.15,)  # of its second contact, as shares of the largest stiffness,
-    joint_gaps: int = 8  # and of its gap
+    contact: float = 0.15  # of a second contact, as a share of the largest stiffness,
+    joint_gaps: int = 2  # and of its gap,
+    joint_gaps_read: int = 8  # and where the forces in the runs are read
     forces: int = 30  # of friction, where its two stiffnesses are those of the lowest and the highest level
 
 
@@ -137,24 +139,28 @@ class Sliding(LawStrategy):
 
 
 class Microslip(LawStrategy):
-    """Joints that slip part by part: with and without a second contact."""
+    """Joints that slip part by part, a second contact closing at larger angles."""
 
     readable = True
 
     def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
-        """Points along every number; the contact's at some tenths of the joint's stiffness, or none."""
-        angle, exponent, contact, gap = hypothesis.free
-        contacts = np.array([0.0, *GRID.contacts]) * contact.high
-        return [axis(angle, GRID.angles), axis(exponent, GRID.exponents), contacts, axis(gap, GRID.joint_gaps)]
-
-    def points(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
-        """Of points without a second contact one for all of its gaps."""
-        first = self.axes(hypothesis, rest)[-1][0]
-        yield from (u for u in super().points(hypothesis, rest) if u[3] > 0 or u[4] == first)
+        """Few points along every number: motions take long, and the forces in the runs tell more."""
+        return _slip_axes(hypothesis, GRID.angles, GRID.joint_gaps)
 
     def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
-        """With a second contact, which a descent can take away and not add: without one its gap tells nothing."""
-        yield from (u for u in self.points(hypothesis, rest) if u[3] > 0)
+        """A finer grid."""
+        axes = _slip_axes(hypothesis, GRID.angles_read, GRID.joint_gaps_read)
+        yield from (np.array([rest.calm.u[0], *point]) for point in itertools.product(*axes))
+
+
+def _slip_axes(hypothesis: Hypothesis, angles: int, gaps: int) -> list[FloatArray]:
+    """Points along the numbers of a joint that slips.
+
+    All have a second contact, which a descent can take away and not add: without one its gap tells nothing.
+    """
+    angle, exponent, contact, gap = hypothesis.free
+    contacts = GRID.contact * np.array([contact.high])
+    return [axis(angle, angles), axis(exponent, GRID.exponents), contacts, axis(gap, gaps)]
 
 
 class Uneven(LawStrategy):

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigtwin.gap.model.linear import towards_damping
 from rigtwin.gap.model.motions import Drive, Solved
-from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.frequency.harmonic_balance import Balance, amounts_of
 from rigtwin.rotor.frequency.periodic_force import real_form
 from rigtwin.rotor.model.arrays import ComplexArray
 
@@ -62,8 +62,7 @@ class MotionSlopes:
         (n_freq, K, n_joints) of the joints and (n_freq, n_channels) of the sensors
         """
         drive, solved = self.drive, self.solved
-        exciter = np.broadcast_to(drive.force[:, None, None], (*forces.shape[:2], 1))
-        amounts = np.concatenate([-forces, exciter], axis=2)
+        amounts = amounts_of(forces, drive.force)
         states = other.resolvent(drive.omega, other.loads @ amounts[..., None])[..., 0]
         joints = states @ other.left.T - solved.states @ solved.balance.left.T
         sensors = states[:, 1] @ drive.read_out(other).T - solved.states[:, 1] @ drive.read_out(solved.balance).T

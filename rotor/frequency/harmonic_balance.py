@@ -273,6 +273,23 @@ def jacobian(H: ComplexArray, DN: ComplexArray) -> FloatArray:
     return np.eye(n) + np.concatenate([rows.real, rows.imag[:, 1:]], axis=1).reshape(B, n, n)
 
 
+def amounts_of(forces: ComplexArray, force_amplitude: FloatArray | float) -> ComplexArray:
+    """What a balance's loads are multiplied by: the joints' forces, which pull back, and the exciting force.
+
+    Parameters
+    ----------
+    forces : (B, K, n_joints) [N]
+    force_amplitude : (B,) or one [N]
+
+    Returns
+    -------
+    (B, K, n_joints + 1) [N]
+    """
+    amounts = np.empty((*forces.shape[:2], forces.shape[2] + 1), dtype=complex)
+    amounts[..., :-1], amounts[..., -1:] = -forces, _of_motions(force_amplitude)
+    return amounts
+
+
 def _of_motions(force_amplitude: FloatArray | float) -> FloatArray:
     """(B or 1, 1, 1) amplitudes that go with (B, K, n) phasors."""
     return np.reshape(force_amplitude, (-1, 1, 1))
@@ -320,8 +337,7 @@ class Motions:
     @property
     def states(self) -> ComplexArray:
         """(n, K, n_states) peak phasors of the linear part's states, in the coordinates of A's eigenvectors."""
-        drive = np.broadcast_to(_of_motions(self.force_amplitude), (*self.joints.shape[:2], 1))
-        amounts = np.concatenate([-self.forces, drive], axis=2)
+        amounts = amounts_of(self.forces, self.force_amplitude)
         return self.balance.resolvent(2 * np.pi * self.frequency_hz, self.balance.loads @ amounts[..., None])[..., 0]
 
     def acceleration(self, plane: int | None = None) -> ComplexArray:

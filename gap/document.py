@@ -24,7 +24,9 @@ Number = Annotated[float, BeforeValidator(lambda value: math.nan if value is Non
 
 Verdict = Literal["no_gap", "cause", "ambiguous", "unknown", "not_enough_data"]
 Regime = Literal["linear", "amplitude_dependent", "measurement_chain", "spin_dependent"]
-LocationKind = Literal["node", "position", "bearings", "disks", "shaft", "sensor", "exciter", "rigid_support", "raster"]
+LocationKind = Literal[
+    "node", "position", "bearings", "disks", "joints", "shaft", "sensor", "exciter", "rigid_support", "raster"
+]
 
 
 @dataclass(frozen=True)

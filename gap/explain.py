@@ -156,8 +156,7 @@ def _at_several_levels(runs: Sequence[Run]) -> list[int]:
     """Runs on supports that were measured at more than one level."""
     levels: dict[str, set[float]] = {}
     for run in runs:
-        if run.force_amplitude_N is not None:
-            levels.setdefault(run.support, set()).add(run.force_amplitude_N)
+        levels.setdefault(run.support, set()).update(run.levels)
     return [r for r, run in enumerate(runs) if len(levels.get(run.support, ())) > 1]
 
 

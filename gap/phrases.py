@@ -12,6 +12,7 @@ from rigtwin.sim.campaign import SupportKind
 PLACES = {
     "bearings": "at the bearings",
     "disks": "at the disks",
+    "joints": "in the joints",
     "shaft": "along the shaft",
     "sensor": "at every sensor",
     "exciter": "at the exciter",

@@ -99,6 +99,27 @@ class Run:
         force = None if self.force_N is None else self.force_N[lines]
         return replace(self, frequency_hz=some, H=self.H[lines], std=std, harmonics={}, swept_hz=swept, force_N=force)
 
+    @property
+    def forces(self) -> FloatArray:
+        """(n_freq,) peak force of each line [N]: as recorded, or the run's own; 1 where nobody knows it."""
+        if self.force_N is not None:
+            return self.force_N
+        return np.full(len(self.frequency_hz), self.force_amplitude_N or 1.0)
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Force levels that the run was made at [N]: one, both ends under response control, none where unknown."""
+        if self.control == "response" and self.force_N is not None:
+            return float(self.force_N.min()), float(self.force_N.max())
+        return () if self.force_amplitude_N is None else (self.force_amplitude_N,)
+
+    def at_force(self, factor: float) -> Run:
+        """The same run under forces so many times as large; its response per newton stays."""
+        if factor == 1:
+            return self
+        force = None if self.force_N is None else factor * self.force_N
+        return replace(self, force_amplitude_N=factor * (self.force_amplitude_N or 1.0), force_N=force)
+
     def as_recorded(self, H: ComplexArray) -> np.ndarray:
         """A model's response (n_freq, n_channels) as this run holds its own: magnitudes where no phase was recorded."""
         return np.abs(H) if self.magnitude_only else H
@@ -135,6 +156,9 @@ class PeakList:
 # Standard deviations of the logarithm of a damping: of one that somebody states, and of one that nobody does.
 STATED_DAMPING, UNKNOWN_DAMPING = 0.1, 0.7
 
+# The same of the stiffness of a joint: a lap joint that was opened and bolted again comes back so differently.
+USUAL_JOINT = 0.3
+
 # Relative drift of a resonance from run to run where nobody states one.
 USUAL_DRIFT = 1e-4
 
@@ -143,7 +167,8 @@ USUAL_DRIFT = 1e-4
 class NominalBelief:
     """What the nominal model assumes about this rig before any diagnosis, and how well the workshop knows it.
 
-    A tolerance is a relative standard deviation, that of a damping or a tilt stiffness one of the logarithm. A
+    A tolerance is a relative standard deviation, that of a damping, a tilt stiffness or a joint one of the
+    logarithm. A
     repeatability of None is learned from the runs.
     """
 
@@ -158,6 +183,7 @@ class NominalBelief:
     shaft_damping_tolerance: float = STATED_DAMPING
     bearing_damping_tolerance: float = STATED_DAMPING
     tilt_tolerance: float = UNKNOWN_DAMPING  # of supports that hold the shaft's slope
+    joint_tolerance: float = USUAL_JOINT  # of each joint's stiffness
     sensor_mass_kg: float = 0.0  # of every accelerometer that stays mounted
 
     @property

@@ -80,6 +80,7 @@ class _NominalTable(_Table):
     shaft_damping_tolerance: NonNegative | None = None
     bearing_damping_tolerance: NonNegative | None = None
     tilt_tolerance: NonNegative = NominalBelief.tilt_tolerance
+    joint_tolerance: NonNegative = NominalBelief.joint_tolerance
     sensor_mass_kg: NonNegative = NominalBelief.sensor_mass_kg
 
 

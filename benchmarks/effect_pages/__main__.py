@@ -181,9 +181,9 @@ def latex(law: ForceLaw) -> str:
 
 
 def _rotor() -> Any:
-    from benchmarks.effect_pages.plots import paper_rotor
+    from benchmarks.effect_pages.plots import jointed_rotor
 
-    return paper_rotor(1)
+    return jointed_rotor(1)
 
 
 # -- references ----------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ from benchmarks.effect_pages.plots import (
     curves,
     force_law,
     frame,
+    jointed_rotor,
     lines_hz,
     on_both_supports,
     paper_rotor,
@@ -47,6 +48,7 @@ from rigtwin.rotor.effects import (
     ForceDropout,
     Gyroscopic,
     HubStiffening,
+    JointMicroslip,
     MeasuredJoint,
     OpenCrack,
     PedestalFlexibility,
@@ -62,6 +64,7 @@ from rigtwin.rotor.effects import (
     ViscoelasticSupport,
 )
 from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness
+from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.frequency.whirl import campbell, unbalance_response
@@ -261,6 +264,41 @@ def hysteresis(effect: BearingFriction, reaches_m: Sequence[float]) -> Panel:
     return draw
 
 
+def _of_angle(effect: JointMicroslip, angles: FloatArray) -> ComplexArray:
+    """(n,) complex stiffness of a joint over that at rest, for amplitudes of its angle [rad]."""
+    balance = Balance(build_model(jointed_rotor(1), BEARING, [effect]), BEARING, harmonics=1)
+    joints = np.stack([0 * angles, angles], axis=1)[..., None].astype(complex)
+    return 1 + balance.forces.harmonics(joints)[:, 1, 0] / (jointed_rotor(1).joint_tilt_stiffness[0] * angles)
+
+
+def joint_loss(exponents: Sequence[float]) -> Panel:
+    """Loss factor of a joint over the amplitude of its angle."""
+
+    def draw(ax: Axes) -> None:
+        angles = np.geomspace(1e-3, 1.0, 120)
+        for colour, p in zip(COLOURS, exponents, strict=False):
+            loss = _of_angle(JointMicroslip(angle=1.0, exponent=p), angles).imag
+            ax.loglog(angles, loss, color=colour, linewidth=1.3, label=f"p = {p:g}")
+        ax.set_ylim(1e-5, 1.0)
+        frame(ax, "loss factor", (1e-3, 1.0), "Im k/k₀", "amplitude of the angle over θ_s")
+
+    return draw
+
+
+def joint_stiffness(exponents: Sequence[float]) -> Panel:
+    """Stiffness of a joint over the amplitude of its angle, with and without a second contact."""
+
+    def draw(ax: Axes) -> None:
+        angles = np.geomspace(1e-3, 0.3, 120)
+        for colour, p in zip(COLOURS, exponents, strict=False):
+            for style, contact in (("-", 0.0), ("--", 0.3)):
+                effect = JointMicroslip(angle=1.0, exponent=p, contact=contact, gap=0.03)
+                ax.semilogx(angles, _of_angle(effect, angles).real, style, color=colour, linewidth=1.3)
+        frame(ax, "stiffness", (1e-3, 0.3), "Re k/k₀", "amplitude of the angle over θ_s")
+
+    return draw
+
+
 # -- the figures ---------------------------------------------------------------------------------
 
 
@@ -411,6 +449,11 @@ FIGURES: dict[str, EffectFigure] = {
          force_law(_STATOR, 1.5e-4, linear=0.0)),
         "A stator at node 4, k_s = 1 MN/m, g = 50 µm.",
         _BALANCED,
+    ),
+    "joint_microslip": EffectFigure(
+        (joint_loss((0.7, 1.0, 1.7)), joint_stiffness((0.7, 1.0, 1.7))),
+        "The joint alone. Dashed: with a second contact, c = 0.3, that closes at g = 0.03 θ_s.",
+        "Fundamental of the moment over that of the angle.",
     ),
     "sensor_gain": EffectFigure(
         (response({f"γ = {g:g}": [SensorGain(gain=g)] for g in (0.8, 1.2)}),),

@@ -22,7 +22,7 @@ from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.geometry.rig import Joint, load_rig
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model, build_system
@@ -71,6 +71,13 @@ _PALETTE = 128
 def paper_rotor(elements: int = 4) -> Structure:
     """The paper's rotor, four elements between nodes."""
     return assemble(load_rig("nit-rourkela"), elements_between_nodes=elements)
+
+
+def jointed_rotor(elements: int = 4) -> Structure:
+    """The same with a joint of 20 kN m/rad in its middle."""
+    joint = Joint(node=4, tilt_stiffness_Nm_per_rad=2e4)
+    rig = load_rig("nit-rourkela").model_copy(update={"joint": [joint]})
+    return assemble(rig, elements_between_nodes=elements)
 
 
 def save(panels: Sequence[Panel], path: Path) -> None:

@@ -4,6 +4,7 @@
 #include <math.h>
 
 const Law LAWS[N_LAWS] = {
+    {"spring", 0, 0},
     {"cubic", 0, 1},
     {"clearance", 0, 1},
     {"hertz", 0, 0},
@@ -11,6 +12,12 @@ const Law LAWS[N_LAWS] = {
     {"contact", 0, 1},
     {"jenkins", 1, 0},
 };
+
+static double spring(double x, double k, double *derivatives)
+{
+    derivatives[0] = k;
+    return k*x;
+}
 
 static double cubic(double x, double k3, double *derivatives)
 {
@@ -101,6 +108,8 @@ static double jenkins(double x, double x_before, double force_before, double k, 
 double law_force(int law, const double *variables, const double *coefficients, double *derivatives)
 {
     switch (law) {
+    case LAW_SPRING:
+        return spring(variables[0], coefficients[0], derivatives);
     case LAW_CUBIC:
         return cubic(variables[0], coefficients[0], derivatives);
     case LAW_CLEARANCE:

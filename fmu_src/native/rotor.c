@@ -10,6 +10,7 @@
 #define TWO_PI 6.283185307179586
 #define MOST_ENTRIES 8             /* of a pattern: a point between two mesh nodes, and a base */
 #define MOST_LAWS (4 + SEAT_PARTS) /* at a bearing */
+#define JOINT_LAWS (2 + JOINT_PARTS) /* in a joint: a spring, parts that slip, a contact */
 
 /* Where a plane's (w, slope) at both ends of an element are among its eight degrees of freedom, with their signs. */
 static const int PLACES[2][4] = {{0, 3, 4, 7}, {1, 2, 5, 6}};
@@ -605,6 +606,39 @@ static void add_at_nodes(Assembly *a)
     add_force(a, contact, LAW_CONTACT, d->rub.stiffness, d->rub.gap, SHARP * d->rub.gap, 0);
 }
 
+/* The laws of the angle between the two sections of a joint, whose stiffness against it is k. */
+static void add_joint_laws(Assembly *a, int joint, double k)
+{
+    const Design *d = a->d;
+    const int left = DOF * a->s->joint_node[joint];
+    Pattern angle[2] = {{0, {0}, {0}}, {0, {0}, {0}}};
+    for (int plane = 0; plane < 2; plane++) {
+        const int place = left + PLACES[plane][1];
+        put(&angle[plane], place + DOF, SIGNS[plane][1]);
+        put(&angle[plane], place, -SIGNS[plane][1]);
+    }
+    if (!isinf(d->joint_microslip.angle)) {
+        double above = 1;
+        for (int part = 0; part < JOINT_PARTS; part++) {
+            const double border = part + 1 < JOINT_PARTS ? pow(JOINT_RATIO, -0.5 - part) : 0;
+            const double below = pow(border, d->joint_microslip.exponent), stiffness = (above - below) * k;
+            add_force(a, angle, LAW_JENKINS, stiffness, stiffness * (d->joint_microslip.angle * pow(JOINT_RATIO, -part)), 0, 0);
+            above = below;
+        }
+        add_force(a, angle, LAW_SPRING, -k, 0, 0, 0);
+    }
+    if (d->joint_microslip.contact != 0)
+        add_force(a, angle, LAW_CONTACT, d->joint_microslip.contact * k, d->joint_microslip.gap,
+                  SHARP * d->joint_microslip.gap, 0);
+}
+
+static void add_in_joints(Assembly *a)
+{
+    for (int joint = 0; joint < a->s->n_joints; joint++)
+        if (!isinf(a->s->joint_tilt_stiffness[joint]))
+            add_joint_laws(a, joint, a->s->joint_tilt_stiffness[joint]);
+}
+
 /* -- all together ------------------------------------------------------------------------------------------------ */
 
 int system_most(const Structure *structure)
@@ -616,7 +650,7 @@ int system_most(const Structure *structure)
 void system_memory(const Structure *structure, int *doubles, int *ints, int *forces)
 {
     const int size = system_most(structure);
-    *forces = MOST_LAWS * n_bearings(structure) + 1; /* and a rub */
+    *forces = MOST_LAWS * n_bearings(structure) + JOINT_LAWS * structure->n_joints + 1; /* and a rub */
     *doubles = 5 * size * size + 2 * *forces * size;
     *ints = 3 * size;
 }
@@ -690,6 +724,7 @@ const char *system_build(System *system, const Structure *structure, const Desig
     if (wrong)
         return wrong;
     add_at_nodes(&a);
+    add_in_joints(&a);
     keep_free(system, &a);
     system->n_forces = a.n_forces;
     return 0;

@@ -108,12 +108,17 @@ def _stretches(n: int) -> int:
 def _measure_corrected(
     problem: Problem, fit: Fit, after: Sequence[ComplexArray], masks: Sequence[BoolArray], confirm: Confirm
 ) -> tuple[Sequence[ComplexArray], Sequence[BoolArray], str]:
-    """The corrected runs as the virtual rig measures them, the held-out lines that it measured, and what measured."""
+    """The corrected runs as the virtual rig measures them, the held-out lines that it measured, and what measured.
+
+    The virtual rig holds its force, so that motions whose size depends on the force of each line have no figure.
+    """
+    if nonlinear(fit.effects) and any(run.force_N is not None for run in problem.runs):
+        return after, masks, "model"
     held_out = zip(problem.runs, masks, strict=True)
     lines = [lines_to_measure(mask, acting(fit.effects, run.support)) for run, mask in held_out]
     levels = np.exp(fit.nu[problem.nuisances.level])
     asked = zip(problem.runs, lines, levels, strict=True)
-    some = [_with_force(run.on_lines(chosen), float(level)) for run, chosen, level in asked]
+    some = [run.on_lines(chosen).at_force(float(level)) for run, chosen, level in asked]
     try:
         measured, verified = confirm(some, fit.effects, fit.k_b)
     except (NotSettledError, SetupError):  # the virtual rig has no figure
@@ -126,11 +131,6 @@ def _measure_corrected(
         whole = whole / level if run.quantity == "acceleration" else whole
         corrected.append(whole * ratios[r])
     return corrected, [mask & chosen for mask, chosen in zip(masks, lines, strict=True)], verified
-
-
-def _with_force(run: Run, factor: float) -> Run:
-    """A run under a force so many times as large."""
-    return run if factor == 1 else replace(run, force_amplitude_N=(run.force_amplitude_N or 1.0) * factor)
 
 
 def lines_to_measure(held_out: BoolArray, effects: Sequence[Effect]) -> BoolArray:

@@ -152,8 +152,7 @@ def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
     run = _template(problem.runs, "bearing", lines)
     here = f"on {supports(run.support)} at node {run.excitation_node}"
     if any(nonlinear(fit.effects) for fit in fits):
-        force = run.force_amplitude_N or 1.0
-        levels = tuple(replace(run, force_amplitude_N=factor * force) for factor in PROPOSED.levels)
+        levels = tuple(run.at_force(factor) for factor in PROPOSED.levels)
         made.append(Proposal(f"Drive the rotor {here} at a third and at three times the force", levels))
     else:
         made += _with_known_mass(run, structure, here)
@@ -194,7 +193,15 @@ def _template(runs: Sequence[Run], support: SupportKind, lines: FloatArray) -> R
     run = max(alike, key=lambda r: (r.force_amplitude_N or 0.0, len(r.channels)))
     H = _no_response(lines, run.channels)
     return replace(
-        run, support=support, frequency_hz=lines, H=H, std=None, harmonics={}, swept_hz=None, name="proposed"
+        run,
+        support=support,
+        frequency_hz=lines,
+        H=H,
+        std=None,
+        harmonics={},
+        swept_hz=None,
+        force_N=None,
+        name="proposed",
     )
 
 

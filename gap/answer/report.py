@@ -44,6 +44,9 @@ class Outcome:
     curves: tuple[Curve, ...]
 
 
+Findings = tuple[Finding, ...]
+
+
 @dataclass(frozen=True)
 class Answer:
     """What was found about a campaign, before it is put into words."""
@@ -70,7 +73,7 @@ class Answer:
 def report(
     campaign: Campaign,
     answer: Answer,
-    findings: tuple[Finding, ...],
+    findings: Findings,
     exclude: Sequence[str],
     confirm: Confirm | None,
     clock: Clock,
@@ -90,7 +93,6 @@ def report(
     curves = _curves(answer, named, joint)
     where = _where(answer, named, curves, findings, joint)
     clock.lap("where")
-    shrink = _shrink(answer, named.best, confirm, clock)
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
@@ -101,7 +103,7 @@ def report(
         causes=named.causes,
         equivalent=named.equivalent,
         next_test=_next_test(campaign, answer, findings, named),
-        shrink=shrink,
+        shrink=_shrink(answer, named.best, confirm, clock),
         audit=(*findings, *_repeatability_findings(answer.problem, named.best), *_noise_finding(answer)),
         excluded=tuple(exclude),
         unknown_score=_doubt(answer.standing),

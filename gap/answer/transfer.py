@@ -121,14 +121,13 @@ class _Test:
 
     def _follow(self, run: Run, best: Fit) -> Run:
         """Some lines of a run with the corrected model's response, which says on which branch its motions are."""
-        hz = run.frequency_hz[:: NONLINEAR.every]
-        run = replace(run, frequency_hz=hz, H=run.H[:: NONLINEAR.every], magnitude_only=False)
+        run = replace(run.on_lines(slice(None, None, NONLINEAR.every)), magnitude_only=False)
         there = acting(best.effects, run.support)
         modal = self._forward.made(with_data=False).modal(run, best.k_b, there).as_nonlinear
         assert modal is not None
         swept = modal.motions(None, best.nu[self._nuisances.tolerance])
         found = swept.converged
-        run = replace(run, frequency_hz=hz[found], H=swept.H[found])
+        run = replace(run, H=swept.H).on_lines(found)
         by_data = self._modal(run, best.u).as_nonlinear
         assert by_data is not None
         by_data.begin_with(swept.joints[found])

@@ -243,9 +243,9 @@ def candidates(
     nonlinear : the nonlinear effects, or else the linear ones
     """
     found: list[Hypothesis] = []
-    scale = scale_of(structure, max((run.force_amplitude_N or 0.0 for run in runs), default=0.0))
+    scale = scale_of(structure, max((max(run.levels, default=0.0) for run in runs), default=0.0))
     for name, effect in EFFECTS.items():
-        if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs):
+        if name in exclude or (effect.family == "nonlinear") != nonlinear or not _may_act(effect, runs, structure):
             continue
         found += _at_every_place(effect, runs, structure, scale)
     total = sum(h.prior for h in found)
@@ -264,14 +264,16 @@ def _at_every_place(
     return [Hypothesis((term,), 1.0 / len(terms)) for term in terms]
 
 
-def _may_act(effect: type[Effect], runs: Sequence[Run]) -> bool:
-    """Whether runs like these could show the effect, and a diagnosis may name it."""
+def _may_act(effect: type[Effect], runs: Sequence[Run], structure: Structure) -> bool:
+    """Whether runs like these of this rotor could show the effect, and a diagnosis may name it."""
     if not effect.is_candidate:
         return False
     supports = {run.support for run in runs}
     if effect.location == "bearings" and "bearing" not in supports:
         return False
     if effect.location == "rigid_support" and "rigid" not in supports:
+        return False
+    if effect.location == "joints" and not structure.tilting_joints:
         return False
     if effect.family == "spinning" and not any(run.spin_rpm for run in runs):
         return False

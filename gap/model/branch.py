@@ -114,7 +114,7 @@ class Branch:
         if start in _PHASES:
             return self.measured_motion(balance, _PHASES[start])[lines]
         if start == "linear":
-            return self.drive.force * balance.receptance(self.drive.omega[lines])[1]
+            return self.drive.force[lines, None, None] * balance.receptance(self.drive.omega[lines])[1]
         return best.joints[np.clip(lines + (1 if start == "right" else -1), 0, len(best.omega) - 1)]
 
     def measured_motion(self, balance: Balance, phase: float | None = None) -> ComplexArray:
@@ -144,9 +144,9 @@ class Branch:
         """
         drive, run = self.drive, self.drive.run
         sensors, joints = drive.by_force(balance)
-        linear = sensors[:, :, -1] * drive.force
+        linear = sensors[:, :, -1] * drive.force[:, None]
         there = np.isfinite(run.H)
-        y = np.where(there, np.nan_to_num(run.H) / (drive.unit * drive.scale), linear)
+        y = np.where(there, np.nan_to_num(run.H) / drive.scale, linear)
         if run.magnitude_only:
             y = linear if phase is None else np.abs(y) * np.exp(1j * (np.angle(linear) + phase))
         elif run.quantity == "acceleration":  # of an arbitrary scale
@@ -155,7 +155,7 @@ class Branch:
         felt = np.where(there[..., None], sensors[:, :, :-1], 0.0)
         N = (np.linalg.pinv(felt, rcond=1e-3) @ (linear - y)[..., None])[..., 0]
         start = np.zeros((len(linear), balance.harmonics + 1, balance.n_joints), dtype=complex)
-        start[:, 1] = joints[:, :, -1] * drive.force - (joints[:, :, :-1] @ N[..., None])[..., 0]
+        start[:, 1] = joints[:, :, -1] * drive.force[:, None] - (joints[:, :, :-1] @ N[..., None])[..., 0]
         return start, N
 
 

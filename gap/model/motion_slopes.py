@@ -9,7 +9,7 @@ import numpy as np
 
 from rigtwin.gap.model.linear import towards_damping
 from rigtwin.gap.model.motions import Drive, Solved
-from rigtwin.rotor.frequency.harmonic_balance import Balance
+from rigtwin.rotor.frequency.harmonic_balance import Balance, amounts_of
 from rigtwin.rotor.frequency.periodic_force import real_form
 from rigtwin.rotor.model.arrays import ComplexArray
 
@@ -38,7 +38,8 @@ class MotionSlopes:
     def by_level(self) -> ComplexArray:
         """By the logarithm of the force; zero where the rotor is linear."""
         drive, balance = self.drive, self.solved.balance
-        states = drive.force * balance.resolvent(drive.omega, balance.loads)[..., -1:]  # (n_freq, K, n_states, 1)
+        states = balance.resolvent(drive.omega, balance.loads)[..., -1:]  # (n_freq, K, n_states, 1)
+        states = drive.force[:, None, None, None] * states
         return self._answer(balance.left @ states, drive.read_out(balance) @ states[:, 1]) - self.solved.H
 
     def by_rotors(self, others: Sequence[Balance], step: float) -> ComplexArray:
@@ -61,7 +62,7 @@ class MotionSlopes:
         (n_freq, K, n_joints) of the joints and (n_freq, n_channels) of the sensors
         """
         drive, solved = self.drive, self.solved
-        amounts = np.concatenate([-forces, np.full((*forces.shape[:2], 1), drive.force)], axis=2)
+        amounts = amounts_of(forces, drive.force)
         states = other.resolvent(drive.omega, other.loads @ amounts[..., None])[..., 0]
         joints = states @ other.left.T - solved.states @ solved.balance.left.T
         sensors = states[:, 1] @ drive.read_out(other).T - solved.states[:, 1] @ drive.read_out(solved.balance).T
@@ -82,5 +83,5 @@ class MotionSlopes:
         dX = (inverse @ flat).reshape(len(inverse), *DN.shape[2:], m)
         dN = np.einsum("fjun,funm->fjm", DN, dX, optimize=True)
         to_sensors = drive.read_out(balance) @ balance.resolvent(drive.omega, balance.loads)[:, 1, :, :-1]
-        change = drive.unit * drive.scale[:, :, None] * (own - to_sensors @ dN)
+        change = drive.scale[:, :, None] * (own - to_sensors @ dN)
         return np.moveaxis(np.where(np.isfinite(change), change, 0.0), 2, 0)

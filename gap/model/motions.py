@@ -79,19 +79,20 @@ class Drive:
         return 2 * np.pi * self.run.frequency_hz
 
     @property
-    def force(self) -> float:
-        """True force [N]."""
-        return (self.run.force_amplitude_N or 1.0) * float(np.exp(self.level))
-
-    @property
-    def unit(self) -> float:
-        """What a motion is multiplied by: one over the force, or for accelerations over its error alone."""
-        return float(np.exp(-self.level)) if self.run.quantity == "acceleration" else 1 / self.force
+    def force(self) -> FloatArray:
+        """(n_freq,) true force of each line [N]."""
+        return self.run.forces * float(np.exp(self.level))
 
     @property
     def scale(self) -> ComplexArray:
-        """(n_freq, n_channels or 1) of what is reported over displacements: powers of i omega, and the channels'."""
-        return (1j * self.omega[:, None]) ** DERIVATIVE_ORDER[self.run.quantity] * self.chain
+        """(n_freq, n_channels or 1) of what is reported over displacements: powers of i omega, per force or, of
+        accelerations, per its error alone, and the channels' factors."""
+        unit = np.full_like(self.force, np.exp(-self.level)) if self.run.quantity == "acceleration" else 1 / self.force
+        return (unit * (1j * self.omega) ** DERIVATIVE_ORDER[self.run.quantity])[:, None] * self.chain
+
+    def force_at(self, hz: float) -> float:
+        """True force at a frequency [N], between two lines even and beyond the last one as there."""
+        return float(np.interp(hz, self.run.frequency_hz, self.force))
 
     def read_out(self, balance: Balance) -> ComplexArray:
         """(n_channels, n_states) displacements that the sensors read of the states."""
@@ -114,9 +115,9 @@ class Drive:
         tells : what Newton's method would change next, relative, of a motion that still tells a slope
         """
         at = slice(None) if lines is None else lines
-        motions = balance.solve(self.run.frequency_hz[at], self.force, start, iterations=iterations)
+        motions = balance.solve(self.run.frequency_hz[at], self.force[at], start, iterations=iterations)
         states = motions.states
-        H = self.unit * self.scale[at] * (states[:, 1] @ self.read_out(balance).T)
+        H = self.scale[at] * (states[:, 1] @ self.read_out(balance).T)
         usable: BoolArray = np.asarray(np.isfinite(H).all(axis=1), dtype=bool)
         assert motions.off is not None
         near = usable & (motions.converged | (motions.off <= tells))

@@ -173,8 +173,8 @@ class NonlinearModal(RunModel):
         from the response; (n_freq, n_channels) the response without any
         """
         drive, balance = self.drive, _drift_poles(*self._with_tolerance(tolerance), drift)
-        sensors = drive.unit * drive.scale[:, :, None] * drive.by_force(balance)[0]
-        return self.branch.measured_motion(balance), sensors[:, :, :-1], drive.force * sensors[:, :, -1]
+        sensors = drive.scale[:, :, None] * drive.by_force(balance)[0]
+        return self.branch.measured_motion(balance), sensors[:, :, :-1], drive.force[:, None] * sensors[:, :, -1]
 
 
 def _drift_poles(plain: Balance, mode: IntArray, drift: ComplexArray) -> Balance:

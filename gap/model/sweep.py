@@ -48,7 +48,7 @@ def _follow(drive: Drive, balance: Balance, hz_before: float, before: ComplexArr
     shortest = _STEPS.shortest * abs(step)
     while here != hz:
         there = hz if abs(step) >= abs(hz - here) else here + step
-        motions = balance.solve(there, drive.force, X[None])
+        motions = balance.solve(there, drive.force_at(there), X[None])
         new = motions.joints[0]
         if motions.converged[0] and np.linalg.norm(new - X) < _STEPS.jump * np.linalg.norm(new):
             here, X, step = there, new, 2 * step
@@ -63,7 +63,8 @@ def _land(drive: Drive, balance: Balance, hz: float) -> ComplexArray | None:
     """The motion that is come to from beyond the line, where there is one motion only."""
     sign = -1 if drive.run.sweep == "down" else 1
     for way in _STEPS.beyond:
-        motions = balance.solve(hz * (1 + sign * way), drive.force)
+        beyond = hz * (1 + sign * way)
+        motions = balance.solve(beyond, drive.force_at(beyond))
         if motions.converged[0]:
             X = _follow(drive, balance, float(motions.frequency_hz[0]), motions.joints[0], hz)
             if X is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from rigtwin.gap.model.linear import MODES, Group, Modal
 from rigtwin.gap.model.workshop import STEP, Tolerance
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.structure import DOF_PER_NODE
 from rigtwin.rotor.model.system import LinearSystem
 
 
@@ -103,6 +104,9 @@ def sensitivity_of(
         "modulus": strain / 2,
         "span": -1.5 * strain - 0.5 * np.clip(1 - sum(bodies.values(), np.zeros(count)), 0.0, 1.0),
     }
+    for each in tolerances:
+        if each.joint:
+            slopes[each.name] = _strain_in_joint(system, Phi, each.joint - 1) / (2 * omega**2)
     if "shaft_damping_ratio" not in replaced:
         slopes["shaft_damping_ratio"] = 1j * system.shaft_damping_ratio * strain
     if "bearing_damping" not in replaced:
@@ -117,3 +121,15 @@ def _kinetic_share(system: LinearSystem, Phi: FloatArray, body: Tolerance) -> Fl
     """(n_modes,) share of a disk or a lumped mass in each mode's kinetic energy, of its motion or its tilting."""
     places = 4 * int(system.structure.stations[body.node - 1]) + np.arange(2) + (2 if body.tilts else 0)
     return np.sum(body.value * Phi[(system.free[:, None] == places).any(axis=1)] ** 2, axis=0)
+
+
+def _strain_in_joint(system: LinearSystem, Phi: FloatArray, joint: int) -> FloatArray:
+    """(n_modes,) twice the strain energy of a joint's springs in each mode; what is rigid has none [rad^2/s^2]."""
+    structure, full = system.structure, np.zeros((system.structure.n, Phi.shape[1]))
+    own = system.free < structure.n
+    full[system.free[own]] = Phi[own]
+    left = DOF_PER_NODE * int(structure.joint_node[joint]) + np.arange(DOF_PER_NODE)
+    stiffness = np.repeat([structure.joint_stiffness[joint], structure.joint_tilt_stiffness[joint]], 2)
+    soft = np.isfinite(stiffness)
+    opened = full[left[soft] + DOF_PER_NODE] - full[left[soft]]
+    return stiffness[soft] @ opened**2

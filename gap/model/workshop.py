@@ -2,8 +2,8 @@
 
 Every tolerance is the logarithm of a factor: on the shaft's modulus, on all lengths, on the mass of each disk and of
 each lumped mass, on the moments of inertia of each disk that has them in the model, on the tilt stiffness of supports
-that hold the slope, and on the two dampings. ``NominalBelief`` gives their standard deviations; a tolerance of zero is
-left out.
+that hold the slope, on the stiffness of each joint, and on the two dampings. ``NominalBelief`` gives their standard
+deviations; a tolerance of zero is left out.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ class Tolerance:
     value: float = 1.0  # as drawn, in the unit
     unit: str = "1"
     words: str = ""  # what the number is
+    joint: int = 0  # of the rig, from 1
     settled: float = 2e-5  # change from an anchor below which a fit would go nowhere else from a new one
 
     @property
@@ -169,6 +170,9 @@ def _tolerances(rig: Rig, belief: NominalBelief) -> Iterator[Tolerance]:
     if held:
         tilt = _common(held, "N.m/rad", "tilt stiffness of the supports")
         yield Tolerance("tilt", belief.tilt_tolerance, _held_tighter, **tilt, settled=_SETTLED_PART)
+    for k in range(len(rig.joint)):
+        change, words = partial(_joined_tighter, number=k), f"factor on the stiffness of joint {k + 1}"
+        yield Tolerance(f"joint_{k + 1}", belief.joint_tolerance, change, words=words, joint=k + 1)
     if zeta := belief.shaft_damping_ratio:
         shaft = {"value": zeta, "words": "damping ratio of the shaft"}
         yield Tolerance("shaft_damping_ratio", belief.shaft_damping_tolerance, **shaft, settled=_SETTLED_PART)
@@ -241,3 +245,12 @@ def _held_tighter(rig: Rig, factor: float) -> Rig:
         s if getattr(s, key) == "rigid" else s.model_copy(update={key: factor * getattr(s, key)}) for s in rig.support
     ]
     return rig.model_copy(update={"support": supports})
+
+
+def _joined_tighter(rig: Rig, factor: float, *, number: int) -> Rig:
+    """With other stiffnesses of one joint; what is rigid stays so, and the dashpots stay as they are."""
+    joints, keys = list(rig.joint), ("stiffness_N_per_m", "tilt_stiffness_Nm_per_rad")
+    joint = joints[number]
+    soft = {key: factor * value for key in keys if (value := getattr(joint, key)) != "rigid"}
+    joints[number] = joint.model_copy(update=soft)
+    return rig.model_copy(update={"joint": joints})

@@ -20,6 +20,7 @@ LOCATIONS = {
     "position": "any position along the shaft",
     "shaft": "the whole shaft",
     "disks": "every disk",
+    "joints": "every joint of the rig file whose sections can turn against each other",
     "bearings": "every bearing; nothing on rigid supports",
     "rigid_support": "every rigid support in place of a bearing; nothing on bearings",
     "exciter": "the exciter, at the drive node",

@@ -6,7 +6,7 @@ module            what it holds
 ``effect``        what an effect is: parameters, places, what it may add
 ``structure``     masses, shaft, disks, cracks
 ``supports``      bearings and what they stand on
-``nonlinear``     local force laws at the bearings or at a node
+``nonlinear``     local force laws at the bearings, at a node or in joints
 ``chain``         sensors, exciter, raster and sweep
 ``spinning``      gyroscopic moments and unbalance
 ``scale``         a rig's own units, in which ranges of numbers are stated

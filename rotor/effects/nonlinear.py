@@ -1,4 +1,4 @@
-"""Local nonlinear effects: force laws of ``rotor.model.force_laws`` at the bearings or at a node."""
+"""Local nonlinear effects: force laws of ``rotor.model.force_laws`` at the bearings, at a node or in the joints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from rigtwin.rotor.effects.effect import Effect, node, parameter
 from rigtwin.rotor.model.design import Design, JointLaw
-from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS
+from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, SPRING
 
 # Length over which a sharp corner of a law is rounded, relative to the law's own length: far below
 # anything a measurement sees, far above round-off.
@@ -19,6 +19,10 @@ SHARP_LENGTH = 1e-12
 
 # Parts of a bearing's seat that slip one after another [iwan1966].
 SEAT_PARTS = 5
+
+# Parts of a joint that slip one after another, and the ratio of the angles at which two neighbours do. Within these
+# parts the joint loses as much as a continuous law to within 15 %.
+JOINT_PARTS, JOINT_RATIO = 16, 1.5
 
 
 @dataclass(frozen=True)
@@ -275,3 +279,73 @@ class Rub(Effect):
         if self.stiffness:
             law = JointLaw(CONTACT, lambda _: (self.stiffness, self.gap, SHARP * self.gap))
             design.contacts.append((self.node, law))
+
+
+@dataclass(frozen=True)
+class JointMicroslip(Effect):
+    """The parts of a bolted joint slip one after another, the more of them the more it opens."""
+
+    id = "joint_microslip"
+    title = "Microslip in joints"
+    meaning = "the parts of every joint of the rig slip one after another; a second contact may close at larger angles"
+    equation = (
+        r"M = \sum_{i=1}^{n} M_i + c\,k\,(|\theta| - g)_+\,\mathrm{sign}\,\theta, \qquad"
+        r" \dot M_i = k_i\,\dot\theta \;\text{ while } |M_i| < k_i \theta_i, \quad |M_i| \le k_i \theta_i;"
+        rf"\qquad \theta_i = \theta_s\, {JOINT_RATIO}^{{1 - i}}, \quad"
+        r" \textstyle\sum_{\theta_j \le \theta_i} k_j \approx k\,(\theta_i / \theta_s)^{p}, \quad"
+        rf" n = {JOINT_PARTS}"
+    )
+    signature = "with more force, damping grows and frequencies fall; they rise again where a second contact closes"
+    source = "segalman2005"
+    location = "joints"
+    family = "nonlinear"
+
+    angle: float = parameter(
+        0.03,
+        "rad",
+        "Angle theta_s of the joint at which all of it slips",
+        1e-5,
+        0.1,
+        amplitude=1,
+        null=np.inf,
+        minimum=1e-9,
+        maximum=1e6,
+        log=True,
+    )
+    exponent: float = parameter(
+        1.0, "1", "Power p of the angle with which the loss factor grows", 0.5, 2.0, minimum=0.1, maximum=5.0, log=True
+    )
+    contact: float = parameter(
+        0.0,
+        "1",
+        "Stiffness c of the second contact over that of the joint; 0: there is none",
+        0.0,
+        0.5,
+        null=0.0,
+        minimum=0.0,
+        maximum=100.0,
+    )
+    gap: float = parameter(
+        1e-3,
+        "rad",
+        "Angle g at which the second contact closes",
+        1e-6,
+        0.01,
+        amplitude=1,
+        minimum=1e-9,
+        maximum=10.0,
+        log=True,
+    )
+
+    def add_to(self, design: Design) -> None:
+        """Jenkins elements in the place of every joint's tilt stiffness, and a contact beside them, in y and in z."""
+        lower = [JOINT_RATIO ** (-0.5 - part) for part in range(JOINT_PARTS - 1)]
+        borders = np.array([1.0, *lower, 0.0])  # of the parts' limits, over that of the last one to slip
+        shares = -np.diff(borders**self.exponent)
+        for part, share in enumerate(shares.tolist()):
+            limit = self.angle * JOINT_RATIO**-part
+            law = JointLaw(JENKINS, lambda k, share=share, limit=limit: (share * k, share * k * limit))
+            design.joint_laws.append(law)
+        design.joint_laws.append(JointLaw(SPRING, lambda k: (-k,)))
+        if self.contact:
+            design.joint_laws.append(JointLaw(CONTACT, lambda k: (self.contact * k, self.gap, SHARP * self.gap)))

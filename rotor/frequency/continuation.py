@@ -223,7 +223,7 @@ def _point(motion: Motions) -> _Point:
     joints, states = motion.joints[0], motion.states[0]
     tangent = np.zeros(_flat(joints).size + 1)
     omega = 2 * np.pi * float(motion.frequency_hz[0])
-    return _Point(omega, motion.force_amplitude, joints, states, tangent, np.zeros_like(states))
+    return _Point(omega, float(motion.force_amplitude), joints, states, tangent, np.zeros_like(states))
 
 
 class _Linearised:

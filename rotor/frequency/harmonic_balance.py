@@ -135,14 +135,14 @@ class Balance:
         return H[..., :-1], H[..., -1]
 
     def residual(
-        self, receptance: tuple[ComplexArray, ComplexArray], force_amplitude: float, joints: ComplexArray
+        self, receptance: tuple[ComplexArray, ComplexArray], force_amplitude: FloatArray | float, joints: ComplexArray
     ) -> tuple[FloatArray, FloatArray]:
         """Residual of the balance, and its derivative.
 
         Parameters
         ----------
         receptance : as from ``receptance``, at B frequencies
-        force_amplitude : [N]
+        force_amplitude : (B,) or one [N]
         joints : (B, K, n_joints) joint phasors [m]
 
         Returns
@@ -152,13 +152,13 @@ class Balance:
         """
         H, H_force = receptance
         N, DN = self.forces(joints)
-        R = joints - force_amplitude * H_force + (H @ N[..., None])[..., 0]
+        R = joints - _of_motions(force_amplitude) * H_force + (H @ N[..., None])[..., 0]
         return real_form(R).reshape(len(R), self.forces.n_unknowns * self.n_joints), jacobian(H, DN)
 
     def solve(
         self,
         frequency_hz: FloatArray | float,
-        force_amplitude: float,
+        force_amplitude: FloatArray | float,
         start: ComplexArray | None = None,
         *,
         iterations: int | None = None,
@@ -168,7 +168,7 @@ class Balance:
         Parameters
         ----------
         frequency_hz : (n,) or one [Hz]
-        force_amplitude : peak of the exciting force [N]
+        force_amplitude : (n,) or one, peak of the exciting force [N]
         start : (n, K, n_joints) joint phasors to start from [m]; by default the force is raised
             from zero in a few steps. That can fail in strongly nonlinear motion, and where there are several motions
             it is left to the start which is found: ``continuation`` follows them.
@@ -178,13 +178,13 @@ class Balance:
         -------
         motions, with reasons where none was found
         """
-        if not force_amplitude > 0:
+        if not np.all(np.asarray(force_amplitude) > 0):
             raise ValueError(f"the force's amplitude must be positive, got {force_amplitude} N")
         hz = np.atleast_1d(np.asarray(frequency_hz, dtype=float))
         receptance = self.receptance(2 * np.pi * hz)
         if start is None:
             share = _FIRST_SHARE
-            start = share * force_amplitude * receptance[1]
+            start = share * _of_motions(force_amplitude) * receptance[1]
             while share < 1:
                 start = 2 * _Newton(self, receptance, share * force_amplitude, start).run().joints
                 share *= 2
@@ -201,10 +201,11 @@ class _Newton:
         self,
         balance: Balance,
         receptance: tuple[ComplexArray, ComplexArray],
-        force_amplitude: float,
+        force_amplitude: FloatArray | float,
         start: ComplexArray,
     ):
-        self.balance, self.receptance, self.force_amplitude = balance, receptance, force_amplitude
+        self.balance, self.receptance = balance, receptance
+        self.force_amplitude = np.broadcast_to(force_amplitude, len(start))
         self.u = real_form(start).reshape(len(start), balance.forces.n_unknowns * balance.n_joints)
         R, J = balance.residual(receptance, force_amplitude, start)
         self.size, self.step = np.linalg.norm(R, axis=1), _solve(J, -R)
@@ -239,7 +240,8 @@ class _Newton:
         step, share = self.step[active], self.share[active]
         trial = self.u[active] + share[:, None] * step
         H, H_force = self.receptance
-        R, J = self.balance.residual((H[active], H_force[active]), self.force_amplitude, self._joints(trial))
+        force = self.force_amplitude[active]
+        R, J = self.balance.residual((H[active], H_force[active]), force, self._joints(trial))
         relative = np.linalg.norm(step, axis=1) / np.maximum(np.linalg.norm(self.u[active], axis=1), 1e-300)
         short = relative <= _CONVERGED
         size = np.linalg.norm(R, axis=1)
@@ -271,6 +273,28 @@ def jacobian(H: ComplexArray, DN: ComplexArray) -> FloatArray:
     return np.eye(n) + np.concatenate([rows.real, rows.imag[:, 1:]], axis=1).reshape(B, n, n)
 
 
+def amounts_of(forces: ComplexArray, force_amplitude: FloatArray | float) -> ComplexArray:
+    """What a balance's loads are multiplied by: the joints' forces, which pull back, and the exciting force.
+
+    Parameters
+    ----------
+    forces : (B, K, n_joints) [N]
+    force_amplitude : (B,) or one [N]
+
+    Returns
+    -------
+    (B, K, n_joints + 1) [N]
+    """
+    amounts = np.empty((*forces.shape[:2], forces.shape[2] + 1), dtype=complex)
+    amounts[..., :-1], amounts[..., -1:] = -forces, _of_motions(force_amplitude)
+    return amounts
+
+
+def _of_motions(force_amplitude: FloatArray | float) -> FloatArray:
+    """(B or 1, 1, 1) amplitudes that go with (B, K, n) phasors."""
+    return np.reshape(force_amplitude, (-1, 1, 1))
+
+
 def _solve(J: FloatArray, R: FloatArray) -> FloatArray:
     return np.linalg.solve(J, R[..., None])[..., 0]
 
@@ -284,10 +308,10 @@ def _plane_of_motion(model: RotorModel, pattern: ComplexArray, spin_speed: float
 
 @dataclass(frozen=True)
 class Motions:
-    """n periodic motions under one amplitude of the exciting force."""
+    """n periodic motions, under one amplitude of the exciting force or each under its own."""
 
     balance: Balance
-    force_amplitude: float  # [N]
+    force_amplitude: FloatArray | float  # (n,) or one [N]
     frequency_hz: FloatArray  # (n,)
     joints: ComplexArray  # (n, K, n_joints) peak phasors of the joint coordinates, k = 0 ... n_harmonics [m]
     stable: NDArray[np.bool_]  # (n,) against drifting off to another motion of the same period; see ``stability``
@@ -313,7 +337,7 @@ class Motions:
     @property
     def states(self) -> ComplexArray:
         """(n, K, n_states) peak phasors of the linear part's states, in the coordinates of A's eigenvectors."""
-        amounts = np.concatenate([-self.forces, np.full((*self.joints.shape[:2], 1), self.force_amplitude)], axis=2)
+        amounts = amounts_of(self.forces, self.force_amplitude)
         return self.balance.resolvent(2 * np.pi * self.frequency_hz, self.balance.loads @ amounts[..., None])[..., 0]
 
     def acceleration(self, plane: int | None = None) -> ComplexArray:
@@ -329,4 +353,4 @@ class Motions:
         """
         X = (self.balance.read_out(plane or self.balance.plane or 1) @ self.states[..., None])[..., 0]
         k_omega = 2 * np.pi * self.frequency_hz[:, None] * np.arange(self.joints.shape[1])  # (n, K)
-        return -(k_omega[..., None] ** 2) * X / self.force_amplitude
+        return -(k_omega[..., None] ** 2) * X / _of_motions(self.force_amplitude)

@@ -13,13 +13,14 @@ of the rounding, a force also depends on the rate x' = dx/d(omega t).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
 from rigtwin.rotor.model.force_laws import LAWS
 from rigtwin.rotor.model.local_force import LocalForce
 
@@ -125,13 +126,22 @@ class PeriodicForces:
         ]
 
     def _with_memory(self, u: FloatArray, derivatives: bool) -> dict[int, SampledForce]:
-        """The forces with memory by their places, all of a law at once."""
+        """The forces with memory by their places, all of a law at once; one that slips in no motion is a spring."""
         found: dict[int, SampledForce] = {}
         for name in {acting.force.law.name for acting in self._acting if acting.force.law.memory}:
             some = {place: acting for place, acting in enumerate(self._acting) if acting.force.law.name == name}
             joint = [acting.coordinates[0] for acting in some.values()]
             values = np.array([acting.force.coefficients for acting in some.values()])  # (n_forces, n_coefficients)
             x = u[joint] @ self._fourier.displacement  # (n_forces, B, n_samples)
+            springs, still = _unslipped(name, values, x)
+            for place, force, slope in zip(
+                itertools.compress(some, still), *(part[still] for part in springs), strict=True
+            ):
+                found[place] = SampledForce(some[place].coordinates, force[None], slope[None, None])
+            some = {place: acting for (place, acting), at_rest in zip(some.items(), still, strict=True) if not at_rest}
+            if not some:
+                continue
+            values, x = values[~still], x[~still]
             coefficients = np.repeat(values, x.shape[1], axis=0).T
             history = _history(name, coefficients, x.reshape(-1, x.shape[2]), derivatives)
             history = history.reshape(4, *x.shape[:2], -1)
@@ -168,11 +178,19 @@ class PeriodicForces:
         """
         B, K, n = joints.shape
         N, DN = np.zeros((B, K, n), dtype=complex), np.zeros((B, K, n, self.n_unknowns, n), dtype=complex)
+        slopes: dict[int, FloatArray] = {}  # of all laws with memory on a coordinate
         for sample in self.sampled(joints):
             for a, row in enumerate(sample.coordinates):
                 N[:, :, row] += sample.force[a] @ self._fourier.analysis
+                if sample.memory is not None:
+                    slopes[row] = slopes.get(row, 0.0) + sample.slope[a, a]
+                    DN[:, :, row, :, row] += self._fourier.remembered(sample.memory)
+                    continue
                 for b, column in enumerate(sample.coordinates):
-                    DN[:, :, row, :, column] += self._derivative(sample, a, b)
+                    by_rate = None if sample.slope_by_rate is None else sample.slope_by_rate[a, b]
+                    DN[:, :, row, :, column] += self._fourier.derivative(sample.slope[a, b], by_rate)
+        for row, slope in slopes.items():
+            DN[:, :, row, :, row] += self._fourier.derivative(slope, None)
         return N, DN
 
     def harmonics(self, joints: ComplexArray) -> ComplexArray:
@@ -182,13 +200,6 @@ class PeriodicForces:
             for a, row in enumerate(sample.coordinates):
                 N[:, :, row] += sample.force[a] @ self._fourier.analysis
         return N
-
-    def _derivative(self, sample: SampledForce, a: int, b: int) -> ComplexArray:
-        """(B, K, n_unknowns) derivative of the harmonics of one force by those of one coordinate."""
-        if sample.memory is not None:
-            return self._fourier.derivative(sample.slope[a, b], None) + self._fourier.remembered(sample.memory)
-        by_rate = None if sample.slope_by_rate is None else sample.slope_by_rate[a, b]
-        return self._fourier.derivative(sample.slope[a, b], by_rate)
 
 
 @dataclass(frozen=True)
@@ -297,6 +308,23 @@ def _evaluate(
     return f.reshape(x.shape), slope.reshape(p, p, B, n_samples), by_corner.reshape(x.shape)
 
 
+def _unslipped(name: str, coefficients: FloatArray, x: FloatArray) -> tuple[tuple[FloatArray, FloatArray], BoolArray]:
+    """What laws with memory are where they never reach their limit: springs, whatever the path.
+
+    Parameters
+    ----------
+    coefficients : (n_forces, n_coefficients)
+    x : (n_forces, B, n_samples) [m]
+
+    Returns
+    -------
+    (n_forces, B, n_samples) forces and slopes, and (n_forces,) whether none of the B motions reaches the limit
+    """
+    own = coefficients.T[..., None, None]
+    force, limit = _UNLIMITED[name](x + 1j * _COMPLEX_STEP, 0.0, 0.0, *own)
+    return (force.real, force.imag / _COMPLEX_STEP), (np.abs(force.real) <= limit).all(axis=(1, 2))
+
+
 def _history(name: str, coefficients: FloatArray, x: FloatArray, derivatives: bool) -> FloatArray:
     """Go through two periods from rest.
 
@@ -318,11 +346,10 @@ def _history(name: str, coefficients: FloatArray, x: FloatArray, derivatives: bo
     values = np.zeros((4, *path.shape))
     values[0] = _added_up(more, limit)
     if derivatives:
-        variables = [path, before, _one_earlier(values[0])]
-        sticks = np.abs(unlimited(*variables, *own)[0]) <= limit
-        for place, variable in enumerate(variables):
-            moved = [variable + 1j * _COMPLEX_STEP if v is variable else v for v in variables]
-            values[1 + place] = np.where(sticks, unlimited(*moved, *own)[0].imag / _COMPLEX_STEP, 0.0)
+        sticks = np.abs(more + _one_earlier(values[0])) <= limit
+        by_path = unlimited(path + 1j * _COMPLEX_STEP, before, 0.0, *own)[0].imag / _COMPLEX_STEP
+        by_before = unlimited(path, before + 1j * _COMPLEX_STEP, 0.0, *own)[0].imag / _COMPLEX_STEP
+        values[1:] = np.where(sticks, [by_path, by_before, np.ones(path.shape)], 0.0)
     return values
 
 

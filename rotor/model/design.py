@@ -118,6 +118,7 @@ class Design:
         self.rigid_stiffness = np.inf  # of the rigid supports in place of the bearings [N/m]
         self.bearings = _bearings(structure, condition)
         self.contacts: list[tuple[int, JointLaw]] = []  # between a node and the ground
+        self.joint_laws: list[JointLaw] = []  # of the angle [rad] between the two sections at every joint that tilts
         self.unbalances: list[tuple[int, float, float]] = []  # node, moment [kg m], phase [rad]
         self.sensor_offsets: dict[int, float] = {}  # node, distance along x [m]
         self._replaced: set[str] = set()

@@ -20,7 +20,8 @@ class ForceLaw:
 
     Without memory it is force(x, *coefficients). With memory it depends on the displacement and on
     the displacement and the force one instant earlier, force(x, x_before, force_before, *coefficients).
-    It is then exact for any monotone path in between, and of the form limited(force_before + ..., ...).
+    It is then exact for any monotone path in between, and of the form limited(force_before + ..., ...). An element that
+    never reaches its limit is a spring, whatever the path.
 
     >>> CLEARANCE.arguments
     ('x', 'k', 'gap', 'corner')
@@ -44,6 +45,9 @@ class ForceLaw:
         return ("x", "x_before", "force_before") if self.memory else ("x",)
 
 
+# A spring; a negative stiffness takes away what laws with memory have at rest.
+SPRING = ForceLaw("spring", "k*x", ("k",))
+
 CUBIC = ForceLaw("cubic", "k3*x**3", ("k3",), radial=True)
 
 # Dead band: no force within the gap, stiffness k beyond it; the linear k x of the model is subtracted.
@@ -66,4 +70,4 @@ CONTACT = ForceLaw("contact", "k*(pos(x - gap) - pos(-x - gap))", ("k", "gap", "
 # Jenkins element: a spring k and a slider that gives way at the force limit.
 JENKINS = ForceLaw("jenkins", "limited(force_before + k*(x - x_before), limit)", ("k", "limit"), memory=True)
 
-LAWS = (CUBIC, CLEARANCE, HERTZ, BILINEAR, CONTACT, JENKINS)
+LAWS = (SPRING, CUBIC, CLEARANCE, HERTZ, BILINEAR, CONTACT, JENKINS)

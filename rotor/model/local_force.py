@@ -54,7 +54,7 @@ class LocalForce:
         (array([ 2., 54.]), array([ 6., 54.]))
         """
         force, slope, by_corner = ARRAY[self.law.name](x + self.offset, *self._coefficients(corner))
-        return force - self._static, slope, np.broadcast_to(by_corner, x.shape)
+        return force - self._static, np.broadcast_to(slope, x.shape), np.broadcast_to(by_corner, x.shape)
 
     def across(
         self, y: FloatArray, z: FloatArray, corner: FloatArray | None = None

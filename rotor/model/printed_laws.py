@@ -12,6 +12,9 @@ from typing import Any
 
 import numpy
 
+def _spring_scalar(x, k):
+    return k*x, k
+
 def _cubic_scalar(x, k3):
     return k3*x**3, 3*k3*x**2
 
@@ -54,6 +57,9 @@ def _jenkins_scalar(x, x_before, force_before, k, limit):
     x2 = (limit < -x0)
     x3 = x1 or x2
     return ((limit) if x1 else (-limit) if x2 else (x0)), ((0) if x3 else (k)), ((0) if x3 else (-k)), ((0) if x3 else (1))
+
+def _spring_array(x, k):
+    return k*x, k, 0
 
 def _cubic_array(x, k3):
     return k3*x**3, 3*k3*x**2, 0
@@ -102,6 +108,7 @@ def _contact_array(x, k, gap, corner):
     return k*(x - 1/2*x2 + (1/2)*x4), -k*((1/2)*x1*x5 + (1/2)*x3*x6 - 1), -1/2*corner*k*(x5 - x6)
 
 SCALAR: dict[str, Callable[..., tuple[Any, ...]]] = {
+    "spring": _spring_scalar,
     "cubic": _cubic_scalar,
     "clearance": _clearance_scalar,
     "hertz": _hertz_scalar,
@@ -111,6 +118,7 @@ SCALAR: dict[str, Callable[..., tuple[Any, ...]]] = {
 }
 
 ARRAY: dict[str, Callable[..., tuple[Any, ...]]] = {
+    "spring": _spring_array,
     "cubic": _cubic_array,
     "clearance": _clearance_array,
     "hertz": _hertz_array,

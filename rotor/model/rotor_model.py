@@ -22,7 +22,7 @@ from rigtwin.rotor.model.design import (
     shaft_stiffness,
 )
 from rigtwin.rotor.model.local_force import LocalForce
-from rigtwin.rotor.model.structure import DOF_PER_NODE, Structure
+from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 from rigtwin.rotor.model.system import LinearSystem
 
 
@@ -144,6 +144,9 @@ class _Assembly:
             self._branch(branch)
         for node, law in self.design.contacts:
             self._local_force([self._node(node, plane) for plane in (1, 2)], law, 0.0)
+        for node, stiffness in self.structure.tilting_joints:
+            for law in self.design.joint_laws:
+                self._local_force([_angle(node, plane) for plane in (1, 2)], law, stiffness)
         return self._on_free()
 
     def _shaft(self) -> None:
@@ -365,6 +368,12 @@ def _check(bearing: Bearing) -> None:
 
 
 _NOWHERE: Pattern = (np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+def _angle(node: int, plane: int) -> Pattern:
+    """Of the right section against the left one, at the mesh node of a joint."""
+    left = DOF_PER_NODE * node + PLANE_PLACES[plane - 1][1]
+    return np.array([left + DOF_PER_NODE, left]), PLANE_SIGNS[plane - 1][1] * np.array([1.0, -1.0])
 
 
 def _difference(a: Pattern, b: Pattern) -> Pattern:

@@ -59,6 +59,12 @@ class Structure:
     joint_tilt_damping: FloatArray  # (n_joints,)
 
     @property
+    def tilting_joints(self) -> tuple[tuple[int, float], ...]:
+        """Mesh node on the left and tilt stiffness [N m/rad] of the joints whose two sections can turn."""
+        joints = zip(self.joint_node.tolist(), self.joint_tilt_stiffness.tolist(), strict=True)
+        return tuple((node, stiffness) for node, stiffness in joints if np.isfinite(stiffness))
+
+    @property
     def n(self) -> int:
         """Number of degrees of freedom."""
         return DOF_PER_NODE * len(self.x)

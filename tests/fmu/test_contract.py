@@ -45,6 +45,7 @@ bearing_clearance: enabled gap preload
 bearing_friction: enabled force stiffness spread
 bilinear_support: enabled ratio
 rub: enabled stiffness gap node#
+joint_microslip: enabled angle exponent contact gap
 sensor_mass: enabled mass node#
 sensor_position: enabled offset node#
 gyroscopic: enabled factor

@@ -409,6 +409,25 @@ def test_a_joint_moves_with_the_other_lengths():
     assert np.diff(longer.x).min() == 0.0
 
 
+def test_a_joint_may_be_stiffer_than_its_rig_file_says():
+    """Its springs alone, and the resonances as the strain in it tells; a rigid direction stays rigid."""
+    size, bolted = 1e-3, Joint(node=4, tilt_stiffness_Nm_per_rad=2e4, tilt_damping_Nms_per_rad=0.1)
+    made = Workshop(load_rig("nit-rourkela").model_copy(update={"joint": [bolted]}), BELIEF, ELEMENTS, 8)
+    place = made.names.index("joint_1")
+    assert made.std[place] == 0.3
+    own = size * (np.arange(len(made.names)) == place)
+    plain, stiffer = made.structure(np.zeros(len(own))), made.structure(own)
+    assert_allclose(stiffer.joint_tilt_stiffness, 2e4 * np.exp(size), rtol=1e-12)
+    assert np.isinf(stiffer.joint_stiffness).all()
+    assert np.array_equal(stiffer.joint_tilt_damping, plain.joint_tilt_damping)
+    run = blank("bearing", np.linspace(20, 400, 50))
+    modal, there = (Forward(made).at(values).modal(run, K_B) for values in (np.zeros(len(own)), own))
+    shifts = there.frequencies_hz / modal.frequencies_hz - 1
+    assert shifts.max() > 1e-5
+    alone = sensitivity_of(build_system(plain, condition("bearing")).in_plane(1), made.tolerances)
+    assert_allclose(size * alone[: len(shifts), place].real, shifts, atol=0.01 * shifts.max())
+
+
 def test_a_law_on_a_floating_rotor_follows_its_lengths():
     """Between soft springs, matrices to first order in the lengths would have a negative stiffness."""
     rig = load_rig("nit-rourkela")

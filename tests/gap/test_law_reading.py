@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 
 from rigtwin.gap.inference.hypotheses import NOMINAL, candidates
+from rigtwin.gap.inference.observed import observe
+from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.model.motions import ROUGH
+from rigtwin.gap.model.workshop import Workshop
 from rigtwin.gap.search.laws.grid import by_distance, seen_motion
 from rigtwin.gap.search.laws.reading import read
 from rigtwin.gap.search.laws.robust import fit_at_start, robust_misfit, thin_out
 from rigtwin.gap.search.strategies.law import Rest
-from rigtwin.rotor.effects import Rub
-from tests.gap.conftest import K_B, STRUCTURE, all_but
+from rigtwin.rotor.effects import JointMicroslip, Rub
+from rigtwin.rotor.geometry.rig import Joint, load_rig
+from tests.gap.conftest import BELIEF, ELEMENTS, K_B, STRUCTURE, all_but, blank, with_noise
 from tests.gap.test_nonlinear import problem_of, swept
 
 SOFT = Rub(stiffness=1.4e5, gap=2.2e-5, node=3)
@@ -76,3 +81,36 @@ def test_a_law_without_a_model_is_not_read(run, monkeypatch):
     rest = rest_of(problem)
     monkeypatch.setattr(problem, "modals", nothing)
     assert read(problem, rest, np.zeros(problem.nuisances.n), places(run)[3]) is None
+
+
+SLIPPING = JointMicroslip(angle=8e-3, exponent=1.2, contact=0.1, gap=3e-4)
+
+
+@pytest.fixture(scope="module")
+def bolted():
+    """A rotor with a joint that slips, driven through its first resonance."""
+    bolts = Joint(node=4, tilt_stiffness_Nm_per_rad=5e3)
+    rig = load_rig("nit-rourkela").model_copy(update={"joint": [bolts]})
+    forward = Forward(Workshop(rig, BELIEF, ELEMENTS, 8))
+    first = forward.modal(blank("bearing", np.array([30.0, 60.0])), K_B).frequencies_hz[0]
+    hz = first * np.linspace(0.97, 1.02, 60)
+    run = blank("bearing", hz, force_amplitude_N=5.0, sweep="up", name="bolted")
+    H = forward.made(with_data=False).modal(run, K_B, (SLIPPING,)).response()
+    run = with_noise(run, H, seed=1)
+    return Problem(forward, [observe(run, run.std)]).made(resolution=ROUGH)
+
+
+def test_microslip_and_its_second_contact_are_read(bolted):
+    (law,) = candidates(bolted.runs, bolted.forward.structure, all_but("joint_microslip"), nonlinear=True)
+    start = read(bolted, rest_of(bolted), np.zeros(bolted.nuisances.n), law)
+    assert start
+    (found,) = law.effects(start.u[1:])
+    assert found.gap == pytest.approx(SLIPPING.gap, rel=0.3)
+    assert found.contact == pytest.approx(SLIPPING.contact, rel=0.3)
+    assert found.exponent == pytest.approx(SLIPPING.exponent, rel=0.3)
+
+
+def test_a_joint_that_cannot_tilt_and_a_rotor_without_one_do_not_slip(bolted, run):
+    rigid = replace(bolted.forward.structure, joint_tilt_stiffness=np.array([np.inf]))
+    for structure in (rigid, STRUCTURE):
+        assert not candidates((run,), structure, all_but("joint_microslip"), nonlinear=True)

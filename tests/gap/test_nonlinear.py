@@ -161,6 +161,24 @@ def test_derivatives_by_the_level_are_those_of_the_motion(hardening):
     assert np.linalg.norm(linear.with_derivatives(drift, tolerance)[1][-1]) < 1e-9 * np.linalg.norm(H)
 
 
+def test_every_line_moves_under_its_own_force():
+    """A sweep under response control: its motions, found from data or followed, and how they change with the level."""
+    hz, forces = np.linspace(95.0, 130.0, 36), np.geomspace(0.05, 2.0, 36)
+    run = blank("bearing", hz, force_amplitude_N=float(np.median(forces)), force_N=forces, sweep="up", name="held")
+    followed = Forward(WORKSHOP).made(with_data=False).modal(run, K_B, (CUBIC,))
+    H = followed.response()
+    for line in (3, 30):
+        alone = replace(run.on_lines(slice(line, line + 1)), force_amplitude_N=forces[line], force_N=None)
+        np.testing.assert_allclose(
+            Forward(WORKSHOP).made(with_data=False).modal(alone, K_B, (CUBIC,)).response()[0], H[line], rtol=1e-6
+        )
+    measured = Forward(WORKSHOP).modal(replace(run, H=H), K_B, (CUBIC,))
+    np.testing.assert_allclose(measured.response(), H, rtol=1e-6)
+    H, D = measured.with_derivatives(np.zeros(MODES), np.zeros(len(TOLERANCES)))
+    difference = (measured.response(level=1e-6) - H) / 1e-6
+    assert np.linalg.norm(difference - D[-1]) < 1e-3 * np.linalg.norm(D[-1])
+
+
 def test_a_force_sensor_that_errs_does_not_change_the_law(hardening):
     """Its error changes the force at which the rotor moves as well as what is read; another gain what is read alone."""
     errs = (0.03, -0.02, 0.025)

@@ -32,7 +32,8 @@ def by_family(*families: str) -> list[str]:
     return [key for key, effect in EFFECTS.items() if effect.family in families]
 
 
-STRUCTURE, SUPPORT, NONLINEAR = by_family("structure"), by_family("support"), by_family("nonlinear")
+STRUCTURE, SUPPORT = by_family("structure"), by_family("support")
+NONLINEAR = [key for key in by_family("nonlinear") if EFFECTS[key].location != "joints"]  # the paper's rotor has none
 LINEAR = [*STRUCTURE, *SUPPORT, "gyroscopic"]  # change matrices
 PLACED = [*LINEAR, *NONLINEAR, "sensor_mass", "sensor_position", "unbalance"]  # write into the design
 

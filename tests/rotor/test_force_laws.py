@@ -18,7 +18,7 @@ from numpy.testing import assert_allclose
 
 from rigtwin.fmu_src import print_laws
 from rigtwin.rotor.model.arrays import FloatArray
-from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, LAWS, ForceLaw
+from rigtwin.rotor.model.force_laws import BILINEAR, CLEARANCE, CONTACT, CUBIC, HERTZ, JENKINS, LAWS, SPRING, ForceLaw
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.printed_laws import ARRAY, SCALAR
 from tests.tolerances import DIFFERENCE_QUOTIENT, LAW_ROUND_OFF
@@ -70,6 +70,8 @@ def sharp(law: ForceLaw, x: float, coefficients: Sequence[float]) -> float:
     c = dict(zip(law.coefficients, coefficients, strict=True))
     if law is CUBIC:
         return c["k3"] * x**3
+    if law is SPRING:
+        return c["k"] * x
     if law is BILINEAR:
         return c["k"] * (c["ratio"] - 1) * max(x, 0.0)
     if law is HERTZ:
@@ -190,7 +192,7 @@ def test_only_odd_laws_are_radial():
 def test_rounding_a_corner_moves_the_force_by_less_than_its_length(law, data):
     """|pos(u) - max(u, 0)| <= corner / 2; Hertz' contacts hand it on by their own slope."""
     x, coefficients = data.draw(cases(law))
-    if law is CUBIC:
+    if law in (SPRING, CUBIC):
         bound = 0.0
     else:
         k, corner = coefficient(law, coefficients, "k"), coefficient(law, coefficients, "corner")

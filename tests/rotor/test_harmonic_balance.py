@@ -384,6 +384,16 @@ def test_too_few_harmonics_or_samples_are_refused(options):
         Balance(oscillator(0.01), CONDITION, **options)
 
 
+def test_every_motion_may_have_a_force_of_its_own():
+    balance, hz, forces = paper_balance(BearingCubic()), np.array([60.0, 75.0, 90.0]), np.array([0.5, 30.0, 2.0])
+    together = balance.solve(hz, forces)
+    apart = [balance.solve(f, force) for f, force in zip(hz, forces.tolist(), strict=True)]
+    one_by_one = np.concatenate([each.joints for each in apart])
+    np.testing.assert_allclose(together.joints, one_by_one, atol=1e-9 * np.abs(one_by_one).min(axis=0).max())
+    accelerance = np.concatenate([each.acceleration()[:, 1] for each in apart])
+    np.testing.assert_allclose(together.acceleration()[:, 1], accelerance, rtol=1e-6, atol=1e-9)
+
+
 def test_a_force_without_amplitude_is_refused():
     with pytest.raises(ValueError, match="amplitude must be positive"):
         Balance(oscillator(0.01), CONDITION).solve(10.0, 0.0)

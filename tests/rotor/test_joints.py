@@ -10,15 +10,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, newton
 
+from rigtwin.rotor.effects import JointMicroslip
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.frequency.frequency_response import accelerance
+from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, RigError, load_rig, parse_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.elements import euler_bernoulli
-from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.rotor.model.system import LinearSystem
+from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.rotor.rigs import RIGID, held, rig, round_shaft, section_of
 
 LENGTH, ELEMENTS = 1.0, 16
@@ -192,3 +195,65 @@ def test_another_joint_is_another_rotor():
     beam = jointed(tilt_stiffness_Nm_per_rad=500.0)
     assert not beam.same_rotor(jointed(tilt_stiffness_Nm_per_rad=501.0))
     assert load_rig("nit-rourkela").joint == []
+
+
+SLIPPING = jointed(tilt_stiffness_Nm_per_rad=500.0)
+DAMPED = Condition(k_b=1e7, shaft_damping_ratio=0.02, excitation_node=2)
+
+
+def slipping(**numbers: float) -> Balance:
+    return Balance(build_model(assemble(SLIPPING), DAMPED, [JointMicroslip(**numbers)]), DAMPED, harmonics=5)
+
+
+def stiffness(balance: Balance, angle: float) -> complex:
+    """Fundamental of the moment that the laws add, over the joint's stiffness and the amplitude of its angle."""
+    joints = np.zeros((1, balance.harmonics + 1, 1), dtype=complex)
+    joints[0, 1] = angle
+    return complex(balance.forces.harmonics(joints)[0, 1, 0]) / (500.0 * angle)
+
+
+@pytest.mark.parametrize("p", [0.7, 1.0, 1.5])
+def test_a_joint_loses_what_a_continuous_law_does(p):
+    """Backbone k x - c x^(1 + p), c = k / (1 + p) / theta_s^p: 4 c X^(2 + p) p / (2 + p) a cycle [segalman2005]."""
+    balance = slipping(angle=0.02, exponent=p)
+    for share in (0.02, 0.05, 0.1, 0.3):
+        expected = 4 / ((1 + p) * (2 + p)) * p * share**p / np.pi
+        assert stiffness(balance, 0.02 * share).imag == pytest.approx(expected, rel=0.15)
+        assert -1.2 < stiffness(balance, 0.02 * share).real / (share**p / (1 + p)) < -0.8  # and is as much softer
+
+
+def test_a_second_contact_stiffens_a_joint_beyond_its_gap():
+    plain, closing = slipping(angle=0.02), slipping(angle=0.02, contact=0.3, gap=1e-3)
+    assert stiffness(closing, 0.9e-3) == pytest.approx(stiffness(plain, 0.9e-3), rel=1e-3)
+    assert stiffness(closing, 1.0).real - stiffness(plain, 1.0).real == pytest.approx(0.3, rel=0.01)
+
+
+def test_a_joint_at_rest_is_that_of_the_rig_file():
+    balance, hz = slipping(angle=0.02), np.linspace(10.0, 60.0, 6)
+    system = build_system(assemble(SLIPPING), DAMPED)
+    linear = accelerance(system, hz)[:, :, 0]
+    H = balance.solve(hz, 1e-6).acceleration()[:, 1]
+    np.testing.assert_allclose(H, linear, rtol=1e-6)
+
+
+def test_a_rigid_direction_of_a_joint_does_not_slip():
+    rotor = assemble(jointed(stiffness_N_per_m=1e6))
+    assert not build_model(rotor, DAMPED, [JointMicroslip()]).forces
+
+
+def test_stepping_through_time_settles_on_the_loop_of_harmonic_balance():
+    hz, force, rotor = 20.0, 40.0, assemble(SLIPPING)
+    simulator = RotorSimulator(rotor, DAMPED, [JointMicroslip(angle=0.05)])
+    simulator.drive(force=0.0, force_amplitude=force, force_frequency=hz)
+    per_period, periods = 64, 40
+    readings = []
+    for step in range(periods * per_period):
+        simulator.advance(step / (hz * per_period), 1 / (hz * per_period))
+        if step >= (periods - 1) * per_period:
+            readings.append(simulator.accelerations()[1])
+    t = (np.arange((periods - 1) * per_period, periods * per_period) + 1) / (hz * per_period)
+    fundamental = 2 * np.mean(np.array(readings) * np.exp(-2j * np.pi * hz * t))
+    expected = force * slipping(angle=0.05).solve(hz, force).acceleration()[0, 1, 1]
+    linear = force * slipping(angle=1e6).solve(hz, force).acceleration()[0, 1, 1]
+    assert abs(fundamental) == pytest.approx(abs(expected), rel=0.01)
+    assert abs(abs(expected) / abs(linear) - 1) > 0.05

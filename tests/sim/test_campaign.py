@@ -65,3 +65,19 @@ def test_a_campaign_believes_what_the_format_says_by_default():
 def test_measured_data_cannot_be_reassigned():
     with pytest.raises(FrozenInstanceError):
         a_run().support = "rigid"  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_the_forces_of_lines_are_those_recorded_or_the_runs_own():
+    force = np.array([1.0, 4.0, 2.0])
+    plain = a_run(force_amplitude_N=3.0)
+    assert_array_equal(plain.forces, [3.0, 3.0, 3.0])
+    assert_array_equal(a_run(force_amplitude_N=None).forces, [1.0, 1.0, 1.0])
+    assert_array_equal(a_run(force_amplitude_N=3.0, force_N=force).forces, force)
+    assert plain.levels == (3.0,)
+    assert a_run(force_amplitude_N=None).levels == ()
+    assert a_run(force_amplitude_N=3.0, force_N=force).levels == (3.0,)
+    assert a_run(force_amplitude_N=2.0, force_N=force, control="response").levels == (1.0, 4.0)
+    doubled = a_run(force_amplitude_N=2.0, force_N=force).at_force(2.0)
+    assert doubled.force_amplitude_N == 4.0
+    assert_array_equal(doubled.forces, 2 * force)
+    assert plain.at_force(1.0) is plain

@@ -39,7 +39,7 @@ def seen_motion(problem: Problem, k_b: float) -> FloatArray:
         if not along:
             continue
         H, nodes = np.nan_to_num(run.H[:, along]), np.array([run.channels[c].node for c in along]) - 1
-        seen = (run.force_amplitude_N or 1.0) * np.abs(H) / np.abs(over_receptance(run))[:, None]
+        seen = run.forces[:, None] * np.abs(H) / np.abs(over_receptance(run))[:, None]
         shape = np.abs(measured_response(forward.structure, forward.condition(run, k_b), (), run.frequency_hz))
         best, lines = shape[:, nodes].argmax(axis=1), np.arange(len(shape))
         most = shape[lines, nodes[best]]

@@ -7,7 +7,6 @@ be coarse; a grid over responses would have to be as fine as the resonances are 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -20,16 +19,15 @@ from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.inference.observed import Observed
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.starts import Start
-from rigtwin.gap.search.strategies.law import Rest, contact_axes
+from rigtwin.gap.search.strategies.law import Rest
+from rigtwin.gap.search.strategies.registry import law_strategy_of
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)
 class Reading:
-    """The grid over a law's numbers, and how its best points are refined."""
+    """How the best points of the grid over a law's numbers are refined."""
 
-    stiffnesses: int = 10  # points along the stiffness
-    gaps: tuple[float, ...] = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1)  # over the node's largest motion: what it can still reach
     kept: int = 2  # best points of the grid that descend
     steps: int = 6  # of each descent
     error: float = 0.05  # of drifts and gains, beside the noise, relative to the response with and without the law
@@ -49,14 +47,13 @@ class _Joints:
 
 
 def read(problem: Problem, rest: Rest, nu: FloatArray, hypothesis: Hypothesis) -> Start | None:
-    """Numbers of a rub that suit the forces in the runs best; None where no run shows a force.
+    """Numbers of a law that suit the forces in the runs best; None where no run shows a force.
 
     Parameters
     ----------
     nu : (n_nuisances,) the linear rotor's
     """
-    grid = itertools.product(*contact_axes(hypothesis, rest, READING.stiffnesses, READING.gaps))
-    points = [hypothesis.clipped(np.array([rest.calm.u[0], *point])) for point in grid]
+    points = [hypothesis.clipped(u) for u in law_strategy_of(hypothesis).readings(hypothesis, rest)]
     joints = {}
     for r, modal in enumerate(problem.try_modals(hypothesis, points[0]) or ()):
         law = modal.as_nonlinear

@@ -37,9 +37,18 @@ class LawGrid:
     stiffnesses: int = 5  # of a contact
     # Gaps of a contact, as shares of its node's largest motion, which goes little beyond them.
     gaps: tuple[float, ...] = (0.97, 0.85, 0.7, 0.5, 0.3)
+    # The same where the forces in the runs are read, which is quick: what the motion can still reach.
+    stiffnesses_read: int = 10
+    gaps_read: tuple[float, ...] = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1)
     clearances: int = 7
     # Preloads of a clearance, as shares of the largest force of the bearings: more keeps the contact closed.
     preloads: tuple[float, ...] = (0.95, 0.75, 0.55, 0.35, 0.2, 0.1, 0.02)
+    angles: int = 4  # of microslip, at which all of a joint slips,
+    angles_read: int = 10  # and where the forces in the runs are read
+    exponents: int = 2
+    contact: float = 0.15  # of a second contact, as a share of the largest stiffness,
+    joint_gaps: int = 2  # and of its gap,
+    joint_gaps_read: int = 8  # and where the forces in the runs are read
     forces: int = 30  # of friction, where its two stiffnesses are those of the lowest and the highest level
 
 
@@ -71,6 +80,10 @@ class LawStrategy:
             for stiffness in self.stiffnesses_at_rest(point, rest):
                 yield np.array([np.clip(np.log(stiffness), *np.log(K_B_RANGE)), *point])
 
+    def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+        """Points that are compared with the forces in the runs, where these can be read."""
+        return self.points(hypothesis, rest)
+
     def stiffnesses_at_rest(self, point: Sequence[float], rest: Rest) -> Sequence[float]:
         """Bearing stiffnesses [N/m] that go with a point."""
         return (rest.calm.k_b,)
@@ -84,6 +97,11 @@ class Contact(LawStrategy):
     def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
         """Points along its stiffness, and gaps as shares of its node's largest motion."""
         return contact_axes(hypothesis, rest, GRID.stiffnesses, GRID.gaps)
+
+    def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+        """A finer grid."""
+        axes = contact_axes(hypothesis, rest, GRID.stiffnesses_read, GRID.gaps_read)
+        yield from (np.array([rest.calm.u[0], *point]) for point in itertools.product(*axes))
 
 
 def contact_axes(hypothesis: Hypothesis, rest: Rest, stiffnesses: int, shares: Sequence[float]) -> list[FloatArray]:
@@ -118,6 +136,31 @@ class Sliding(LawStrategy):
             between = np.log(rest.calm.k_b - rest.loud)
             for force in axis(hypothesis.free[0], GRID.forces):
                 yield hypothesis.clipped(np.array([np.log(rest.loud), force, between]))
+
+
+class Microslip(LawStrategy):
+    """Joints that slip part by part, a second contact closing at larger angles."""
+
+    readable = True
+
+    def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
+        """Few points along every number: motions take long, and the forces in the runs tell more."""
+        return _slip_axes(hypothesis, GRID.angles, GRID.joint_gaps)
+
+    def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+        """A finer grid."""
+        axes = _slip_axes(hypothesis, GRID.angles_read, GRID.joint_gaps_read)
+        yield from (np.array([rest.calm.u[0], *point]) for point in itertools.product(*axes))
+
+
+def _slip_axes(hypothesis: Hypothesis, angles: int, gaps: int) -> list[FloatArray]:
+    """Points along the numbers of a joint that slips.
+
+    All have a second contact, which a descent can take away and not add: without one its gap tells nothing.
+    """
+    angle, exponent, contact, gap = hypothesis.free
+    contacts = GRID.contact * np.array([contact.high])
+    return [axis(angle, angles), axis(exponent, GRID.exponents), contacts, axis(gap, gaps)]
 
 
 class Uneven(LawStrategy):

@@ -12,7 +12,7 @@ from rigtwin.gap.search.race import RACE
 from rigtwin.gap.search.starts import Promise, Start, gains_of
 from rigtwin.gap.search.strategies.along_shaft import AlongShaft
 from rigtwin.gap.search.strategies.dwell import dwell_fits
-from rigtwin.gap.search.strategies.law import Clearance, Contact, LawStrategy, Sliding, Uneven
+from rigtwin.gap.search.strategies.law import Clearance, Contact, LawStrategy, Microslip, Sliding, Uneven
 from rigtwin.gap.search.strategies.strategy import Strategy
 from rigtwin.gap.search.strategies.two_planes import TwoPlanes
 
@@ -31,6 +31,7 @@ LAWS: dict[str, LawStrategy] = {
     "rub": Contact(),
     "bearing_clearance": Clearance(),
     "bearing_friction": Sliding(),
+    "joint_microslip": Microslip(),
     "bilinear_support": Uneven(),
 }
 

@@ -18,13 +18,14 @@ from rigtwin.rotor.effects import (
     BearingClearance,
     BearingDamping,
     BearingFriction,
+    JointMicroslip,
     MeasuredJoint,
     PedestalFlexibility,
     Rub,
     ShaftDamping,
     ViscoelasticSupport,
 )
-from rigtwin.rotor.effects.nonlinear import SEAT_PARTS
+from rigtwin.rotor.effects.nonlinear import JOINT_PARTS, SEAT_PARTS
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.condition import Condition
@@ -41,7 +42,8 @@ LINEAR = tuple(name for name in KNOWN if EFFECTS[name].family != "nonlinear")
 COMBINATIONS = [(), *((name,) for name in LINEAR), ("unbalance", "gyroscopic", "plane_anisotropy"), LINEAR]
 STRUCTURE = assemble(load_rig("nit-rourkela"))
 
-NONLINEAR = tuple(sorted(set(KNOWN) - set(LINEAR)))
+# The paper's rotor has no joint.
+NONLINEAR = tuple(sorted(name for name in set(KNOWN) - set(LINEAR) if EFFECTS[name].location != "joints"))
 
 # With numbers that do nothing at their start values.
 BENT = (
@@ -54,6 +56,12 @@ BENT = (
 
 # Of a channel's peak, over a simulation.
 SAME_MOTION, SAME_NONLINEAR_MOTION = 1e-9, 1e-6
+
+# One that can tilt, and one that can slide.
+JOINTS = [
+    {"node": 4, "tilt_stiffness_Nm_per_rad": 2e4, "tilt_damping_Nms_per_rad": 0.3},
+    {"x_m": 0.25, "stiffness_N_per_m": 1e7, "damping_Ns_per_m": 20.0},
+]
 
 # So strong a force [N] keeps joints with a gap in contact; a weak one leaves them to chance, digit by digit.
 STRONG = 20.0
@@ -98,11 +106,7 @@ def assert_same_matrices(core, condition, effects, structure=STRUCTURE):
 )
 def test_a_rotor_with_joints_is_that_of_python(core, effects):
     """Matrices, and then how it moves, with a joint at a node and one between two."""
-    joints = [
-        {"node": 4, "tilt_stiffness_Nm_per_rad": 2e4, "tilt_damping_Nms_per_rad": 0.3},
-        {"x_m": 0.25, "stiffness_N_per_m": 1e7, "damping_Ns_per_m": 20.0},
-    ]
-    structure = assemble(rigs.rig(**rigs.tables(name="jointed", joint=joints)))
+    structure = assemble(rigs.rig(**rigs.tables(name="jointed", joint=JOINTS)))
     jointed = Core(core.compiled, structure)
     assert_same_matrices(jointed, CONDITION, effects_of(effects), structure)
     python, c = (
@@ -111,6 +115,22 @@ def test_a_rotor_with_joints_is_that_of_python(core, effects):
     )
     steps = np.full(60, 7e-4)
     assert_same_motion(moved(c, steps), moved(python, steps))
+
+
+def test_joints_that_slip_move_as_those_of_python(core):
+    """The laws of the joint that can tilt, the other one having none; slipping, and open beyond the second contact."""
+    structure = assemble(rigs.rig(**rigs.tables(name="jointed", joint=JOINTS)))
+    jointed, effects = Core(core.compiled, structure), [JointMicroslip(angle=1e-3, exponent=1.3, contact=0.2, gap=1e-5)]
+    expected = build_model(structure, CONDITION, effects).forces
+    found = jointed.system(jointed.design(CONDITION, effects))["forces"]
+    assert len(found) == len(expected) == 2 + JOINT_PARTS
+    for (number, coefficients, _, patterns), force in zip(found, expected, strict=True):
+        assert LAWS[number] is force.law
+        assert_allclose(coefficients[: len(force.coefficients)], force.coefficients, rtol=1e-13)
+        assert_allclose(patterns, force.patterns, rtol=1e-15)
+    python, c = RotorSimulator(structure, CONDITION, effects), Rotor(jointed, CONDITION, effects)
+    steps = np.full(40, 7e-4)
+    assert_same_motion(moved(c, steps), moved(python, steps), SAME_NONLINEAR_MOTION)
 
 
 def test_a_new_linear_effect_takes_one_class_and_one_line_of_c(tmp_path, monkeypatch):

@@ -44,9 +44,6 @@ class Outcome:
     curves: tuple[Curve, ...]
 
 
-Findings = tuple[Finding, ...]
-
-
 @dataclass(frozen=True)
 class Answer:
     """What was found about a campaign, before it is put into words."""
@@ -73,7 +70,7 @@ class Answer:
 def report(
     campaign: Campaign,
     answer: Answer,
-    findings: Findings,
+    findings: tuple[Finding, ...],
     exclude: Sequence[str],
     confirm: Confirm | None,
     clock: Clock,
@@ -88,11 +85,9 @@ def report(
     """
     findings = (*findings, *_form_finding(answer))
     named = _name_causes(campaign, answer, findings, exclude)
-    joint = _joint(answer, named, exclude)
-    clock.lap("measured joint")
+    joint = _joint(answer, named, exclude, clock)
     curves = _curves(answer, named, joint)
-    where = _where(answer, named, curves, findings, joint)
-    clock.lap("where")
+    where = _where(answer, named, curves, findings, joint, clock)
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
@@ -144,11 +139,13 @@ def _name_causes(campaign: Campaign, answer: Answer, findings: Sequence[Finding]
     return _Named(verdict, causes, answer.nominal)
 
 
-def _joint(answer: Answer, named: _Named, exclude: Sequence[str]) -> UnknownJoint:
+def _joint(answer: Answer, named: _Named, exclude: Sequence[str], clock: Clock) -> UnknownJoint:
     """What is told of a mechanism that no known effect explains."""
     if named.verdict != "unknown" or MeasuredJoint.id in exclude:
         return UnknownJoint()
-    return unknown_joint(answer.problem, answer.fitted, answer.scale)
+    found = unknown_joint(answer.problem, answer.fitted, answer.scale)
+    clock.lap("measured joint")
+    return found
 
 
 def _curves(answer: Answer, named: _Named, joint: UnknownJoint) -> tuple[Curve, ...]:
@@ -161,7 +158,12 @@ def _curves(answer: Answer, named: _Named, joint: UnknownJoint) -> tuple[Curve, 
 
 
 def _where(
-    answer: Answer, named: _Named, curves: Sequence[Curve], findings: Sequence[Finding], joint: UnknownJoint
+    answer: Answer,
+    named: _Named,
+    curves: Sequence[Curve],
+    findings: Sequence[Finding],
+    joint: UnknownJoint,
+    clock: Clock,
 ) -> Where:
     """Where the gap lies, with the bearings' stiffness where that may be the cause; nothing of too few data."""
     if named.verdict == "not_enough_data":
@@ -170,10 +172,11 @@ def _where(
     where = locate(answer.all_lines, answer.nominal, [c.nominal for c in curves], regime, joint.node)
     if joint.document:
         where = replace(where, nodes=joint.document.nodes)
-    if not _may_be_the_bearings(named.answered):
-        return where
-    best = named.best if named.best is not answer.nominal else None
-    return replace(where, bearings=compare_with_models(answer.all_lines, answer.nominal, best))
+    if _may_be_the_bearings(named.answered):
+        best = named.best if named.best is not answer.nominal else None
+        where = replace(where, bearings=compare_with_models(answer.all_lines, answer.nominal, best))
+    clock.lap("where")
+    return where
 
 
 def _shrink(answer: Answer, best: Fit, confirm: Confirm | None, clock: Clock) -> Shrink | None:

@@ -262,6 +262,10 @@ class ShaftDamping(Effect):
         design.shaft_damping_ratio = self.damping_ratio
 
 
+# A mass that no rotor of any size notices, while products of smaller ones leave the range of floating-point numbers [kg].
+NO_MASS = 1e-20
+
+
 @dataclass(frozen=True)
 class MeasuredJoint(Effect):
     """Something at a node that no other effect describes, by the dynamic stiffness that was measured there.
@@ -325,7 +329,7 @@ class MeasuredJoint(Effect):
         at = self.node or design.condition.excitation_node
         design.masses.append((at, self.mass, 0.0))
         design.ground_springs += [(at, plane, self.stiffness, self.damping) for plane in (1, 2)]
-        if self.branch_mass:
+        if self.branch_mass > NO_MASS:
             omega = 2 * np.pi * self.branch_frequency
             damping = 2 * omega * self.branch_mass
             spring = omega**2 * self.branch_mass, self.branch_damping_ratio * damping

@@ -31,7 +31,8 @@ class Worth:
     misfit: float = 40.0  # or within so much misfit of it
 
 
-WEAK, WORTH = WeakEffect(), Worth()
+WEAK = WeakEffect()
+WORTH = Worth()
 
 
 @dataclass(frozen=True)

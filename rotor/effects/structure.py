@@ -262,7 +262,7 @@ class ShaftDamping(Effect):
         design.shaft_damping_ratio = self.damping_ratio
 
 
-# A mass that no rotor of any size notices, while products of smaller ones leave the range of floating-point numbers [kg].
+# A mass that no rotor of any size notices; products of smaller ones leave the range of floating-point numbers [kg].
 NO_MASS = 1e-20
 
 

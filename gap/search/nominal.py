@@ -21,6 +21,7 @@ class NominalFits:
     starts: int = 15  # values of the bearing stiffness along the range that suits the rig,
     steps: int = 8  # of a rough descent from each,
     every: int = 3  # on every third line, which tell enough to start from
+    anneal: tuple[float, ...] = (1.0, 0.3, 0.1, 0.02, 0.0)  # relative errors that are added in turn
     added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors that make lines alike,
     within: float = 1.1  # and the mean square misfit that is within them
     anchors: int = 4  # how often the model is made anew at the tolerances that a fit has come to, at most
@@ -51,7 +52,7 @@ def _nominal(problem: Problem) -> Fit:
     few = problem.thinned(NOMINAL_FITS.every)
     rough = [few.rough(NOMINAL, np.array([np.log(start)]), NOMINAL_FITS.steps) for start in starts]
     best = min(rough, key=itemgetter(1))[0]
-    return problem.fit(NOMINAL, best)
+    return problem.fit(NOMINAL, best, anneal=NOMINAL_FITS.anneal)
 
 
 def fit_lines_alike(problem: Problem, nominal: Fit, scale: float = 1.0) -> Fit:

@@ -303,13 +303,13 @@ class MeasuredJoint(Effect):
     changes_size = True
 
     stiffness: float = parameter(
-        5e4, "N/m", "Stiffness k to the ground", -0.1, 1.0, null=0.0, minimum=-1e9, maximum=1e9
+        5e4, "N/m", "Stiffness k to the ground", -0.1, 1.0, null=0.0, minimum=-1e12, maximum=1e12
     )
-    mass: float = parameter(0.02, "kg", "Mass m", 0.0, 0.2, null=0.0, minimum=0.0, maximum=100.0)
-    damping: float = parameter(5.0, "N.s/m", "Damping c to the ground", 0.0, 0.05, null=0.0, minimum=0.0, maximum=1e6)
+    mass: float = parameter(0.02, "kg", "Mass m", 0.0, 0.2, null=0.0, minimum=0.0, maximum=1e6)
+    damping: float = parameter(5.0, "N.s/m", "Damping c to the ground", 0.0, 0.05, null=0.0, minimum=0.0, maximum=1e9)
     node: int = node(4, "Node at which it acts, 0: the exciter's, wherever that is", exciter=True)
     branch_mass: float = parameter(
-        0.0, "kg", "Mass m_r of the branch; 0: no branch", 0.0, 0.5, null=0.0, minimum=0.0, maximum=100.0, form=True
+        0.0, "kg", "Mass m_r of the branch; 0: no branch", 0.0, 0.5, null=0.0, minimum=0.0, maximum=1e6, form=True
     )
     branch_frequency: float = parameter(
         200.0, "Hz", "Natural frequency f_r of the branch while its node is held", 0.02, 3.0, minimum=1e-3, maximum=1e6,

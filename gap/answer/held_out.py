@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,9 +38,47 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
     scale : true over believed standard error
     confirm : measures on the virtual rig
     """
-    masks, training = _split(problem)
+    return _shrink(_halved(problem, nominal), best, scale, confirm)
+
+
+def shrink_beside_black_box(problem: Problem, nominal: Fit, best: Fit, scale: float) -> tuple[Shrink, float]:
+    """``measure_shrink`` without the virtual rig, and the gap on the same lines where a black box without a place
+    corrects the nominal model.
+
+    That model has the gains and drifts that it was fitted with, as a joint has its own.
+    """
+    halves = _halved(problem, nominal)
+    before = problem.predict(halves.without)
+    after = [
+        H + further_resonance(o.run, H, o.valid & ~mask[:, None])
+        for o, H, mask in zip(problem.observed, before, halves.masks, strict=True)
+    ]
+    return _shrink(halves, best, scale, None), _figures(problem, halves.masks, before, after, scale)[1]
+
+
+@dataclass(frozen=True)
+class _Halves:
+    """The runs, which of their lines judge, and the nominal model by the others."""
+
+    problem: Problem
+    nominal: Fit  # to all lines
+    masks: list[BoolArray]  # (n_freq,) of every run: lines that are held out
+    training: Problem
+    without: Fit  # the nominal model, refitted
+
+
+def _halved(problem: Problem, nominal: Fit) -> _Halves:
+    masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
+    pairs = zip(problem.observed, masks, strict=True)
+    training = problem.on([replace(o, std=np.where(mask[:, None], np.inf, o.std)) for o, mask in pairs])
     without = training.at_fit(nominal).fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
-    with_it = _refit(training, best)
+    return _Halves(problem, nominal, masks, training, without)
+
+
+def _shrink(halves: _Halves, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:
+    problem, without = halves.problem, halves.without
+    masks: Sequence[BoolArray] = halves.masks
+    with_it = _refit(halves.training, best)
     before = problem.recalibrated(without)  # drifts would follow any gap between the lines that they were fitted to
     after = problem.predict(with_it)
     model_after, verified = after, "model"
@@ -55,37 +93,11 @@ def measure_shrink(problem: Problem, nominal: Fit, best: Fit, scale: float, conf
         floor=numbers[2],
         shrink=1 - numbers[1] / numbers[0],
         explainable=explainable(*numbers),
-        ci90=transfer_interval(problem, nominal, best, scale),
+        ci90=transfer_interval(problem, halves.nominal, best, scale),
         verified_by=verified,  # type: ignore[arg-type]
         after_model=_figures(problem, masks, before, model_after, scale)[1],
         without_effect=_figures(problem, masks, before, problem.calibrated(without), scale)[1],
     )
-
-
-def _split(problem: Problem) -> tuple[list[BoolArray], Problem]:
-    """Which lines of each run are held out, and the problem of the others."""
-    masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
-    pairs = zip(problem.observed, masks, strict=True)
-    return masks, problem.on([replace(o, std=np.where(mask[:, None], np.inf, o.std)) for o, mask in pairs])
-
-
-def gap_after_black_box(problem: Problem, nominal: Fit, scale: float) -> float:
-    """The gap on the held-out lines of ``measure_shrink`` where a black box without a place corrects the nominal model.
-
-    The model has the gains and drifts that it was fitted with, as a joint has its own.
-
-    Parameters
-    ----------
-    problem, nominal, scale : as there
-    """
-    masks, training = _split(problem)
-    without = training.at_fit(nominal).fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
-    before = problem.predict(without)
-    after = [
-        H + further_resonance(o.run, H, o.valid & ~mask[:, None])
-        for o, H, mask in zip(problem.observed, before, masks, strict=True)
-    ]
-    return _figures(problem, masks, before, after, scale)[1]
 
 
 def _refit(training: Problem, best: Fit) -> Fit:

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from rigtwin.gap.answer.calibration import calibration_of
 from rigtwin.gap.answer.causes import k_b_of
-from rigtwin.gap.answer.held_out import gap_after_black_box, measure_shrink
+from rigtwin.gap.answer.held_out import shrink_beside_black_box
 from rigtwin.gap.document import Estimate, FittedJoint, NodeShare
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.problem import Problem
@@ -53,7 +53,7 @@ def _documented(problem: Problem, nominal: Fit, fits: Sequence[Fit], scale: floa
     if not fits or fits[0].log_evidence(scale) <= nominal.log_evidence(scale) or strain(problem, fits[0]) >= 1:
         return None
     best = fits[0]
-    shrink = measure_shrink(problem, nominal, best, scale, None)
+    shrink, control = shrink_beside_black_box(problem, nominal, best, scale)
     if not shrink.after < shrink.before:
         return None
     (effect,) = best.effects
@@ -79,7 +79,7 @@ def _documented(problem: Problem, nominal: Fit, fits: Sequence[Fit], scale: floa
         real=tuple(Z.real.tolist()),
         imag=tuple(Z.imag.tolist()),
         shrink=shrink,
-        control=gap_after_black_box(problem, nominal, scale),
+        control=control,
         calibration=calibration_of(problem, best, scale),
     )
 

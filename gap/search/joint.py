@@ -211,18 +211,23 @@ class _Forces:
         return Z, std
 
 
-def _forces(forward: Forward, view: _View, k_b: float, node: int) -> _Forces:
-    run = view.run
-    node = node or run.excitation_node
-    driven = forward.receptance(run, k_b, run.excitation_node, [*view.sensors, node])
-    from_node = forward.receptance(run, k_b, node, [*view.sensors, node])
-    a, H0 = from_node[:, :-1], driven[:, :-1]
+def _driven(forward: Forward, view: _View, k_b: float) -> ComplexArray:
+    """(n_freq, n_sensors + n_nodes) receptance from the exciter to the sensors and to every node of the rig."""
+    nodes = range(1, forward.structure.n_nodes + 1)
+    return forward.receptance(view.run, k_b, view.run.excitation_node, [*view.sensors, *nodes])
+
+
+def _forces(forward: Forward, view: _View, k_b: float, node: int, driven: ComplexArray) -> _Forces:
+    """The forces of a node; ``driven`` is that of ``_driven``, which all nodes share."""
+    node, n = node or view.run.excitation_node, len(view.sensors)
+    from_node = forward.receptance(view.run, k_b, node, [*view.sensors, node])
+    a, H0 = from_node[:, :-1], driven[:, :n]
     w2 = 1 / np.maximum(view.error_beside(H0), 1e-300) ** 2
     norm = np.sum(w2 * np.abs(a) ** 2, axis=1)
     e = H0 - view.y
     g = np.sum(w2 * a.conj() * e, axis=1) / np.maximum(norm, 1e-300)
     left = np.mean(w2 * np.abs(e - a * g[:, None]) ** 2, axis=1)
-    return _Forces(g, driven[:, -1], from_node[:, -1], norm, left)
+    return _Forces(g, driven[:, n + node - 1], from_node[:, -1], norm, left)
 
 
 def _most_explained(
@@ -230,20 +235,24 @@ def _most_explained(
 ) -> list[_Located]:
     """The nodes at which forces explain most, each at its best bearing stiffness."""
     tried = list(k_b * np.exp(np.linspace(*JOINT_SEARCH.k_b))) if k_b else [None]
-    found = []
-    for hypothesis in hypotheses:
-        node = hypothesis.terms[0].node
-        left = [_left(forward, views, stiffness, node) for stiffness in tried]
-        best = int(np.argmin(left))
-        found.append(_Located(hypothesis, tried[best], left[best]))
+    left = np.array([_left(forward, views, stiffness or 1.0, hypotheses) for stiffness in tried])
+    found = [
+        _Located(hypothesis, tried[best], float(left[best, column]))
+        for column, (hypothesis, best) in enumerate(zip(hypotheses, left.argmin(axis=0), strict=True))
+    ]
     found.sort(key=lambda each: each.left)
     return [each for each in found[: JOINT_SEARCH.nodes] if each.left < JOINT_SEARCH.behind * found[0].left]
 
 
-def _left(forward: Forward, views: Sequence[_View], k_b: float | None, node: int) -> float:
-    """Softened mean square of what forces at a node leave."""
-    parts = [soften(np.sqrt(_forces(forward, view, k_b or 1.0, node).left)) ** 2 for view in views]
-    return float(np.mean(np.concatenate(parts)))
+def _left(forward: Forward, views: Sequence[_View], k_b: float, hypotheses: Sequence[Hypothesis]) -> list[float]:
+    """Softened mean square of what forces at each node leave."""
+    seen = [(view, _driven(forward, view, k_b)) for view in views]
+    found = []
+    for hypothesis in hypotheses:
+        node = hypothesis.terms[0].node
+        parts = [soften(np.sqrt(_forces(forward, view, k_b, node, driven).left)) ** 2 for view, driven in seen]
+        found.append(float(np.mean(np.concatenate(parts))))
+    return found
 
 
 # -- the law --------------------------------------------------------------------------------------------
@@ -252,7 +261,8 @@ def _left(forward: Forward, views: Sequence[_View], k_b: float | None, node: int
 def _laws(found: _Located, views: Sequence[_View], forward: Forward) -> list[tuple[Hypothesis, FloatArray]]:
     """Starts at one node: the laws, of a branch with either damper, that suit its Z best."""
     node, k_b = found.hypothesis.terms[0].node, found.k_b or 1.0
-    told = [(view.omega, *_forces(forward, view, k_b, node).stiffness) for view in views]
+    forces = [_forces(forward, view, k_b, node, _driven(forward, view, k_b)) for view in views]
+    told = [(view.omega, *one.stiffness) for view, one in zip(views, forces, strict=True)]
     omega, Z, std = (np.concatenate(parts) for parts in zip(*told, strict=True))
     usable = np.isfinite(Z) & np.isfinite(std)
     law, bent = _LinearLaw(omega[usable], Z[usable], std[usable]), found.hypothesis.bent

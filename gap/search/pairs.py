@@ -67,7 +67,7 @@ def pursued(
     """
     starts: list[Start] = []
     for leader in polish_all(problem, leaders):
-        promised = _promised(problem, leader, hypotheses, settled=True)
+        promised = promised_beside(Score(problem, leader, settled=True), hypotheses)
         limit = worth_from(promised[0].gain) if promised else 0.0
         starts += _some([promise for promise in promised if promise.gain >= limit], len(leaders))
     return race(problem, starts, FAR, progress)
@@ -149,7 +149,7 @@ def pair_starts(
     for number, leader in enumerate(leaders):
         if progress:
             progress(number, len(leaders), f"beside {leader.hypothesis}")
-        starts += _some(_promised(problem, leader, hypotheses, settled=near), len(leaders))
+        starts += _some(promised_beside(Score(problem, leader, settled=near), hypotheses), len(leaders))
         for second in _others(leader, hypotheses) if not near else ():
             pair = paired(leader.hypothesis, second)
             points = strategy_of(second).points(leader.u, second)
@@ -162,9 +162,9 @@ def _others(leader: Fit, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     return [second for second in hypotheses if second.ids[0] not in leader.hypothesis.ids]
 
 
-def _promised(problem: Problem, leader: Fit, hypotheses: Sequence[Hypothesis], *, settled: bool) -> list[Promise]:
-    """What second effects promise beside a leader, most first."""
-    found = each(partial(_beside, Score(problem, leader, settled=settled)), _others(leader, hypotheses))
+def promised_beside(score: Score, hypotheses: Sequence[Hypothesis]) -> list[Promise]:
+    """What second effects promise beside a fit, whose score it is; most first."""
+    found = each(partial(_beside, score), _others(score.fit, hypotheses))
     return sorted((promise for own in found for promise in own), key=lambda promise: promise.gain, reverse=True)
 
 

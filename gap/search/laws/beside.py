@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -22,10 +21,9 @@ from rigtwin.gap.search.laws.robust import robust_fit, robust_fits, without_outl
 from rigtwin.gap.search.laws.search import at_level, is_adequate, search_nonlinear
 from rigtwin.gap.search.linear import search
 from rigtwin.gap.search.nominal import recalibrate
-from rigtwin.gap.search.pairs import one_fewer, paired
+from rigtwin.gap.search.pairs import one_fewer, paired, promised_beside
 from rigtwin.gap.search.race import Progress, Search, best_first, first_of_each, in_turns
-from rigtwin.gap.search.starts import Promise, Start, promises
-from rigtwin.gap.search.workers import each
+from rigtwin.gap.search.starts import Promise, Start
 from rigtwin.rotor.effects import Effect
 
 
@@ -136,16 +134,10 @@ def _extended(problem: Problem, leader: Fit, candidates: Sequence[Hypothesis]) -
 
 def promises_much(problem: Problem, fit: Fit, candidates: Sequence[Hypothesis]) -> list[Promise]:
     """What linear effects could take away beside a fit, to first order, where that may be enough; best first."""
-    seconds = [c for c in candidates if c.ids[0] not in fit.hypothesis.ids and c.terms[0].effect.family != "nonlinear"]
+    linear = [c for c in candidates if c.terms[0].effect.family != "nonlinear"]
     score = Score(without_outliers(problem, fit), fit, settled=True)
-    promised = (promise for one in each(partial(_beside, score), seconds) for promise in one)
     least = 2 * PRIORS.pair_log_odds * _scale([fit]) ** 2
-    return sorted((p for p in promised if p.gain > least), key=lambda p: p.gain, reverse=True)
-
-
-def _beside(score: Score, second: Hypothesis) -> list[Promise]:
-    """What a second effect promises beside a fit, whose score it is."""
-    return promises(score, second, paired(score.fit.hypothesis, second))
+    return [promise for promise in promised_beside(score, linear) if promise.gain > least]
 
 
 def _needed(problem: Problem, several: Fit, candidates: Sequence[Hypothesis]) -> Fit:

@@ -563,7 +563,7 @@ static const char *add_bearings(Assembly *a)
 
 static int has_branch(const Design *d)
 {
-    return d->measured_joint.branch_mass > 1e-20; /* NO_MASS */
+    return d->measured_joint.branch_mass > NO_MASS;
 }
 
 static void add_measured_joint(Assembly *a)

@@ -277,9 +277,9 @@ class MeasuredJoint(Effect):
     in y and in z alike: a branch of a mass m_r on a spring and a damper, D_r = k_r + i omega c_r, to the node and on a
     damper c_g to the ground, with k_r = m_r w_r^2, c_r = 2 zeta_r w_r m_r, c_g = 2 zeta_g w_r m_r, w_r = 2 pi f_r. With
     little damping it is a resonance, with a large zeta_g a Maxwell element. No damper is negative, so that it never
-    feeds power into the rotor. k is negative where something pulls the shaft
-    away from its axis, as a magnet does; a rotor that has no stiffness left raises ValueError when it is solved. No
-    mass is negative, as a shaft has none at a single point that could be missing.
+    feeds power into the rotor. k is negative where something pulls the shaft away from its axis, as a magnet does; a
+    rotor that has no stiffness left raises ValueError when it is solved. No mass is negative, as a shaft has none at a
+    single point that could be missing.
 
     >>> MeasuredJoint(stiffness=1e4, node=3).start_values()["measured_joint.stiffness"]
     10000.0

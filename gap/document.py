@@ -189,7 +189,7 @@ class Calibrated:
     name: str
     words: str  # what it is
     prior: Estimate
-    posterior: Estimate  # nan: the data do not tell it
+    posterior: Estimate
     learned: bool = False  # nobody states it: the prior is a usual value
 
 

@@ -14,7 +14,6 @@
 #define ROWS 16       /* of a block of W whose sums stay in registers */
 #define MOST_LEVEL 60 /* the step is halved no more often than this */
 
-static const double TWO_PI = 6.283185307179586;
 
 /* Length of a column of W: whole blocks. */
 static int whole_rows(int rows)

@@ -7,7 +7,6 @@
 #include <string.h>
 
 #define DOF 4
-#define TWO_PI 6.283185307179586
 #define MOST_ENTRIES 8             /* of a pattern: a point between two mesh nodes, and a base */
 #define MOST_LAWS (4 + SEAT_PARTS) /* at a bearing */
 #define JOINT_LAWS (2 + JOINT_PARTS) /* in a joint: a spring, parts that slip, a contact */

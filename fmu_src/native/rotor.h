@@ -5,6 +5,8 @@
 
 #include "design.h"
 
+#define TWO_PI 6.283185307179586
+
 /* Free-free rotor, degrees of freedom node by node as (y, z, theta_y, theta_z); see rotor/model/structure.py. */
 typedef struct {
     int n_mesh, n_nodes, n_disks, n_supports, n_joints;

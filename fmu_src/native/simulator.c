@@ -12,7 +12,6 @@
 
 #define SCALARS 6 /* of a snapshot, before the state */
 
-static const double TWO_PI = 6.283185307179586;
 
 /* Everything that follows from a design. Two of them: one is used while the other is built. */
 typedef struct {

@@ -183,7 +183,7 @@ def calibration_words(numbers: Sequence[Calibrated]) -> str:
 
 def calibrated_row(number: Calibrated, *posteriors: Estimate | None) -> tuple[str, ...]:
     """A number in words, as it was known, as each model has it, and how far it moved."""
-    after = ("" if p is None else quantity(p) if finite(p.value) else "not told" for p in posteriors)
+    after = ("" if p is None else quantity(p) for p in posteriors)
     return number.words, quantity(number.prior), *after, _signed(moved(number))
 
 

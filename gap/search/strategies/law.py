@@ -80,9 +80,14 @@ class LawStrategy:
             for stiffness in self.stiffnesses_at_rest(point, rest):
                 yield np.array([np.clip(np.log(stiffness), *np.log(K_B_RANGE)), *point])
 
+    def axes_read(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
+        """Those where numbers are read from the forces in the runs, which is quick."""
+        return self.axes(hypothesis, rest)
+
     def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
-        """Points that are compared with the forces in the runs, where these can be read."""
-        return self.points(hypothesis, rest)
+        """(1 + n_free,) points that are compared with the forces in the runs, where these can be read."""
+        for point in itertools.product(*self.axes_read(hypothesis, rest)):
+            yield np.array([rest.calm.u[0], *point])
 
     def stiffnesses_at_rest(self, point: Sequence[float], rest: Rest) -> Sequence[float]:
         """Bearing stiffnesses [N/m] that go with a point."""
@@ -98,10 +103,9 @@ class Contact(LawStrategy):
         """Points along its stiffness, and gaps as shares of its node's largest motion."""
         return contact_axes(hypothesis, rest, GRID.stiffnesses, GRID.gaps)
 
-    def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+    def axes_read(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
         """A finer grid."""
-        axes = contact_axes(hypothesis, rest, GRID.stiffnesses_read, GRID.gaps_read)
-        yield from (np.array([rest.calm.u[0], *point]) for point in itertools.product(*axes))
+        return contact_axes(hypothesis, rest, GRID.stiffnesses_read, GRID.gaps_read)
 
 
 def contact_axes(hypothesis: Hypothesis, rest: Rest, stiffnesses: int, shares: Sequence[float]) -> list[FloatArray]:
@@ -147,10 +151,9 @@ class Microslip(LawStrategy):
         """Few points along every number: motions take long, and the forces in the runs tell more."""
         return _slip_axes(hypothesis, GRID.angles, GRID.joint_gaps)
 
-    def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
+    def axes_read(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
         """A finer grid."""
-        axes = _slip_axes(hypothesis, GRID.angles_read, GRID.joint_gaps_read)
-        yield from (np.array([rest.calm.u[0], *point]) for point in itertools.product(*axes))
+        return _slip_axes(hypothesis, GRID.angles_read, GRID.joint_gaps_read)
 
 
 def _slip_axes(hypothesis: Hypothesis, angles: int, gaps: int) -> list[FloatArray]:

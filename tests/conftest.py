@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rich.style  # noqa: F401 - draws a random number when it is imported, which is no test's doing
 from hypothesis import settings
 
 # A busy machine must not fail a test, nor one run in a hundred. To look further:

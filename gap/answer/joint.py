@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import softmax
 
 from rigtwin.gap.answer.calibration import calibration_of
 from rigtwin.gap.answer.causes import k_b_of
@@ -90,6 +90,5 @@ def _probabilities(problem: Problem, fits: Sequence[Fit], scale: float) -> tuple
     for fit in fits:
         node = fit.hypothesis.terms[0].node or problem.runs[0].excitation_node
         best[node] = max(best.get(node, -np.inf), fit.log_evidence(scale))
-    total = logsumexp(list(best.values()))
-    shares = [NodeShare(node, float(np.exp(value - total))) for node, value in best.items()]
+    shares = [NodeShare(node, float(share)) for node, share in zip(best, softmax(list(best.values())), strict=True)]
     return tuple(sorted(shares, key=lambda each: -each.share))

@@ -320,6 +320,6 @@ class _LinearLaw:
     def _beside(self, damper: str, at: FloatArray) -> tuple[float, FloatArray]:
         """What a branch of this frequency and damping ratio, both as logarithms, leaves, and the numbers."""
         frequency, ratio = np.exp(at)
-        dampers = dict.fromkeys(DAMPERS, 0.0) | {damper: ratio}
-        unit = MeasuredJoint(0.0, 0.0, 0.0, branch_mass=1.0, branch_frequency=frequency, **dampers)
+        undamped = MeasuredJoint(0.0, 0.0, 0.0, branch_mass=1.0, branch_frequency=frequency)
+        unit = replace(undamped, **dict.fromkeys(DAMPERS, 0.0) | {damper: ratio})
         return self._solve(unit.dynamic_stiffness(self.omega))

@@ -26,7 +26,7 @@ from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 # Modes with eigenvalues above this multiple of the highest harmonic's frequency follow statically.
 _STATIC = 4.0
 
-# A multiplier whose modulus exceeds one by less than this counts as one: an element that never slips is neutral.
+# A multiplier whose modulus exceeds one by less than this counts as one: an element that does not slip is neutral.
 NEUTRAL = 1e-6
 
 
@@ -42,8 +42,9 @@ def is_stable(multipliers: ComplexArray) -> NDArray[np.bool_]:
 def floquet_multipliers(motions: Motions) -> ComplexArray:
     """Factors by which disturbances grow in one period.
 
-    A law with memory brings two more states: its force and displacement one sample earlier. Where
-    it never slips its force is free, which gives a multiplier of one.
+    A law with memory brings two more states: its force and displacement one sample earlier. If it slips
+    in some of the motions and not in others, its force is free in those others, which gives a multiplier of one.
+    If it slips in none of them, it is a spring.
 
     Parameters
     ----------

@@ -50,13 +50,13 @@ WHILE_RUNNING: dict[str, tuple[str, list[Any], str]] = {
     "point too late": ("doStep", [0.2, 1e-3], "a step from 0.2 s was asked for, but the rotor stands at 0.125 s"),
     "point NaN": ("doStep", [NAN, 1e-3], "the communication step must be finite"),
     "start time late": ("setupExperiment", [None, 0.25], "setting the start time is not possible during the simul"),
-    "get unknown": ("getReal", [[99]], "there is no Real variable with value reference 99"),
+    "get unknown": ("getReal", [[9999]], "there is no Real variable with value reference 9999"),
     "get any": ("getReal", [[0, ANY_REFERENCE]], f"there is no Real variable with value reference {ANY_REFERENCE}"),
     "get integer as real": ("getReal", [[8]], "there is no Real variable with value reference 8"),
     "get unknown integer": ("getInteger", [[ANY_REFERENCE]], "there is no Integer variable with value reference"),
     "get real as boolean": ("getBoolean", [[0]], "there is no Boolean variable with value reference 0"),
     "get string": ("getString", [[0]], "there is no String variable with value reference 0"),
-    "set unknown": ("setReal", [[99], [1.0]], "there is no Real variable with value reference 99"),
+    "set unknown": ("setReal", [[9999], [1.0]], "there is no Real variable with value reference 9999"),
     "set any": ("setReal", [[ANY_REFERENCE], [1.0]], "there is no Real variable with value reference"),
     "set integer as real": ("setReal", [[8], [2.0]], "there is no Real variable with value reference 8"),
     "set string": ("setString", [[0], ["1.0"]], "there is no String variable with value reference 0"),
@@ -221,7 +221,7 @@ def fail_often(fmu, n):
             session.start()
             bad_calls = (
                 (session.set, {"k_b": -1.0}),
-                (session._call, session._fmu.getReal, [99]),
+                (session._call, session._fmu.getReal, [9999]),
                 (session._call, session._fmu.doStep, 1e6, 1.0),
                 (session._call, session._fmu.setString, [0], ["x"]),
             )
@@ -252,7 +252,7 @@ ESTIMATOR_CALLS: dict[str, tuple[str, list[Any], str]] = {
     "step NaN": ("doStep", [1.0, NAN], "the communication step must be finite, got nan s"),
     "step infinite": ("doStep", [1.0, INF], "the communication step must be finite, got inf s"),
     "time NaN": ("doStep", [NAN, 1.0], "the communication step must be finite, got 1 s at nan s"),
-    "unknown": ("getReal", [[99]], "there is no Real variable with value reference 99"),
+    "unknown": ("getReal", [[9999]], "there is no Real variable with value reference 9999"),
     "boolean as real": ("getReal", [[10]], "there is no Real variable with value reference 10"),
 }
 

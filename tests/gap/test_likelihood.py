@@ -214,11 +214,11 @@ def test_rigid_runs_say_nothing_of_the_bearings():
 
 def test_an_impossible_start_is_refused():
     run = measure("bearing", frequency_hz=lines("bearing")[::4])
-    hypothesis: Hypothesis = candidate([run], "bearing_offset")
-    problem = problem_of(run)
-    term = replace(hypothesis.terms[0], free=(replace(hypothesis.free[0], low=-0.2, high=-0.15),))
-    with pytest.raises(ValueError, match=r"bearing_offset|no model"):
-        problem.fit(Hypothesis((term,)), np.array([np.log(K_B), -0.18]))
+    hypothesis: Hypothesis = candidate([run], "open_crack")
+    depth, position = hypothesis.free
+    beside = replace(hypothesis.terms[0], free=(depth, replace(position, low=1.0, high=2.0)))
+    with pytest.raises(ValueError, match="open_crack: no model at the start"):
+        problem_of(run).fit(Hypothesis((beside,)), np.array([np.log(K_B), np.log(0.3), 1.5]))
 
 
 def test_belief_sets_the_nuisances_width():

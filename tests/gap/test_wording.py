@@ -65,7 +65,7 @@ def test_no_joint_is_named_where_names_are_wrong(severity, said):
     joint = SimpleNamespace(node=3, explained=0.95, order="a mass (real, falling)")
     found = Finding("labels", severity, "Names are not right.", "run", 1.0, 0.0)
     where = SimpleNamespace(joint=joint, remark="")
-    diagnosis = SimpleNamespace(verdict="unknown", where=where, audit=(found,))
+    diagnosis = SimpleNamespace(verdict="unknown", where=where, audit=(found,), measured_joint=None)
     words = sentence(diagnosis)  # type: ignore[arg-type]
     assert words.endswith(said)
     assert ("acts like" in words) == (severity == "ok")

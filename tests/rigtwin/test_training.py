@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import rigtwin.commands.training as training
 from rigtwin.commands.training import TRAINING_CSV, TrainingPlan, shipped_data, train
@@ -16,6 +16,7 @@ from rigtwin.estimator.prior import PRIOR
 from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.estimator.training import data_digest
 from rigtwin.exits import UserError
+from tests import tolerances as tol
 from tests.rigtwin.conftest import run
 
 OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
@@ -88,8 +89,8 @@ def test_the_defaults_ask_for_the_data_the_shipped_network_was_trained_on(asked,
     train(TrainingPlan(out=tmp_path))
     (_, rigs, how), (_, fine_rigs, _), (prior, about) = asked
     shipped, calibration = (read_dataset(shipped_data(name)).rigs for name in (TRAINING_CSV, training.CALIBRATION_CSV))
-    assert_array_equal(rigs.k_b, shipped.k_b)
-    assert_array_equal(fine_rigs.k_b, calibration.k_b)
+    assert_allclose(rigs.k_b, shipped.k_b, rtol=tol.ROUND_OFF)  # exp differs in its last digit from machine to machine
+    assert_allclose(fine_rigs.k_b, calibration.k_b, rtol=tol.ROUND_OFF)
     assert (how["plan"], how["excitation_node"], prior, about) == (FEATURE_PLAN, 2, PRIOR, {})
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import softmax
 
 from rigtwin.gap.document import Verdict
 from rigtwin.gap.inference.evidence import sample
@@ -75,7 +75,7 @@ def _by_evidence(nominal: Fit, fits: Sequence[Fit], scale: float) -> Ranked:
     """Candidates by probability; the nominal model has its own prior."""
     single = [fit.log_evidence(scale) + np.log(fit.hypothesis.prior * (1 - PRIORS.no_gap)) for fit in fits]
     every = np.array([*single, nominal.log_evidence(scale) + np.log(PRIORS.no_gap)])
-    share = np.exp(every - logsumexp(every))
+    share = softmax(every)
     order = np.argsort(-share[:-1], kind="stable")
     return Ranked(tuple(fits[k] for k in order), tuple(float(share[k]) for k in order), float(share[-1]))
 

@@ -16,6 +16,7 @@ from tests.fmu.child import in_child
 
 NAN, INF = math.nan, math.inf
 ANY_REFERENCE = 2**32 - 1
+UNUSED_REFERENCE = 9999  # beyond those of all effects
 
 # id: (call, the sentence in the log). Calls are (method of the session or its fmpy instance, arguments).
 WHILE_RUNNING: dict[str, tuple[str, list[Any], str]] = {
@@ -50,13 +51,21 @@ WHILE_RUNNING: dict[str, tuple[str, list[Any], str]] = {
     "point too late": ("doStep", [0.2, 1e-3], "a step from 0.2 s was asked for, but the rotor stands at 0.125 s"),
     "point NaN": ("doStep", [NAN, 1e-3], "the communication step must be finite"),
     "start time late": ("setupExperiment", [None, 0.25], "setting the start time is not possible during the simul"),
-    "get unknown": ("getReal", [[9999]], "there is no Real variable with value reference 9999"),
+    "get unknown": (
+        "getReal",
+        [[UNUSED_REFERENCE]],
+        f"there is no Real variable with value reference {UNUSED_REFERENCE}",
+    ),
     "get any": ("getReal", [[0, ANY_REFERENCE]], f"there is no Real variable with value reference {ANY_REFERENCE}"),
     "get integer as real": ("getReal", [[8]], "there is no Real variable with value reference 8"),
     "get unknown integer": ("getInteger", [[ANY_REFERENCE]], "there is no Integer variable with value reference"),
     "get real as boolean": ("getBoolean", [[0]], "there is no Boolean variable with value reference 0"),
     "get string": ("getString", [[0]], "there is no String variable with value reference 0"),
-    "set unknown": ("setReal", [[9999], [1.0]], "there is no Real variable with value reference 9999"),
+    "set unknown": (
+        "setReal",
+        [[UNUSED_REFERENCE], [1.0]],
+        f"there is no Real variable with value reference {UNUSED_REFERENCE}",
+    ),
     "set any": ("setReal", [[ANY_REFERENCE], [1.0]], "there is no Real variable with value reference"),
     "set integer as real": ("setReal", [[8], [2.0]], "there is no Real variable with value reference 8"),
     "set string": ("setString", [[0], ["1.0"]], "there is no String variable with value reference 0"),
@@ -209,7 +218,7 @@ def test_of_several_values_in_one_call_either_all_are_set_or_none(rotor_fmu):
         assert f"{culprit} must be" in message
 
 
-def fail_often(fmu, n):
+def fail_often(fmu, n, unused):
     """n failing calls of every kind on several instances, with the garbage collector at work in between."""
     import gc
 
@@ -221,7 +230,7 @@ def fail_often(fmu, n):
             session.start()
             bad_calls = (
                 (session.set, {"k_b": -1.0}),
-                (session._call, session._fmu.getReal, [9999]),
+                (session._call, session._fmu.getReal, [unused]),
                 (session._call, session._fmu.doStep, 1e6, 1.0),
                 (session._call, session._fmu.setString, [0], ["x"]),
             )
@@ -239,7 +248,7 @@ def fail_often(fmu, n):
 
 
 def test_two_hundred_failing_calls_do_not_crash_the_host(rotor_fmu):
-    assert in_child(fail_often, rotor_fmu, 200) == 200
+    assert in_child(fail_often, rotor_fmu, 200, UNUSED_REFERENCE) == 200
 
 
 ESTIMATOR_CALLS: dict[str, tuple[str, list[Any], str]] = {
@@ -252,7 +261,7 @@ ESTIMATOR_CALLS: dict[str, tuple[str, list[Any], str]] = {
     "step NaN": ("doStep", [1.0, NAN], "the communication step must be finite, got nan s"),
     "step infinite": ("doStep", [1.0, INF], "the communication step must be finite, got inf s"),
     "time NaN": ("doStep", [NAN, 1.0], "the communication step must be finite, got 1 s at nan s"),
-    "unknown": ("getReal", [[9999]], "there is no Real variable with value reference 9999"),
+    "unknown": ("getReal", [[UNUSED_REFERENCE]], f"there is no Real variable with value reference {UNUSED_REFERENCE}"),
     "boolean as real": ("getReal", [[10]], "there is no Real variable with value reference 10"),
 }
 

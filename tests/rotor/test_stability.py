@@ -88,6 +88,17 @@ def test_an_element_that_sticks_is_a_spring():
     assert is_stable(found[None])[0]
 
 
+def test_an_element_that_sticks_beside_a_motion_that_slips_leaves_its_force_free():
+    k_t = 0.3 * STIFFNESS
+    balance = Balance(oscillator(0.02, jenkins(k_t, 1.0)), CONDITION)
+    motions = balance.solve(np.array([25.0, 25.0]), np.array([1e-3, 50.0]))
+    assert motions.dissipated[0, 0] < tol.ROUND_OFF < motions.dissipated[1, 0]
+    found = floquet_multipliers(motions)[0]
+    assert closest(found, 1.0) < tol.ROUND_OFF
+    assert closest(found, expected_linear(STIFFNESS + k_t, 0.02, 25.0)) < tol.KICKS
+    assert is_stable(found[None])[0]
+
+
 def test_an_element_that_slips_forgets():
     motion = Balance(oscillator(0.02, jenkins(2 * STIFFNESS, 1.0)), CONDITION).solve(17.0, 5.0)
     assert motion.dissipated[0, 0] > 0

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from rigtwin.gap.model.branch import Known
-from rigtwin.gap.model.linear import MODES, Group, Modal, chain_factors, over_receptance, resonance_numbers
+from rigtwin.gap.model.linear import MODES, Group, Modal, chain_factors, holds, over_receptance, resonance_numbers
 from rigtwin.gap.model.motions import FINE, Resolution
 from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.model.run_model import RunModel
@@ -198,7 +198,7 @@ class Forward:
 
     def condition(self, run: Run, k_b: float, tolerance: FloatArray | None = None) -> Condition:
         """The test condition of a run, with the dampings at the anchor or at other tolerances."""
-        belief = self.workshop.belief_at(self.anchor.values if tolerance is None else tolerance)
+        belief = self.anchor.belief if tolerance is None else self.workshop.belief_at(tolerance)
         return Condition(
             k_b=k_b,
             rigid_support=run.support == "rigid",
@@ -315,7 +315,7 @@ class Forward:
         rotor = self._rotor(mesh, run, condition, acting, tuple(run.channels[c] for c in columns))
         mode = resonance_numbers(rotor.poles, 2 * np.pi * _SIZE.drifting_ratio * run.frequency_hz[-1])
         rest = rotor.upper.receptance(omega)[:, :, 0]
-        known = next((bend for bend in bends if np.isin(columns, bend.columns).all()), None)
+        known = next((bend for bend in bends if holds(bend.columns, columns)), None)
         n = len(self.anchor.values)
         bent, aside = bend_residues(known, n, omega, columns, rotor.poles, rotor.residues, mode)
         made = Group(

@@ -118,21 +118,25 @@ class Modal(RunModel):
             H[:, group.columns] = Y[:, :-1] * group.chain * force[:, None]
             if not derivatives:
                 continue
-            slope, by_shift = self._force_slope(Y[:, -1], force), self._shares_slope(group.poles, poles, shares)
-            for m in range(MODES):
-                mine = group.mode == m
-                if mine.any():
-                    by_pole = by_shift[:, mine] * still[mine]
-                    by_height = -shares[:, mine] * still[mine] ** 2
-                    by_damping = by_pole * _pole_shifts(group, self._towards_damping)[mine]
-                    for row, by in ((m, by_pole + by_height), (MODES + m, by_damping)):
-                        change = _sensor_change(Y, by @ residues[:, mine].T, force, slope)
-                        D[row][:, group.columns] = change * group.chain
-            for t in range(len(factors)):
-                moved = (by_shift * still * _pole_shifts(group, self.sensitivity[:, t])) @ residues.T
-                dY = moved + (shares * still) @ group.bent[t].T + group.aside[t]
-                D[2 * MODES + t][:, group.columns] = _sensor_change(Y, dY, force, slope) * group.chain
+            by_shift = self._shares_slope(group.poles, poles, shares) * still
+            dY = np.concatenate([self._by_drifts(group, by_shift, shares * still**2, residues), group.aside])
+            dY[2 * MODES :] += np.tensordot(shares * still, group.bent, axes=(1, 2)).swapaxes(0, 1)
+            turns = _pole_shifts(group, self.sensitivity.T)  # (n_tolerances, n_states)
+            dY[2 * MODES :] += _by_states(by_shift, turns, residues)
+            D[:, :, group.columns] = (
+                _sensor_change(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
+            )
         return H, D
+
+    def _by_drifts(
+        self, group: Group, by_shift: ComplexArray, by_height: ComplexArray, residues: ComplexArray
+    ) -> ComplexArray:
+        """(2 MODES, n_freq, n_channels + 1) derivatives of the motion by the drifts, of frequency and of damping."""
+        own = np.arange(MODES)[:, None] == group.mode
+        turned = own * _pole_shifts(group, self._towards_damping)
+        moved = _by_states(by_shift, np.concatenate([own, turned]), residues)
+        moved[:MODES] -= _by_states(by_height, own, residues)
+        return moved
 
     def of_resonances(self, drift: ComplexArray, tolerance: FloatArray) -> ComplexArray:
         """(MODES, n_freq, n_channels) what each resonance that may drift adds to the response."""
@@ -196,7 +200,7 @@ class Modal(RunModel):
     def _change_to(self, other: Modal, drift: ComplexArray, tolerance: FloatArray) -> ComplexArray:
         change = np.empty((len(self.omega), len(self.run.channels)), dtype=complex)
         for group in other.groups:
-            twin = next((g for g in self.groups if np.isin(group.columns, g.columns).all()), None)
+            twin = next((g for g in self.groups if holds(g.columns, group.columns)), None)
             here = None if twin is None else _poles_of_twin(group, twin)
             if twin is None or here is None or self.dwell_s is not None or other.dwell_s is not None:
                 return other.response(drift, tolerance) - self.response(drift, tolerance)
@@ -286,9 +290,14 @@ class Modal(RunModel):
 
 
 def _pole_shifts(group: Group, shift: ComplexArray) -> ComplexArray:
-    """(n_states,) relative shift of every pole, of (MODES,) the resonances'; none of the modes that do not drift."""
-    own = shift[group.mode]
+    """(..., n_states) relative shift of every pole, of (..., MODES) the resonances'; none of what does not drift."""
+    own = shift[..., group.mode]
     return np.where(group.mode < 0, 0.0, np.where(group.poles.imag < 0, own.conj(), own))
+
+
+def _by_states(shares: ComplexArray, weights: ComplexArray, residues: ComplexArray) -> ComplexArray:
+    """(k, n_freq, n_rows) sum over the states of shares (n_freq, n_states), weights (k, n_states) and residues."""
+    return np.matmul(shares, weights[:, :, None] * residues.T)
 
 
 def _moved_poles(group: Group, shift: ComplexArray) -> ComplexArray:
@@ -307,6 +316,11 @@ def _heights(group: Group, drift: ComplexArray | None) -> FloatArray:
 def towards_damping(poles: ComplexArray) -> ComplexArray:
     """(n,) relative shift of poles when their dampings grow by one of themselves: i zeta, -i zeta of the conjugates."""
     return -1j * np.sign(poles.imag) * poles.real / np.maximum(np.abs(poles), 1e-300)
+
+
+def holds(columns: IntArray, others: IntArray) -> bool:
+    """Whether the first columns have all of the others."""
+    return set(columns.tolist()).issuperset(others.tolist())
 
 
 def chain_factors(effects: Sequence[Effect], run: Run, columns: IntArray) -> ComplexArray:
@@ -346,7 +360,11 @@ def resonance_numbers(poles: ComplexArray, top: float) -> IntArray:
     number = np.full(len(poles), -1)
     oscillating = np.flatnonzero((poles.imag > 0) & (np.abs(poles) < top))
     order = oscillating[np.argsort(np.abs(poles[oscillating]))][:MODES]
-    for m, k in enumerate(order):
-        number[k] = m
-        number[np.argmin(np.abs(poles - poles[k].conj()))] = m
+    number[order] = np.arange(len(order))
+    number[conjugates(poles, order)] = np.arange(len(order))
     return number
+
+
+def conjugates(poles: ComplexArray, of: IntArray) -> IntArray:
+    """(k,) places of the poles that are the conjugates of these (k,)."""
+    return np.abs(poles - poles[of, None].conj()).argmin(axis=1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigtwin.gap.model.linear import MODES, Group, Modal
+from rigtwin.gap.model.linear import MODES, Group, Modal, conjugates
 from rigtwin.gap.model.workshop import STEP, Tolerance
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.structure import DOF_PER_NODE
@@ -57,10 +57,9 @@ def bend_residues(
         return bent, np.zeros((n, len(omega), len(columns) + 1), dtype=complex)
     rows = np.append(np.searchsorted(known.columns, columns), len(known.columns))
     sizes = _sizes(residues, mode)
-    for k in np.flatnonzero((mode >= 0) & (poles.imag > 0)):
-        bent[:, :, k] = known.residues[:, rows, mode[k]] * sizes[k]
-        twin = int(np.argmin(np.abs(poles - poles[k].conj())))
-        bent[:, :, twin] = bent[:, :, k].conj()
+    upper = np.flatnonzero((mode >= 0) & (poles.imag > 0))
+    bent[:, :, upper] = known.residues[:, rows][:, :, mode[upper]] * sizes[upper]
+    bent[:, :, conjugates(poles, upper)] = bent[:, :, upper].conj()
     return bent, known.aside[:, :, rows]
 
 
@@ -98,11 +97,11 @@ def sensitivity_of(
     modes = system.modes
     count = min(MODES, len(modes.omega))
     Phi, omega = modes.Phi[:, :count], np.maximum(modes.omega[:count], 1e-6)
-    strain = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / omega**2
+    strain = _work(Phi, system.K_shaft) / omega**2
     bodies = {each.name: _kinetic_share(system, Phi, each) for each in tolerances if each.is_body}
     slopes = {name: -share / 2 for name, share in bodies.items()} | {
         "modulus": strain / 2,
-        "span": -1.5 * strain - 0.5 * np.clip(1 - sum(bodies.values(), np.zeros(count)), 0.0, 1.0),
+        "span": -1.5 * strain - 0.5 * np.minimum(np.maximum(1 - sum(bodies.values(), np.zeros(count)), 0.0), 1.0),
     }
     for each in tolerances:
         if each.joint:
@@ -110,17 +109,22 @@ def sensitivity_of(
     if "shaft_damping_ratio" not in replaced:
         slopes["shaft_damping_ratio"] = 1j * system.shaft_damping_ratio * strain
     if "bearing_damping" not in replaced:
-        slopes["bearing_damping"] = 0.5j * np.einsum("im,ij,jm->m", Phi, system.C_support, Phi) / omega
+        slopes["bearing_damping"] = 0.5j * _work(Phi, system.C_support) / omega
     at = np.zeros((MODES, len(tolerances)), dtype=complex)
     for column, each in enumerate(tolerances):
         at[:count, column] = slopes.get(each.name, 0.0)
     return at
 
 
+def _work(Phi: FloatArray, matrix: FloatArray) -> FloatArray:
+    """(n_modes,) quadratic form of a matrix (n, n) in each shape (n, n_modes)."""
+    return np.sum(Phi * (matrix @ Phi), axis=0)
+
+
 def _kinetic_share(system: LinearSystem, Phi: FloatArray, body: Tolerance) -> FloatArray:
     """(n_modes,) share of a disk or a lumped mass in each mode's kinetic energy, of its motion or its tilting."""
-    places = 4 * int(system.structure.stations[body.node - 1]) + np.arange(2) + (2 if body.tilts else 0)
-    return np.sum(body.value * Phi[(system.free[:, None] == places).any(axis=1)] ** 2, axis=0)
+    first = DOF_PER_NODE * int(system.structure.stations[body.node - 1]) + (2 if body.tilts else 0)
+    return np.sum(body.value * Phi[(system.free == first) | (system.free == first + 1)] ** 2, axis=0)
 
 
 def _strain_in_joint(system: LinearSystem, Phi: FloatArray, joint: int) -> FloatArray:

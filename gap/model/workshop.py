@@ -146,6 +146,11 @@ class Anchor:
         """The rotor on the finer mesh."""
         return self.workshop.structure(self.values, fine=True)
 
+    @cached_property
+    def belief(self) -> NominalBelief:
+        """The belief with these tolerances."""
+        return self.workshop.belief_at(self.values)
+
     @property
     def stepped(self) -> list[FloatArray]:
         """The tolerances, each with one of them a step larger."""

@@ -7,6 +7,7 @@ and the order in which they are given does not matter.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -26,6 +27,9 @@ WEAKEST_BRANCH = 1e-9
 
 # A block whose mount has at most this compliance, relative to the pedestal's, counts as the ground.
 GROUND_COMPLIANCE = 1e-6
+
+# Distance below which a position is that of a mesh node [m].
+_SAME = 1e-12
 
 # Nonzero entries of a vector over all degrees of freedom: their places and their values.
 Pattern = tuple[IntArray, FloatArray]
@@ -137,18 +141,10 @@ def _bearings(structure: Structure, condition: Condition) -> list[Bearing]:
     """The bearings of the rotor; none on rigid supports."""
     if condition.rigid_support:
         return []
-    places = np.flatnonzero(np.isnan(structure.support_stiffness))
-    x = structure.x[structure.support_node[places]]
-    middle = (x.min() + x.max()) / 2
+    k_b, damping = condition.k_b, condition.bearing_damping
     return [
-        Bearing(
-            x=float(position),
-            side=int(np.sign(position - middle)),
-            stiffness=condition.k_b,
-            damping=condition.bearing_damping,
-            tilt_stiffness=float(structure.support_tilt_stiffness[place]),
-        )
-        for place, position in zip(places, x, strict=True)
+        Bearing(x=x, side=side, stiffness=k_b, damping=damping, tilt_stiffness=tilt_stiffness)
+        for x, side, tilt_stiffness in structure.bearings
     ]
 
 
@@ -156,7 +152,7 @@ def _bearings(structure: Structure, condition: Condition) -> list[Bearing]:
 
 
 def _element_at(structure: Structure, x: float) -> int:
-    return int(np.clip(np.searchsorted(structure.x, x, side="right") - 1, 0, len(structure.x) - 2))
+    return min(max(bisect_right(structure.positions, x) - 1, 0), len(structure.positions) - 2)
 
 
 def shaft_point(structure: Structure, x: float, plane: int) -> tuple[Pattern, Pattern]:
@@ -165,8 +161,8 @@ def shaft_point(structure: Structure, x: float, plane: int) -> tuple[Pattern, Pa
     Between mesh nodes the element's shape functions give them. Beyond its ends the shaft is
     continued as a straight and rigid line.
     """
-    node = int(np.argmin(np.abs(structure.x - x)))
-    if abs(structure.x[node] - x) < 1e-12:
+    node = bisect_left(structure.positions, x - _SAME)
+    if node < len(structure.positions) and structure.positions[node] < x + _SAME:
         first = DOF_PER_NODE * node
         tilt = first + PLANE_PLACES[plane - 1][1]
         sign = PLANE_SIGNS[plane - 1][1]
@@ -191,8 +187,8 @@ def local_flexibility(structure: Structure, x: float, plane: int) -> float:
     0.0
     """
     element = _element_at(structure, x)
-    before, after = x - structure.x[element], structure.x[element + 1] - x
-    if min(before, after) < 1e-12:  # a node, or beyond the shaft's ends
+    before, after = x - structure.positions[element], structure.positions[element + 1] - x
+    if min(before, after) < _SAME:  # a node, or beyond the shaft's ends
         return 0.0
     EI, GA = structure.bending_stiffness[element, plane - 1], structure.shear_stiffness[element, plane - 1]
     parts = (_element_stiffness(_cantilever_flexibility(length, EI, GA), length) for length in (before, after))

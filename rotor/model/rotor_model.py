@@ -23,7 +23,7 @@ from rigtwin.rotor.model.design import (
 )
 from rigtwin.rotor.model.local_force import LocalForce
 from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
-from rigtwin.rotor.model.system import LinearSystem
+from rigtwin.rotor.model.system import LinearSystem, block
 
 
 class Change(Protocol):
@@ -191,11 +191,12 @@ class _Assembly:
 
     def _bodies(self) -> None:
         design, structure = self.design, self.structure
-        for disk, node in enumerate(structure.disk_node):
+        for disk, node in enumerate(structure.disk_node.tolist()):
             y, z, theta_y, theta_z = range(DOF_PER_NODE * node, DOF_PER_NODE * (node + 1))
-            self.M[[y, z], [y, z]] += design.disk_mass_change * structure.disk_mass[disk]
-            tilt = design.disk_inertia_factor * structure.disk_lumped_diametral[disk]
-            self.M[[theta_y, theta_z], [theta_y, theta_z]] += tilt
+            for place in (y, z):
+                self.M[place, place] += design.disk_mass_change * structure.disk_mass[disk]
+            for place in (theta_y, theta_z):
+                self.M[place, place] += design.disk_inertia_factor * structure.disk_lumped_diametral[disk]
             polar = design.gyroscopic_factor * structure.disk_lumped_polar[disk]
             self.G[theta_y, theta_z] += polar
             self.G[theta_z, theta_y] -= polar
@@ -245,13 +246,14 @@ class _Assembly:
                 self._connect(self.K, [tilt], np.array([[bearing.tilt_stiffness]]))
         base = self._pedestal(bearing)
         joint = [_difference(a, b) for a, b in zip(shaft, base, strict=True)]
-        stiffness = bearing.stiffness * bearing.directions
+        stiffness, damping = bearing.stiffness * bearing.directions, bearing.damping * np.eye(2)
         flexibility = [local_flexibility(self.structure, bearing.x, plane) for plane in (1, 2)]
-        yielding = np.diag(flexibility) / self.design.modulus_factor
-        share = np.linalg.inv(np.eye(2) + stiffness @ yielding)  # of the deflection, the bearing's own
-        stiffness = share @ stiffness
+        if any(flexibility):
+            yielding = np.diag(flexibility) / self.design.modulus_factor
+            share = np.linalg.inv(np.eye(2) + stiffness @ yielding)  # of the deflection, the bearing's own
+            stiffness, damping = share @ stiffness, share @ damping @ share.T
         self._connect(self.K, joint, stiffness)
-        self._connect(self.C, joint, bearing.damping * share @ share.T)
+        self._connect(self.C, joint, damping)
         for relative, relaxation_time in bearing.branches:
             end = self._new_pair()
             spring = [_difference(a, b) for a, b in zip(shaft, end, strict=True)]
@@ -301,10 +303,10 @@ class _Assembly:
 
     def _connect(self, matrix: FloatArray, joint: list[Pattern], values: FloatArray) -> None:
         """Add sum values_ab p_a p_b' over the joint's displacements."""
-        for (a, b), value in np.ndenumerate(values):
-            if value:
-                (rows, left), (columns, right) = joint[a], joint[b]
-                matrix[rows[:, None], columns] += value * left[:, None] * right
+        for (rows, left), line in zip(joint, values.tolist(), strict=True):
+            for (columns, right), value in zip(joint, line, strict=True):
+                if value:
+                    matrix[rows[:, None], columns] += value * left[:, None] * right
 
     def _local_force(self, joint: list[Pattern], law: JointLaw, stiffness: float) -> None:
         patterns = np.zeros((2, self.size))
@@ -317,9 +319,7 @@ class _Assembly:
         """(2, n_nodes, size) deflection that each node's accelerometer sees."""
         structure = self.structure
         sensors = np.zeros((2, structure.n_nodes, self.size))
-        nodes = np.arange(structure.n_nodes)
-        for plane in (1, 2):
-            sensors[plane - 1, nodes, DOF_PER_NODE * structure.stations + plane - 1] = 1.0
+        sensors[:, :, : structure.n] = structure.sensors
         for node, offset in self.design.sensor_offsets.items():
             for plane in (1, 2):
                 places, weights = self._beside(node, offset, plane)
@@ -331,16 +331,14 @@ class _Assembly:
         sensors = self._sensors()
         self._tie(sensors)
         free = np.flatnonzero(~self.held)
-        keep = free[:, None], free
-        plane = np.concatenate(
-            [np.tile([1, 2, 2, 1], len(self.structure.x)), np.tile([1, 2], (self.size - self.structure.n) // 2)]
-        )
+        pairs = (self.size - self.structure.n) // 2
+        plane = np.concatenate([self.structure.plane, np.tile([1, 2], pairs)]) if pairs else self.structure.plane
         system = LinearSystem(
-            M=self.M[keep],
-            K=self.K[keep],
-            G=self.G[keep],
-            K_shaft=self.K_shaft[keep],
-            C_support=self.C[keep],
+            M=block(self.M, free),
+            K=block(self.K, free),
+            G=block(self.G, free),
+            K_shaft=block(self.K_shaft, free),
+            C_support=block(self.C, free),
             shaft_damping_ratio=self.design.shaft_damping_ratio,
             free=free,
             plane=plane[free],

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,36 @@ class Structure:
     def n(self) -> int:
         """Number of degrees of freedom."""
         return DOF_PER_NODE * len(self.x)
+
+    @cached_property
+    def positions(self) -> list[float]:
+        """``x`` to search in."""
+        return self.x.tolist()
+
+    @cached_property
+    def plane(self) -> IntArray:
+        """(n,) plane in which each degree of freedom moves, 1 = y or 2 = z."""
+        return np.tile([1, 2, 2, 1], len(self.x))
+
+    @cached_property
+    def bearings(self) -> tuple[tuple[float, int, float], ...]:
+        """Of every support whose stiffness is k_b: position [m], side, tilt stiffness [N m/rad].
+
+        The side is -1 left, +1 right of the middle of all of them, 0 in the middle.
+        """
+        places = np.flatnonzero(np.isnan(self.support_stiffness))
+        x = self.x[self.support_node[places]]
+        middle = (x.min() + x.max()) / 2 if len(x) else 0.0
+        sides = np.sign(x - middle).astype(int)
+        return tuple(zip(x.tolist(), sides.tolist(), self.support_tilt_stiffness[places].tolist(), strict=True))
+
+    @cached_property
+    def sensors(self) -> FloatArray:
+        """(2, n_nodes, n) deflection of each node in y and in z."""
+        sensors = np.zeros((2, self.n_nodes, self.n))
+        for plane in (0, 1):
+            sensors[plane, np.arange(self.n_nodes), DOF_PER_NODE * self.stations + plane] = 1.0
+        return sensors
 
     @property
     def n_nodes(self) -> int:

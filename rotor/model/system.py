@@ -11,7 +11,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh, qr, solve_triangular
+from scipy.linalg import eigh, qr
+from scipy.linalg.lapack import dtrtrs
 
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.structure import Structure
@@ -22,6 +23,11 @@ _NO_STRAIN = 1e-12
 
 # Ratio of the lowest to the highest eigenvalue below which one solution cannot be accurate for both.
 _WIDE = 1e-12
+
+
+def block(matrix: FloatArray, rows: IntArray, columns: IntArray | None = None) -> FloatArray:
+    """(n_rows, n_columns) of a matrix; the columns are the rows where none are given."""
+    return matrix.take(rows, axis=0).take(rows if columns is None else columns, axis=1)
 
 
 @dataclass(frozen=True)
@@ -67,8 +73,8 @@ class LinearSystem:
         """(n_heavy, n_heavy) stiffness of the degrees of freedom with mass, the massless ones following statically."""
         if not len(self.massless):
             return self.K
-        heavy = self.heavy[:, None]
-        return self.K[heavy, self.heavy] + self.K[heavy, self.massless] @ self.slide
+        heavy, light = self.heavy, self.massless
+        return block(self.K, heavy) + block(self.K, heavy, light) @ self.slide
 
     @cached_property
     def modes(self) -> Modes:
@@ -94,9 +100,10 @@ class LinearSystem:
     def couples_planes(self, spin_speed: float = 0.0) -> bool:
         """Whether the motions in y and in z are coupled."""
         y, z = (np.flatnonzero(self.plane == plane) for plane in (1, 2))
-        across = (y[:, None], z), (z[:, None], y)
-        matrices = (self.M, self.K, self.C_support, spin_speed * self.G)
-        return any(matrix[block].any() for matrix in matrices for block in across)
+        if not len(y) or not len(z):
+            return False
+        matrices = (self.M, self.K, self.C_support, *([self.G] if spin_speed else []))
+        return any(block(matrix, *places).any() for matrix in matrices for places in ((y, z), (z, y)))
 
     def plane_of_motion(self, pattern: ComplexArray | FloatArray, spin_speed: float = 0.0) -> int | None:
         """Plane in which a force with pattern (n,) moves the rotor, 1 for no force; None where it moves both planes."""
@@ -108,8 +115,7 @@ class LinearSystem:
     def in_plane(self, plane: int) -> LinearSystem:
         """The rotor's motion in one plane, for planes that do not couple."""
         keep = np.flatnonzero(self.plane == plane)
-        block = keep[:, None], keep
-        matrices = {name: getattr(self, name)[block] for name in ("M", "K", "G", "K_shaft", "C_support")}
+        matrices = {name: block(getattr(self, name), keep) for name in ("M", "K", "G", "K_shaft", "C_support")}
         return replace(self, **matrices, free=self.free[keep], plane=self.plane[keep], sensors=self.sensors[:, :, keep])
 
 
@@ -135,22 +141,23 @@ def undamped_modes(system: LinearSystem) -> Modes:
     Raises ValueError when the stiffness is negative: the rotor buckles.
     """
     heavy = system.heavy
-    M, K = system.M[heavy[:, None], heavy], system.condensed_stiffness
-    group = system.plane[heavy] if not system.couples_planes() else np.zeros(len(heavy), dtype=np.int64)
+    M, K = block(system.M, heavy), system.condensed_stiffness
+    groups = [np.flatnonzero(system.plane[heavy] == plane) for plane in (1, 2)]
+    if system.couples_planes():
+        groups = [np.arange(len(heavy))]
     omega, Phi = np.zeros(len(heavy)), np.zeros((len(heavy), len(heavy)))
     column = 0
-    for g in np.unique(group):
-        places = np.flatnonzero(group == g)
-        block = places[:, None], places
-        squares, shapes = _natural(K[block], M[block])
+    for places in groups:
+        squares, shapes = _natural(block(K, places), block(M, places))
         columns = slice(column, column + len(places))
-        omega[columns] = np.sqrt(np.clip(squares, 0.0, None))
+        omega[columns] = np.sqrt(np.maximum(squares, 0.0))
         Phi[places, columns] = shapes
         column += len(places)
     order = np.argsort(omega, kind="stable")
     every = np.zeros((system.n, len(heavy)))
     every[heavy] = Phi[:, order]
-    every[system.massless] = system.slide @ Phi[:, order]
+    if len(system.massless):
+        every[system.massless] = system.slide @ Phi[:, order]
     return Modes(omega[order], every)
 
 
@@ -171,13 +178,20 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
     if strain_share(K, shapes[:, -1:])[0] <= _NO_STRAIN:
         return _floating(K, M)
     wide = inverse[0] <= _WIDE * inverse[-1]
-    inverse, shapes = inverse[::-1], shapes[:, ::-1]
+    inverse, shapes = inverse[::-1], np.ascontiguousarray(shapes[:, ::-1])
     high = inverse < np.sqrt(max(inverse[-1], _WIDE**2 * inverse[0]) * inverse[0])
-    shapes[:, ~high] /= np.sqrt(inverse[~high])
-    shapes[:, high] = eigh(K, M)[1][:, high] if wide else shapes[:, high] / np.sqrt(inverse[high])
-    shapes = solve_triangular(np.linalg.cholesky(shapes.T @ M @ shapes), shapes.T, lower=True, check_finite=False).T
-    rayleigh = np.einsum("im,im->m", shapes, K @ shapes)
-    return np.where(high, rayleigh, 1 / np.where(high, 1.0, inverse)), shapes
+    if wide:
+        shapes[:, high] = eigh(K, M)[1][:, high]
+        inverse = np.where(high, 1.0, inverse)
+    shapes /= np.sqrt(inverse)
+    shapes = _against_lower(np.linalg.cholesky(shapes.T @ M @ shapes), shapes)
+    rayleigh = np.sum(shapes * (K @ shapes), axis=0)
+    return np.where(high, rayleigh, 1 / inverse), shapes
+
+
+def _against_lower(L: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Shapes (n, m) made orthogonal from the first up, with the Cholesky factor L (m, m) of their products."""
+    return dtrtrs(L, shapes.T, lower=True)[0].T
 
 
 def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:
@@ -187,8 +201,8 @@ def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:
     >>> strain_share(spring, shapes=np.array([[1.0, 1.0], [1.0, -1.0]]))
     array([0., 1.])
     """
-    energy = np.einsum("im,im->m", shapes, K @ shapes)
-    size = np.einsum("im,im->m", np.abs(shapes), np.abs(K) @ np.abs(shapes))
+    energy = np.sum(shapes * (K @ shapes), axis=0)
+    size = np.sum(np.abs(shapes) * (np.abs(K) @ np.abs(shapes)), axis=0)
     return energy / np.where(size > 0, size, 1.0)
 
 
@@ -209,7 +223,7 @@ def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
     n_rigid = rigid.shape[1]
     if not n_rigid:
         return eigh(K, M)
-    rigid = solve_triangular(np.linalg.cholesky(rigid.T @ M @ rigid), rigid.T, lower=True).T
+    rigid = _against_lower(np.linalg.cholesky(rigid.T @ M @ rigid), rigid)
     others = _orthogonal_to(rigid.T @ M, 1 / np.sqrt(M.diagonal()))
     squares, shapes = _natural(others.T @ K @ others, others.T @ M @ others)
     return np.concatenate([np.zeros(n_rigid), squares]), np.hstack([rigid, others @ shapes])

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from rigtwin.rotor.effects.scale import scale_of
-from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.state_space import StateSpace
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Run
 
@@ -97,11 +97,22 @@ class Geometry:
         ----------
         exciter : its node, where it is another than the run's
         """
+        space, deflections = self._rotor(_condition(run, k_b))
+        driven = deflections[(run.excitation_node if exciter is None else exciter) - 1]
+        return space.receptance(2 * np.pi * frequency_hz, driven[:, None], deflections)[:, :, 0]
+
+    def _rotor(self, condition: Condition) -> tuple[StateSpace, FloatArray]:
+        """The rotor as drawn in the plane of its exciter, wherever this is, and (n_nodes, n) its nodes' deflections."""
         assert self.structure is not None
-        condition = _condition(run, k_b)
-        if exciter is not None:
-            condition = replace(condition, excitation_node=exciter)
-        return measured_response(self.structure, condition, (), frequency_hz, quantity="receptance")
+        key = condition.k_b, condition.rigid_support, condition.excitation_plane
+        if key not in self._rotors:
+            system = build_system(self.structure, condition).in_plane(condition.excitation_plane)
+            self._rotors[key] = StateSpace(system), system.read_out(condition.excitation_plane)
+        return self._rotors[key]
+
+    @cached_property
+    def _rotors(self) -> dict[tuple, tuple[StateSpace, FloatArray]]:
+        return {}
 
 
 def _condition(run: Run, k_b: float) -> Condition:

@@ -1,5 +1,5 @@
 # make demo   everything from nothing: .venv, both FMUs in dist/, the virtual rig, the result page
-# make test   the whole test suite
+# make test   the test suite but for what takes about a minute a test, which is make test-long
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects, benchmark-native, benchmark-scale, benchmark-diagnosis, benchmark-prediction-limit, benchmark-lab-data   the figures in docs/, measured again
 # make lint   ruff and pyright
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
@@ -27,13 +27,16 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
 
 test: $(VENV)/installed
-	$(PYTHON) -m pytest -n 2 --dist loadfile
+	$(PYTHON) -m pytest -n 2 --dist loadfile -m "not long"
+
+test-long: $(VENV)/installed
+	$(PYTHON) -m pytest -n 2 --dist worksteal -m long
 
 PACKAGES := rotor sim estimator fmu_src gap blind
 

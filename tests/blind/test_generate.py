@@ -160,6 +160,7 @@ def test_a_campaign_that_another_worker_has_made_meanwhile_stays(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
+@pytest.mark.long
 def test_a_nonlinear_effect_that_the_runs_do_not_show_is_drawn_again(monkeypatch):
     """Its size is what the runs show: one whose motion never came about is none, whatever was planned."""
     shown: list[bool] = []

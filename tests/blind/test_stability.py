@@ -69,7 +69,7 @@ def test_time_stepping_repeats_where_a_law_is_not_felt():
     effect = Effect("bearing_clearance", {"gap": 2.6e-6, "preload": 3.2})
     preloaded = replace(empty_case(RIG, "W1", np.random.default_rng(0)), effects=(effect,))
     touching, setting, level, lines = rubbing()
-    omega = 2 * np.pi * lines[::20]
+    omega = 2 * np.pi * lines[::50]
     for case, here, force in ((touching, setting, 1e-3 * level), (preloaded, preloaded.setting(False, 2), 0.02)):
         balance = balance_of(case, here, force)
         found = stepped_forces(balance, omega, balance.sweep(omega))

@@ -463,6 +463,7 @@ def test_an_effect_in_another_form_is_named_and_said_to_be_one():
     assert 0.1 < found.unknown_score < 0.5
 
 
+@pytest.mark.long
 def test_without_that_effect_the_same_gap_is_unknown():
     campaign = campaign_of(*map(slow, both_supports(seed=7)))
     found = diagnose(campaign, exclude=all_but("sensor_position", *RIVALS)).diagnosis
@@ -474,16 +475,20 @@ def test_without_that_effect_the_same_gap_is_unknown():
     ("effect", "name", "settings"),
     [
         (AttachedMass(mass=0.3, node=3, half_width=0.025), "half_width", {}),
-        (ViscoelasticSupport(strength=0.5, relaxation_time=1e-3, spread=0.9), "spread", {}),
-        (
+        pytest.param(
+            ViscoelasticSupport(strength=0.5, relaxation_time=1e-3, spread=0.9), "spread", {}, marks=pytest.mark.long
+        ),
+        pytest.param(
             PedestalFlexibility(stiffness=8e6, mass=3.0, damping=250.0, block_compliance=0.15, block_mass=8.0),
             "block_compliance",
             {},
+            marks=pytest.mark.long,
         ),
-        (
+        pytest.param(
             ForceDropout(mass=0.05, stiffness=1e4, damping=30.0, time_constant=7e-4),
             "time_constant",
             {"quantity": "acceleration"},
+            marks=pytest.mark.long,
         ),
     ],
     ids=lambda value: getattr(value, "id", None),
@@ -744,6 +749,7 @@ def test_lines_that_nothing_but_hum_keeps_from_the_model_are_left_out_and_said()
     assert "in the lines that were used" in diagnosis.sentence
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mass", [0.1, 0.02])
 def test_a_cause_beside_a_hum_is_no_odd_line(mass):
     campaign = campaign_of(*humming(AttachedMass(mass=mass, node=3)))

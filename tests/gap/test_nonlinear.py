@@ -266,6 +266,7 @@ def test_where_levels_do_not_differ_no_law_is_kept():
     assert found.fits == ()
 
 
+@pytest.mark.long
 def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     opening = BearingClearance(gap=2e-6, preload=28.0)
     runs = runs_of(opening)
@@ -283,6 +284,7 @@ def test_preloads_are_tried_below_the_force_that_the_bearings_bear():
     assert best.effects[0].preload == pytest.approx(opening.preload, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_gap_that_a_single_line_holds_is_seen():
     """Only at the top of the loudest resonance does the bearing lift off; every second line would pass it over."""
     opening = BearingClearance(gap=5e-7, preload=47.0)

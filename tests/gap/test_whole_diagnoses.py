@@ -127,6 +127,7 @@ def test_two_effects_are_one_cause_with_the_numbers_and_places_of_both():
         assert abs(cause.parameters[name].value - true) < 4 * cause.parameters[name].std
 
 
+@pytest.mark.long
 def test_a_second_effect_at_the_bearings_does_not_stand_for_another_form_of_the_first(tmp_path):
     """Rubber of fractional order, which a damper beside rubber of the library's form would patch up."""
     order = Order("W6", "tuning", 301, 3)

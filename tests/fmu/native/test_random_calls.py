@@ -10,7 +10,7 @@ from fmpy import read_model_description
 
 from tests.fmu.native.sanitizers import program, run
 
-SEQUENCES = {"RotorRig": 600, "StiffnessEstimator": 10000}
+SEQUENCES = {"RotorRig": 200, "StiffnessEstimator": 3000}
 
 
 def test_random_calls_find_nothing_that_the_sanitizers_object_to(any_fmu, tmp_path):

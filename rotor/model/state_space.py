@@ -18,6 +18,9 @@ from rigtwin.rotor.model.system import LinearSystem, Modes
 # Condition number of the eigenvectors (Frobenius) above which the spectral form loses over half of the digits.
 _DEFECTIVE = 1e7
 
+# Damping ratio that parts poles which lie upon each other: a critically damped pair by 1e-4 of its frequency.
+_PARTING = 1e-9
+
 
 @dataclass(frozen=True)
 class UpperResidual:
@@ -121,14 +124,21 @@ class StateSpace:
     @cached_property
     def spectrum(self) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
         """Eigenvalues, right eigenvectors V and V^-1; None where A is close to defective."""
-        values, V = np.linalg.eig(self.A)
-        try:
-            inverse = np.linalg.inv(V)
-        except np.linalg.LinAlgError:
-            return None
-        if np.linalg.norm(V) * np.linalg.norm(inverse) > _DEFECTIVE:
-            return None
-        return values.astype(complex), V.astype(complex), inverse.astype(complex)
+        return _spectrum(self.A)
+
+    @cached_property
+    def _parted(self) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """``spectrum``; where A is close to defective, that of a rotor whose modes are damped by so little more.
+
+        Poles that lie upon each other have no residues, but come apart by the root of what changes.
+        """
+        m = len(self._scale)
+        more = np.zeros(self.n_states)
+        more[m : 2 * m] = _PARTING * self._scale * np.arange(1, m + 1) / m
+        found = self.spectrum or _spectrum(self.A - np.diag(more))
+        if found is None:
+            raise np.linalg.LinAlgError("the poles of this rotor are too close together for residues")
+        return found
 
     def receptance(self, omega: FloatArray, inputs: FloatArray, outputs: FloatArray) -> ComplexArray:
         """Displacements per unit force.
@@ -161,11 +171,9 @@ class StateSpace:
     def poles(self, inputs: FloatArray, outputs: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """(n_states,) poles [rad/s] and (n_out, n_in, n_states) residues of the receptance; arguments as there.
 
-        Raises numpy.linalg.LinAlgError where A is close to defective.
+        Raises numpy.linalg.LinAlgError where A is defective whatever the modes' dampings are.
         """
-        if self.spectrum is None:
-            raise np.linalg.LinAlgError("the poles of this rotor are too close together for residues")
-        values, V, inverse = self.spectrum
+        values, V, inverse = self._parted
         left, right = self.displacement(outputs) @ V, inverse @ self.input(inputs)
         return values, left[:, None, :] * right.T[None]
 
@@ -173,3 +181,15 @@ class StateSpace:
         """The modes without states as these inputs and outputs see them; arguments as in ``receptance``."""
         Phi = self._beyond.Phi
         return UpperResidual(self._beyond.omega**2, (outputs @ Phi)[:, None, :] * (Phi.T @ inputs).T[None])
+
+
+def _spectrum(A: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
+    """Eigenvalues, right eigenvectors V and V^-1 of a matrix; None where it is close to defective."""
+    values, V = np.linalg.eig(A)
+    try:
+        inverse = np.linalg.inv(V)
+    except np.linalg.LinAlgError:
+        return None
+    if np.linalg.norm(V) * np.linalg.norm(inverse) > _DEFECTIVE:
+        return None
+    return values.astype(complex), V.astype(complex), inverse.astype(complex)

@@ -16,8 +16,10 @@ from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.state_space import StateSpace
 from rigtwin.rotor.model.system import LinearSystem, undamped_modes
 from tests.rotor import rigs
+from tests.rotor.oscillators import OMEGA_0, masses
 from tests.tolerances import LIGHT_DAMPING, ROUND_OFF, SPECTRAL
 
 OMEGA = 2 * np.pi * np.linspace(20.0, 400.0, 77)
@@ -180,3 +182,16 @@ def test_viscous_and_hysteretic_damping_differ_off_resonance():
         for operator in (dynamic_stiffness, hysteretic_dynamic_stiffness)
     )
     assert abs(viscous / hysteretic - 1) > 0.1
+
+
+def test_a_critically_damped_mode_has_poles_and_takes_nothing_from_a_sharp_resonance_beside_it():
+    """Two masses on springs of their own: two poles lie upon each other, two are those of a damping of 0.1 %."""
+    zeta, own = np.array([1.0, 1e-3]), np.array([OMEGA_0, 2 * OMEGA_0])
+    system = masses(np.eye(2), np.diag(own**2), np.diag(2 * zeta * own)).system
+    space, one = StateSpace(system), np.eye(2)
+    assert space.spectrum is None
+    poles, residues = space.poles(one, one)
+    omega = np.concatenate([np.linspace(10, 400, 50), own[1] * (1 + 1e-3 * np.linspace(-3, 3, 25))])
+    H = (residues / (1j * omega[:, None, None, None] - poles)).sum(axis=-1)
+    expected = 1 / (own**2 - omega[:, None] ** 2 + 2j * zeta * own * omega[:, None])
+    np.testing.assert_allclose(H[:, [0, 1], [0, 1]], expected, rtol=3e-6)

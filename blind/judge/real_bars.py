@@ -117,7 +117,8 @@ def _times(outcomes: Sequence[Outcome]) -> Iterator[Bar]:
         ("three levels, nonlinear", of_kind(outcomes, "one", "beside", where=lambda o: not _linear(o)), 30),
     ):
         seconds = [o.seconds for o in group if not math.isnan(o.seconds)]
-        beside = f" (longest {max(seconds, default=0):.3g})"
+        busy = median([o.processor_seconds for o in group if not math.isnan(o.processor_seconds)])
+        beside = f" (of the processor {busy:.3g}; longest {max(seconds, default=0):.3g})"
         yield number_bar(f"W9 seconds, {words}: median", median(seconds), len(seconds), Limit(high=most), beside)
 
 

@@ -7,21 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from rigtwin.gap.audit import one_run
 from rigtwin.gap.audit.checked_run import CheckedRun, checked_runs, without_dropped_values
 from rigtwin.gap.audit.coverage import check_coverage, check_units
 from rigtwin.gap.audit.geometry import Geometry, geometry_of
 from rigtwin.gap.audit.labels import check_labels
-from rigtwin.gap.audit.one_run import (
-    check_channels,
-    check_missing_lines,
-    check_noise,
-    check_raster,
-    check_saturation,
-    check_sweep_rate,
-    is_dead,
-    telling_channels,
-    without_dead_channels,
-)
 from rigtwin.gap.audit.pairs import check_pairs, is_copy
 from rigtwin.gap.audit.phase import check_delay, check_sign, find_delays
 from rigtwin.gap.audit.wild import check_wild_lines, drop_wild_lines, without_wild_lines
@@ -63,27 +53,27 @@ def usable(campaign: Campaign) -> Campaign:
     geometry = geometry_of(campaign.rig)
     once = [run for k, run in enumerate(campaign.runs) if not any(is_copy(run, other) for other in campaign.runs[:k])]
     tame = without_wild_lines([without_dropped_values(run) for run in once])
-    runs = [(run, telling_channels(run, geometry)) for run in tame]
-    alive = [(run, telling) for run, telling in runs if not is_dead(run, telling, geometry)] or runs
-    return replace(campaign, runs=tuple(without_dead_channels(run, telling) for run, telling in alive))
+    runs = [(run, one_run.telling_channels(run, geometry)) for run in tame]
+    alive = [(run, telling) for run, telling in runs if not one_run.is_dead(run, telling, geometry)] or runs
+    return replace(campaign, runs=tuple(one_run.without_dead_channels(run, telling) for run, telling in alive))
 
 
 def _check_all_lines(p: CheckedRun, left: CheckedRun) -> Iterator[Finding]:
     """Checks that look at all lines of a run, the wild ones among them; ``left`` is the run without these."""
     yield from check_wild_lines(p, left)
     if len(p.lines):
-        yield from check_saturation(p)
+        yield from one_run.check_saturation(p)
 
 
 def _check_run(p: CheckedRun, telling: CheckedRun, belief: NominalBelief, geometry: Geometry) -> Iterator[Finding]:
     """Checks of a single run; phase and size are judged by ``telling``, the run without dead channels."""
-    yield from check_channels(p, geometry)
-    yield from check_missing_lines(p)
+    yield from one_run.check_channels(p, geometry)
+    yield from one_run.check_missing_lines(p)
     if not len(p.lines):
         return
-    yield from check_raster(p, belief)
-    yield from check_noise(p)
-    yield from check_sweep_rate(p)
+    yield from one_run.check_raster(p, belief)
+    yield from one_run.check_noise(p)
+    yield from one_run.check_sweep_rate(p)
     delays = None if p.run.spin_rpm else find_delays(telling)
     yield from check_delay(telling, delays)
     yield from check_sign(telling, geometry, delays)
@@ -92,10 +82,10 @@ def _check_run(p: CheckedRun, telling: CheckedRun, belief: NominalBelief, geomet
 
 def _drop_dead_channels(p: CheckedRun, geometry: Geometry) -> CheckedRun | None:
     """A run without dead channels; None where nothing is left."""
-    telling = telling_channels(p.run, geometry)
-    if is_dead(p.run, telling, geometry):
+    telling = one_run.telling_channels(p.run, geometry)
+    if one_run.is_dead(p.run, telling, geometry):
         return None
-    run = without_dead_channels(p.run, telling)
+    run = one_run.without_dead_channels(p.run, telling)
     return p if run is p.run else CheckedRun(run, p.label)
 
 

@@ -121,11 +121,8 @@ class Modal(RunModel):
             by_shift = self._shares_slope(group.poles, poles, shares) * still
             dY = np.concatenate([self._by_drifts(group, by_shift, shares * still**2, residues), group.aside])
             dY[2 * MODES :] += np.tensordot(shares * still, group.bent, axes=(1, 2)).swapaxes(0, 1)
-            turns = _pole_shifts(group, self.sensitivity.T)  # (n_tolerances, n_states)
-            dY[2 * MODES :] += _by_states(by_shift, turns, residues)
-            D[:, :, group.columns] = (
-                _sensor_change(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
-            )
+            dY[2 * MODES :] += _by_states(by_shift, _pole_shifts(group, self.sensitivity.T), residues)
+            D[:, :, group.columns] = _sensor_change(Y, dY, force, self._force_slope(Y[:, -1], force)) * group.chain
         return H, D
 
     def _by_drifts(

@@ -27,10 +27,9 @@ class Bend:
 def bend_of(modal: Modal, plain: Group, others: Sequence[Group]) -> Bend:
     """Change by each tolerance of a group's poles, residues and of what the modes that do not drift leave."""
     omega, n_rows, step = modal.omega, len(plain.columns) + 1, np.expm1(STEP)
-    missed = np.zeros((MODES, len(others)), dtype=complex)
+    missed, sizes = np.zeros((MODES, len(others)), dtype=complex), _sizes(plain.residues, plain.mode)
     aside = np.zeros((len(others), len(omega), n_rows), dtype=complex)
     bent = np.zeros((len(others), n_rows, MODES), dtype=complex)
-    sizes = _sizes(plain.residues, plain.mode)
     for t, other in enumerate(others):
         aside[t] = (_undrifting_part(other, omega) - _undrifting_part(plain, omega)) / step
         for m in range(MODES):

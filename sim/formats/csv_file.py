@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -14,6 +16,10 @@ from rigtwin.sim.campaign import MeasurementError, Run
 from rigtwin.sim.formats.csv_header import FORCE, FREQUENCY, Column, Header, Part, parse_header
 from rigtwin.sim.formats.recording import Recording, misplaced
 from rigtwin.sim.formats.settings import RunSettings
+
+# What may separate columns; the first where a header has none of them.
+_SEPARATORS = (",", ";", "\t")
+_TOLD = re.compile(r"sep=([,;\t])", re.IGNORECASE)
 
 
 def read(path: Path, given: RunSettings) -> Recording:
@@ -43,18 +49,46 @@ def read(path: Path, given: RunSettings) -> Recording:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number (from 1) and cells of the header and of every line below it that is not blank."""
+    """Line number (from 1) and cells of the header and of every line below it that is not blank.
+
+    Empty cells beyond the header's last name are left out: spreadsheets write them. Where columns are separated by
+    semicolons or tabs, numbers may have decimal commas; they have points here.
+    """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
+            separator, above = _separator(file)
+            reader, width = csv.reader(file, strict=True, delimiter=separator), 0
             try:
                 for cells in reader:
                     if any(cell.strip() for cell in cells):
-                        yield reader.line_num, cells
+                        width = width or _filled(cells)
+                        kept = max(_filled(cells), min(width, len(cells)))
+                        line = cells[:kept] if separator == "," else [cell.replace(",", ".") for cell in cells[:kept]]
+                        yield above + reader.line_num, line
             except csv.Error as error:
-                raise MeasurementError(f"{path}, line {reader.line_num}: not CSV ({error}); save it again") from error
+                place = f"{path}, line {above + reader.line_num}"
+                raise MeasurementError(f"{place}: not CSV ({error}); save it again") from error
     except UnicodeDecodeError as error:
         raise MeasurementError(f"{path}: not a text file in UTF-8 ({error.reason}); save it as CSV in UTF-8") from error
+
+
+def _separator(file: TextIO) -> tuple[str, int]:
+    """What separates the columns, and how many lines were read of the file to know it.
+
+    A first line ``sep=;``, as spreadsheets write it, says it; else the header has it more often than any other.
+    """
+    first = file.readline()
+    if told := _TOLD.fullmatch(first.strip("\r\n ")):
+        return told[1], 1
+    while first and not first.strip():
+        first = file.readline()
+    file.seek(0)
+    return max(_SEPARATORS, key=first.count), 0
+
+
+def _filled(cells: list[str]) -> int:
+    """Number of cells up to the last that is not empty."""
+    return max((k for k, cell in enumerate(cells, start=1) if cell.strip()), default=0)
 
 
 def _table(

@@ -87,7 +87,7 @@ def parse_header(place: str, cells: list[str]) -> Header:
 def _refuse_no_header(place: str, names: tuple[str, ...]) -> None:
     if any(";" in name or "\t" in name for name in names):
         raise MeasurementError(
-            f"{place}: columns must be separated by commas (and decimals written with a point); save it again so"
+            f"{place}: columns must be separated by one sign throughout: a comma, a semicolon or a tab; save it again so"
         )
     if not any(names) or _is_number(names[0]):
         raise MeasurementError(f"{place}: the header is missing; the first line names the columns: {_KNOWN}")

@@ -224,6 +224,25 @@ def test_csv_of_a_spreadsheet_is_read(tmp_path):
     np.testing.assert_array_equal(run.H, [[1.5], [2.0]])
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sep=,\nfrequency_Hz,node2_re,node2_im\n95,1.5,-2\n96,2,0.25\n",
+        "SEP=;\r\nfrequency_Hz;node2_re;node2_im\r\n95;1,5;-2\r\n96;2;0,25\r\n",
+        "frequency_Hz,node2_re,node2_im,\n95,1.5,-2,\n96,2,0.25,\n",
+        "frequency_Hz,node2_re,node2_im,,\n95,1.5,-2\n96,2,0.25,,,\n",
+        "\nfrequency_Hz;node2_re;node2_im\n95;1,5;-2\n96;2;0,25\n;;\n",
+        '"frequency_Hz";"node2_re";"node2_im"\n"95,0";"1,5";"-2"\n96;2e0;0.25\n',
+        "frequency_Hz\tnode2_re\tnode2_im\n95\t1.5\t-2\n96\t2\t0,25\n",
+    ],
+)
+def test_csv_as_spreadsheets_of_any_country_write_it_is_read(tmp_path, text):
+    (tmp_path / "run.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    run = read_run(tmp_path / "run.csv", support="rigid")
+    np.testing.assert_array_equal(run.frequency_hz, [95, 96])
+    np.testing.assert_array_equal(run.H, [[1.5 - 2j], [2 + 0.25j]])
+
+
 def test_csv_harmonics_of_both_orders_are_read(tmp_path):
     run = read_text(
         tmp_path, "frequency_Hz,node2_re,node2_im,node2_h3_re,node2_h3_im,node2_h2_re,node2_h2_im\n95,1,2,3,4,5,6\n"
@@ -245,12 +264,15 @@ GOOD = "frequency_Hz,node2_re,node2_im\n95,1,2\n"
         (f"frequency_Hz,node{'1' * 5000}_abs\n95,1\n", "run.csv, line 1, column 2 'node1"),
         ("node2_re,node2_im\n1,2\n", "run.csv, line 1: column frequency_Hz is missing"),
         ("frequency_Hz\n95\n", "run.csv, line 1: no response column"),
-        ("frequency_Hz;node2_abs\n95;1,5\n", "run.csv, line 1: columns must be separated by commas"),
+        ("frequency_Hz,a,b;node2_abs\n95,1,5\n", "run.csv, line 1: columns must be separated by one sign throughout"),
+        ("sep=;\nfrequency_Hz;node2_abs\n95;1,5\n96;x\n", "run.csv, line 4, column node2_abs: 'x' is not a number"),
+        ("frequency_Hz;node2_abs\n95;1.000,5\n", "run.csv, line 2, column node2_abs: '1.000.5' is not a number"),
+        ("frequency_Hz,node2_abs,\n95,1,2\n", "run.csv, line 2: 3 cells, but the header names 2 columns"),
         ("frequency_Hz,node2_real\n95,1\n", "run.csv, line 1, column 2 'node2_real': unknown column; known are"),
         ("frequency_Hz,node0_abs\n95,1\n", "run.csv, line 1, column 2 'node0_abs': unknown column"),
         ("frequency_Hz,node2_abs,node2_h3_std\n9,1,1\n", "run.csv, line 1, column 3 'node2_h3_std': unknown column"),
         ("frequency_Hz,node2_h1_re\n95,1\n", "run.csv, line 1, column 2 'node2_h1_re': unknown column"),
-        ("frequency_Hz,node2_abs,\n95,1,\n", "run.csv, line 1, column 3 '': unknown column"),
+        ("frequency_Hz,,node2_abs\n95,,1\n", "run.csv, line 1, column 2 '': unknown column"),
         ("frequency_Hz,node2_abs,node2_abs\n9,1,1\n", "run.csv, line 1, column node2_abs: is there 2 times; keep one"),
         ("frequency_Hz,node2_re\n95,1\n", "run.csv, line 1, column node2_re: column node2_im is missing"),
         ("frequency_Hz,node2_z_im\n95,1\n", "run.csv, line 1, column node2_z_im: column node2_z_re is missing"),

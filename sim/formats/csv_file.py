@@ -29,7 +29,7 @@ def read(path: Path, given: RunSettings) -> Recording:
         line, cells = next(lines)
     except StopIteration:
         raise MeasurementError(f"{path}: the file is empty; it needs a header and one line per frequency") from None
-    header = parse_header(f"{path}, line {line}", cells)
+    header = parse_header(f"{path}, line {line}", _renamed(path, cells, given.get("channels", {})))
     table, swept = _table(path, header, lines)
 
     def stack(part: Part) -> FloatArray:
@@ -46,6 +46,14 @@ def read(path: Path, given: RunSettings) -> Recording:
         coherence=stack("coherence") if header.has_coherence else None,
         swept_hz=swept if len(swept) > len(table[FREQUENCY]) else None,
     )
+
+
+def _renamed(path: Path, cells: list[str], channels: Mapping[str, str]) -> list[str]:
+    """The header's cells, those that the campaign calls otherwise under these names."""
+    there = [cell.strip() for cell in cells]
+    if unknown := [name for name in channels if name not in there]:
+        raise MeasurementError(f"{path}: channels: no column is called {unknown[0]!r}; the file has {', '.join(there)}")
+    return [channels.get(cell, cell) for cell in there]
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:

@@ -21,6 +21,8 @@ _COLUMN = re.compile(
     r"node([1-9][0-9]{0,8})([a-z]?)(_z)?(?:_h([2-9]|[1-9][0-9]{1,8}))?_(re|im|abs|dB|deg|std|coherence)"
 )
 
+_CHANNEL = re.compile(r"(-?)node([1-9][0-9]{0,8})([a-z]?)(_z)?")
+
 # Parts that belong to the run as a whole: not to one of its harmonics.
 _ONCE = ("std", "coherence")
 
@@ -61,6 +63,19 @@ class Header:
         return FORCE in self.names
 
 
+def channel_of(text: str) -> tuple[int, Channel]:
+    """Sign and channel of ``node2``, ``node2b_z`` or, of a sensor that points the other way, ``-node2``.
+
+    Raises ValueError where it is none.
+    """
+    match = _CHANNEL.fullmatch(text)
+    if match is None:
+        raise ValueError(
+            f"{text!r} is no channel; write node2, node2_z for the other plane, or -node2 for its negative"
+        )
+    return -1 if match[1] else 1, Channel(int(match[2]), "z" if match[4] else "y", match[3])
+
+
 def parse_header(place: str, cells: list[str]) -> Header:
     """Parse the header line; ``place`` names file and line. Raises MeasurementError that names them and the column.
 
@@ -87,7 +102,7 @@ def parse_header(place: str, cells: list[str]) -> Header:
 def _refuse_no_header(place: str, names: tuple[str, ...]) -> None:
     if any(";" in name or "\t" in name for name in names):
         raise MeasurementError(
-            f"{place}: columns must be separated by one sign throughout: a comma, a semicolon or a tab; save it again so"
+            f"{place}: columns must be separated by one sign throughout, a comma, a semicolon or a tab; save it again"
         )
     if not any(names) or _is_number(names[0]):
         raise MeasurementError(f"{place}: the header is missing; the first line names the columns: {_KNOWN}")

@@ -54,6 +54,8 @@ def read_run(path: str | Path, usual_node: int = Run.excitation_node, **settings
     path = Path(path)
     given = check_settings(settings, path)
     reader = _format_of(path).read
+    if "channels" in given and reader not in (csv_file.read, uff.read):
+        raise MeasurementError(f"{path}: channels: is for CSV and universal files; rename the variables in the file")
     if not path.is_file():
         raise MeasurementError(f"{path}: no such file; check its name and folder")
     try:

@@ -59,12 +59,13 @@ class RunSettings(TypedDict, total=False):
     leave_out_Hz: list[Band]  # bands whose lines are not used; default none
     keep_Hz: list[Band]  # bands outside which no line is used; default all
     averages: Annotated[int, Field(ge=2)]  # spectra behind each response and its coherence
+    channels: dict[str, str]  # what names in the file mean: of a universal file "node2_z", "-node2", of a CSV columns
 
 
 SETTING_NAMES = tuple(RunSettings.__annotations__)
 
 # Keys that say how the data are read; a run keeps the result and not the key.
-READING = ("response_amplitude", "response_node", "phase_offset_deg", "leave_out_Hz", "keep_Hz", "averages")
+READING = ("response_amplitude", "response_node", "phase_offset_deg", "leave_out_Hz", "keep_Hz", "averages", "channels")
 
 _DEFAULTS = {
     "excitation_plane": "y",

@@ -17,9 +17,10 @@ of which only some have responses. Where the exciter roved, responses and refere
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +29,19 @@ import pyuff
 
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel, MeasurementError, Plane, Quantity, Run
+from rigtwin.sim.formats.csv_header import channel_of
 from rigtwin.sim.formats.recording import Recording
 from rigtwin.sim.formats.settings import RunSettings, check_settings, stored_settings
+from rigtwin.sim.formats.uff_datasets import DatasetError, End, Function, Units, read_datasets
+from rigtwin.sim.formats.units import FORCE as FORCE_UNITS
+from rigtwin.sim.formats.units import FREQUENCY, MOTION, factor_of
+
+logger = logging.getLogger(__name__)
 
 MARK = "rigtwin"
 RESPONSE, STANDARD_ERROR, HARMONIC = "RESPONSE", "STANDARD ERROR", "HARMONIC"
 FORCE, SWEPT, COHERENCE = "FORCE", "SWEPT LINES", "COHERENCE"
+_NAMED = re.compile(r"(\d{1,9})([XYZxyz])([+-])")  # an entity that is called after its place
 _OWN_ID1 = re.compile(rf"({RESPONSE}|{STANDARD_ERROR}|{FORCE}|{SWEPT}|{HARMONIC} \d+) node\d+([a-z]?)(_z)?")
 
 DIRECTION: dict[Plane, int] = {"y": 2, "z": 3}
@@ -60,6 +68,7 @@ GENERAL, FREQUENCY_RESPONSE, COHERENCE_TYPE, SPECTRUM = 0, 4, 6, 12
 FREQUENCY_AXIS = (0, 1, 18)  # specific data types of an abscissa: unknown, general, frequency
 UNSAID = ((0, 0), (0, 13), (12, 0))  # ordinate types of software that leaves them out: an accelerance
 SI = 1  # units code of dataset 164
+_SOME_UNITS = Units(SI, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -71,7 +80,7 @@ class _Function:
     reference: tuple[int, Plane | None]  # exciter's node and plane, None where the file does not say it
     frequency_hz: FloatArray  # (n_freq,)
     values: ComplexArray | FloatArray  # (n_freq,) with the signs of both directions, in SI
-    dataset: dict[str, Any]
+    dataset: Function
 
 
 def read(path: Path, given: RunSettings) -> Recording:
@@ -107,98 +116,178 @@ def read(path: Path, given: RunSettings) -> Recording:
     )
 
 
-def _datasets(path: Path) -> list[dict[str, Any]]:
+def _datasets(path: Path) -> Iterator[Function | Units]:
     """The datasets 58 and 164 in the file's order; others (geometry, headers) are passed over."""
-    if not path.read_bytes().rstrip(b" \r\n\x1a").endswith(b"-1"):
+    content = path.read_bytes()
+    if not content.rstrip(b" \r\n\x1a").endswith(b"-1"):
         raise MeasurementError(
             f"{path}: the closing line '    -1' is missing; no universal file, or cut off: export it again"
         )
     try:
-        file = pyuff.UFF(str(path))
-        wanted = [int(n) for n in np.flatnonzero(np.isin(file.get_set_types(), (58, 164)))]
-        datasets = file.read_sets(wanted) if wanted else []
-    except Exception as error:  # pyuff raises nothing narrower
+        yield from read_datasets(content)
+    except DatasetError as error:
         raise MeasurementError(f"{path}: cannot be read as a universal file ({error}); export it again") from error
-    return datasets if isinstance(datasets, list) else [datasets]
 
 
 def _functions(path: Path, given: RunSettings) -> list[_Function]:
     """Every function that belongs to a run. Raises MeasurementError when there is none."""
-    functions, length, force, seen = [], 1.0, 1.0, []
+    functions, units, seen, number = [], _SOME_UNITS, [], 0
+    labels: dict[str, None] = {}
+    channel_map = _ChannelMap(path, given)
     for dataset in _datasets(path):
-        if dataset["type"] == 164:
+        if isinstance(dataset, Units):
             # Factors of the units code SI are 1; files exist that say SI and carry the factors of feet and pounds.
-            length, force = (1.0, 1.0) if dataset["units_code"] == SI else (dataset["length"], dataset["force"])
-            if not (length > 0 and force > 0):
-                raise MeasurementError(f"{path}: unit factors of dataset 164 are {length}, {force}; export it in SI")
+            units = _SOME_UNITS if dataset.code == SI else dataset
+            if not (units.length > 0 and units.force > 0):
+                raise MeasurementError(
+                    f"{path}: unit factors of dataset 164 are {units.length}, {units.force}; export it in SI"
+                )
             continue
-        dataset = _exchanged(dataset, given)
         kind = _kind(dataset, given)
-        if kind and abs(dataset["rsp_dir"]) in PLANE and abs(dataset["ref_dir"]) in (0, *PLANE):
+        number += kind == RESPONSE
+        dataset = _exchanged(channel_map.placed(dataset, number), given)
+        if kind and abs(dataset.response.direction) in PLANE and abs(dataset.reference.direction) in (0, *PLANE):
             per_force = given.get("quantity", _quantity(dataset)) != "acceleration"
-            unit = (force if per_force else 1.0) / length if kind != COHERENCE else 1.0
-            functions.append(_function(path, dataset, kind, unit))
+            unit = 1.0 if kind == COHERENCE else _motion_unit(dataset, units, labels)
+            unit *= _force_unit(dataset, units, labels) if per_force and kind != COHERENCE else 1.0
+            functions.append(_function(path, dataset, kind, unit, labels))
         else:
-            beside = f" of a force in direction {dataset['ref_dir']}" if dataset["ref_dir"] else ""
-            seen.append(f"type {dataset['func_type']} in direction {dataset['rsp_dir']}{beside}")
+            seen.append(_words(dataset))
+    if labels:
+        logger.warning("%s: %s", path, "; ".join(labels))
+    channel_map.check([f for f in functions if f.kind == RESPONSE])
     if not any(f.kind == RESPONSE for f in functions):
         raise MeasurementError(
             f"{path}: no frequency response (dataset 58, function type 4) in direction 2 (Y) or 3 (Z); "
             f"the file has {', '.join(dict.fromkeys(seen)) or 'no dataset 58'}; give every channel its node and "
-            "direction in the measuring software, or write CSV"
+            "direction in the measuring software or with the run's key channels, or write CSV"
         )
     return functions
 
 
-def _exchanged(dataset: dict[str, Any], given: RunSettings) -> dict[str, Any]:
+def _words(dataset: Function) -> str:
+    """What a dataset that is passed over holds."""
+    name, beside = dataset.response.name, dataset.reference.direction
+    named = f" named {name!r}" if name and name != "NONE" else ""
+    force = f" of a force in direction {beside}" if beside else ""
+    return f"type {dataset.function_type} in direction {dataset.response.direction}{named}{force}"
+
+
+class _ChannelMap:
+    """Where ends of functions are that have no number of a node: by the run's key ``channels`` or by their names."""
+
+    def __init__(self, path: Path, given: RunSettings):
+        self._path, self._channels = path, given.get("channels", {})
+        self._used: set[str] = set()
+        self._names: dict[str, None] = {}
+
+    def placed(self, dataset: Function, number: int) -> Function:
+        """A dataset with its ends in place; ``number`` counts the responses, and is a name of those without one."""
+        if _own_kind(dataset):
+            return dataset
+        response = self._place(dataset.response, dataset.response.name, str(number))
+        return replace(dataset, response=response, reference=self._place(dataset.reference, dataset.reference.name))
+
+    def _place(self, end: End, *names: str) -> End:
+        known = next((name for name in names if name in self._channels), None)
+        if known is not None:
+            self._used.add(known)
+            try:
+                sign, channel = channel_of(self._channels[known])
+            except ValueError as error:
+                raise MeasurementError(f"{self._path}: channels: {error}") from error
+            return replace(end, node=channel.node, direction=sign * DIRECTION[channel.plane])
+        if (end.node == 0 or end.direction == 0) and (named := _NAMED.fullmatch(end.name)):
+            direction = "XYZ".index(named[2].upper()) + 1
+            return replace(end, node=int(named[1]), direction=direction if named[3] == "+" else -direction)
+        self._names |= dict.fromkeys(name for name in names if name and name != "NONE")
+        return end
+
+    def check(self, responses: list[_Function]) -> None:
+        """Refuse names that the file does not have, and responses at no node."""
+        there = ", ".join(map(repr, self._names))
+        if unknown := [name for name in self._channels if name not in self._used]:
+            raise MeasurementError(
+                f"{self._path}: channels: {unknown[0]!r} is in the file neither as a name nor as the number of a "
+                f"response; it has {there or 'no other'}"
+            )
+        if any(f.channel.node == 0 for f in responses):
+            name = next(f.dataset.response.name for f in responses if f.channel.node == 0)
+            first = "1" if name in ("", "NONE") else name
+            raise MeasurementError(
+                f"{self._path}: responses have no number of a node; the file calls them {there}. Say in the run's "
+                f'table of campaign.toml where they are, for example channels = {{"{first}" = "node2"}}'
+            )
+
+
+def _motion_unit(dataset: Function, units: Units, labels: dict[str, None]) -> float:
+    """Factor to SI of what moves: of a label that names another unit than SI, or else of dataset 164."""
+    told = _of_label(dataset.numerator.unit.split("/N")[0], MOTION, labels)
+    return 1 / units.length if told == 1 else told
+
+
+def _force_unit(dataset: Function, units: Units, labels: dict[str, None]) -> float:
+    """The same of one over the force."""
+    told = _of_label(dataset.denominator.unit, FORCE_UNITS, labels)
+    return units.force if told == 1 else 1 / told
+
+
+def _of_label(label: str, known: dict[str, float], labels: dict[str, None]) -> float:
+    """Factor to SI of a label; 1 where it is not known. What is done stands in ``labels``, each once."""
+    factor = factor_of(label, known)
+    if factor is None:
+        labels[f"the unit {label!r} is not known and taken for that of SI"] = None
+    elif factor != 1:
+        labels[f"values in {label} are turned into SI, times {factor:.6g}"] = None
+    return factor or 1.0
+
+
+def _exchanged(dataset: Function, given: RunSettings) -> Function:
     """A dataset of a roving exciter by reciprocity: the place of the blow as that of the response, and the reverse."""
-    own = {"roving": "exciter"} if _own_kind(dataset) and "roving=exciter" in dataset["id3"].split() else {}
+    own = {"roving": "exciter"} if _own_kind(dataset) and "roving=exciter" in dataset.ids[2].split() else {}
     if {**own, **given}.get("roving") != "exciter":
         return dataset
-    pairs = {
-        f"{a}_{what}": dataset[f"{b}_{what}"] for a, b in (("rsp", "ref"), ("ref", "rsp")) for what in ("node", "dir")
-    }
-    return {**dataset, **pairs}
+    return replace(dataset, response=dataset.reference, reference=dataset.response)
 
 
-def _own_kind(dataset: dict[str, Any]) -> str | None:
+def _own_kind(dataset: Function) -> str | None:
     """What a dataset written here says it is, None for one of other software."""
-    own = _OWN_ID1.fullmatch(dataset["id1"]) if dataset["id4"].startswith(f"{MARK} ") else None
+    own = _OWN_ID1.fullmatch(dataset.ids[0]) if dataset.ids[3].startswith(f"{MARK} ") else None
     return own[1] if own else None
 
 
-def _kind(dataset: dict[str, Any], given: RunSettings) -> str | None:
+def _kind(dataset: Function, given: RunSettings) -> str | None:
     if own := _own_kind(dataset):
         return own
     spectrum = (
         given.get("quantity") == "acceleration"
-        and dataset["func_type"] == SPECTRUM
-        and dataset["ordinate_spec_data_type"] in (0, DATA_TYPES["acceleration"][0])
+        and dataset.function_type == SPECTRUM
+        and dataset.numerator.data_type in (0, DATA_TYPES["acceleration"][0])
     )
-    if dataset["func_type"] == COHERENCE_TYPE and "averages" in given:
+    if dataset.function_type == COHERENCE_TYPE and "averages" in given:
         return COHERENCE
-    return RESPONSE if spectrum or dataset["func_type"] == FREQUENCY_RESPONSE else None
+    return RESPONSE if spectrum or dataset.function_type == FREQUENCY_RESPONSE else None
 
 
-def _function(path: Path, dataset: dict[str, Any], kind: str, factor: float) -> _Function:
+def _function(path: Path, dataset: Function, kind: str, factor: float, labels: dict[str, None]) -> _Function:
     """One dataset 58 in SI and along the positive axes; ``factor`` turns the file's units into SI."""
-    own = _OWN_ID1.fullmatch(dataset["id1"]) if _own_kind(dataset) else None
-    channel = Channel(dataset["rsp_node"], PLANE[abs(dataset["rsp_dir"])], own[2] if own else "")
-    points, values, frequency_hz = dataset["num_pts"], dataset["data"], dataset["x"]
-    if dataset["abscissa_spec_data_type"] not in FREQUENCY_AXIS:
+    own = _OWN_ID1.fullmatch(dataset.ids[0]) if _own_kind(dataset) else None
+    channel = Channel(dataset.response.node, PLANE[abs(dataset.response.direction)], own[2] if own else "")
+    points, values, axis = dataset.n_values, dataset.values, dataset.abscissa
+    if axis.data_type not in FREQUENCY_AXIS:
         raise MeasurementError(
-            f"{path}: the abscissa of {channel} has type {dataset['abscissa_spec_data_type']}, which is no frequency "
+            f"{path}: the abscissa of {channel} has type {axis.data_type}, which is no frequency "
             "(18); export responses over frequency"
         )
     if len(values) < points:
         raise MeasurementError(f"{path}: {channel} has {len(values)} of {points} values: damaged, export it again")
-    if np.iscomplexobj(values) and (dataset["rsp_dir"] < 0) != (dataset["ref_dir"] < 0):
+    if np.iscomplexobj(values) and (dataset.response.direction < 0) != (dataset.reference.direction < 0):
         factor = -factor
     return _Function(
         kind=kind,
         channel=channel,
-        reference=(dataset["ref_node"], PLANE.get(abs(dataset["ref_dir"]))),
-        frequency_hz=np.asarray(frequency_hz[:points], dtype=float),
+        reference=(dataset.reference.node, PLANE.get(abs(dataset.reference.direction))),
+        frequency_hz=dataset.x[:points] * _of_label(axis.unit, FREQUENCY, labels),
         values=values[:points] if factor == 1 else values[:points] * factor,
         dataset=dataset,
     )
@@ -268,21 +357,21 @@ def _settings(path: Path, response: _Function) -> RunSettings:
     quantity = _quantity(response.dataset)
     found: dict[str, Any] = {"excitation_node": node, "excitation_plane": plane, "quantity": quantity}
     if _own_kind(response.dataset):
-        words = " ".join(str(response.dataset[line]) for line in ("id3", "id4", "id5")).split()
+        words = " ".join(response.dataset.ids[2:]).split()
         found |= {word.partition("=")[0]: word.partition("=")[2] for word in words if "=" in word}
     # Other software leaves fields it does not use at 0.
     return check_settings({key: value for key, value in found.items() if value not in (None, 0)}, path)
 
 
-def _quantity(dataset: dict[str, Any]) -> Quantity | None:
+def _quantity(dataset: Function) -> Quantity | None:
     """Quantity from the data types, None where they name none."""
     types = _ordinate(dataset)
     return next((quantity for quantity, known in DATA_TYPES.items() if known == types and known[1]), None)
 
 
-def _ordinate(dataset: dict[str, Any]) -> tuple[int, int]:
+def _ordinate(dataset: Function) -> tuple[int, int]:
     """Specific data types of numerator and denominator."""
-    return int(dataset["ordinate_spec_data_type"]), int(dataset["orddenom_spec_data_type"])
+    return dataset.numerator.data_type, dataset.denominator.data_type
 
 
 def write(run: Run, path: Path) -> None:

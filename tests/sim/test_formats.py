@@ -264,7 +264,10 @@ GOOD = "frequency_Hz,node2_re,node2_im\n95,1,2\n"
         (f"frequency_Hz,node{'1' * 5000}_abs\n95,1\n", "run.csv, line 1, column 2 'node1"),
         ("node2_re,node2_im\n1,2\n", "run.csv, line 1: column frequency_Hz is missing"),
         ("frequency_Hz\n95\n", "run.csv, line 1: no response column"),
-        ("frequency_Hz,a,b;node2_abs\n95,1,5\n", "run.csv, line 1: columns must be separated by one sign throughout"),
+        (
+            "frequency_Hz,a,b;node2_abs\n95,1,5\n",
+            "run.csv, line 1: columns must be separated by one sign throughout, a comma",
+        ),
         ("sep=;\nfrequency_Hz;node2_abs\n95;1,5\n96;x\n", "run.csv, line 4, column node2_abs: 'x' is not a number"),
         ("frequency_Hz;node2_abs\n95;1.000,5\n", "run.csv, line 2, column node2_abs: '1.000.5' is not a number"),
         ("frequency_Hz,node2_abs,\n95,1,2\n", "run.csv, line 2: 3 cells, but the header names 2 columns"),

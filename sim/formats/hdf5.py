@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import h5py
 
 from rigtwin.sim.campaign import MeasurementError, Run
+from rigtwin.sim.formats.in_child import decode
 from rigtwin.sim.formats.recording import Recording
 from rigtwin.sim.formats.settings import RunSettings
 from rigtwin.sim.formats.variables import UNITS, arrays_of, known, recording_of, texts_of
@@ -17,19 +17,12 @@ SCHEMA = "rigtwin.run/1"
 
 def read(path: Path, given: RunSettings) -> Recording:
     """Read an HDF5 run. Datasets must be known by name; attributes of other names (provenance) are passed over."""
-    try:
-        with h5py.File(path, "r") as file:
-            variables: dict[str, Any] = {name: value for name, value in file.attrs.items() if known(name)}
-            variables |= {name: _contents(path, name, item) for name, item in file.items()}
-    except OSError as error:
-        raise MeasurementError(f"{path}: cannot be read as HDF5 ({error}); write the file again") from error
-    return recording_of(path, variables)
-
-
-def _contents(path: Path, name: str, item: Any) -> Any:
-    if not isinstance(item, h5py.Dataset):
-        raise MeasurementError(f"{path}: {name!r} is a group; put a run's arrays at the root of the file")
-    return item.asstr(errors="replace")[()] if h5py.check_string_dtype(item.dtype) else item[()]
+    datasets, attributes = decode(path, "hdf5")
+    for name, value in datasets.items():
+        if value is None:
+            raise MeasurementError(f"{path}: {name!r} is a group; put a run's arrays at the root of the file")
+    variables = {name: value for name, value in attributes.items() if known(name)}
+    return recording_of(path, variables | datasets)
 
 
 def write(run: Run, path: Path) -> None:

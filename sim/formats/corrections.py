@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel, MeasurementError
 from rigtwin.sim.formats.recording import Recording
+from rigtwin.sim.formats.units import FREQUENCY, factor_of, response_factor
 
 
 def corrected(path: Path, recording: Recording, settings: Mapping[str, Any]) -> Recording:
@@ -22,12 +23,28 @@ def corrected(path: Path, recording: Recording, settings: Mapping[str, Any]) -> 
     ----------
     settings : all settings of the run; see ``RunSettings``
     """
+    recording = _in_si(recording, settings.get("unit", ""), settings.get("frequency_unit", ""))
     recording = _with_phase_offset(path, recording, settings.get("phase_offset_deg", 0.0))
     recording = _with_errors_of_coherence(path, recording, settings.get("averages"))
     recording = _with_force_of_response(path, recording, settings)
     recording = _without_bands(path, recording, settings.get("keep_Hz"), settings.get("leave_out_Hz", ()))
     _check_reciprocal(path, recording, settings)
     return recording
+
+
+def _in_si(recording: Recording, unit: str, frequency_unit: str) -> Recording:
+    """Responses and frequencies in SI that the file holds in other units."""
+    factor, per_hertz = response_factor(unit) or 1.0, factor_of(frequency_unit, FREQUENCY) or 1.0
+    if factor == per_hertz == 1:
+        return recording
+    return replace(
+        recording,
+        frequency_hz=recording.frequency_hz * per_hertz,
+        swept_hz=None if recording.swept_hz is None else recording.swept_hz * per_hertz,
+        H=recording.H * factor,
+        std=None if recording.std is None else recording.std * factor,
+        harmonics={order: values * factor for order, values in recording.harmonics.items()},
+    )
 
 
 def _with_phase_offset(path: Path, recording: Recording, offset_deg: float) -> Recording:

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, TypeAda
 from typing_extensions import TypedDict
 
 from rigtwin.sim.campaign import Control, MeasurementError, Plane, Quantity, Roving, Run, SupportKind, SweepDirection
+from rigtwin.sim.formats.units import FREQUENCY, factor_of, response_factor
 
 logger = logging.getLogger(__name__)
 
@@ -30,6 +31,18 @@ def _ordered(band: tuple[float, float]) -> tuple[float, float]:
     if not band[0] < band[1]:
         raise ValueError("a band is [from, to] in Hz, from below to")
     return band
+
+
+def _response_unit(text: str) -> str:
+    if response_factor(text) is None:
+        raise ValueError(f"{text!r} is no unit that is known; write one like g, mm/s^2, m/s or in, or one per N or lbf")
+    return text
+
+
+def _frequency_unit(text: str) -> str:
+    if factor_of(text, FREQUENCY) is None:
+        raise ValueError(f"{text!r} is no unit of frequencies that is known; write Hz, kHz, rad/s or rpm")
+    return text
 
 
 Force = Annotated[Positive | None, BeforeValidator(_unknown_is_none)]
@@ -59,13 +72,25 @@ class RunSettings(TypedDict, total=False):
     leave_out_Hz: list[Band]  # bands whose lines are not used; default none
     keep_Hz: list[Band]  # bands outside which no line is used; default all
     averages: Annotated[int, Field(ge=2)]  # spectra behind each response and its coherence
+    unit: Annotated[str, AfterValidator(_response_unit)]  # of the response in the file: "g/N", "mm/s^2"; default SI
+    frequency_unit: Annotated[str, AfterValidator(_frequency_unit)]  # "rad/s", "rpm"; default Hz
     channels: dict[str, str]  # what names in the file mean: of a universal file "node2_z", "-node2", of a CSV columns
 
 
 SETTING_NAMES = tuple(RunSettings.__annotations__)
 
 # Keys that say how the data are read; a run keeps the result and not the key.
-READING = ("response_amplitude", "response_node", "phase_offset_deg", "leave_out_Hz", "keep_Hz", "averages", "channels")
+READING = (
+    "response_amplitude",
+    "response_node",
+    "phase_offset_deg",
+    "leave_out_Hz",
+    "keep_Hz",
+    "averages",
+    "channels",
+    "unit",
+    "frequency_unit",
+)
 
 _DEFAULTS = {
     "excitation_plane": "y",

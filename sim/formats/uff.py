@@ -148,9 +148,11 @@ def _functions(path: Path, given: RunSettings) -> list[_Function]:
         dataset = _exchanged(channel_map.placed(dataset, number), given)
         if kind and abs(dataset.response.direction) in PLANE and abs(dataset.reference.direction) in (0, *PLANE):
             per_force = given.get("quantity", _quantity(dataset)) != "acceleration"
-            unit = 1.0 if kind == COHERENCE else _motion_unit(dataset, units, labels)
-            unit *= _force_unit(dataset, units, labels) if per_force and kind != COHERENCE else 1.0
-            functions.append(_function(path, dataset, kind, unit, labels))
+            unit = 1.0
+            if kind != COHERENCE and "unit" not in given:
+                unit = _motion_unit(dataset, units, labels) * (_force_unit(dataset, units, labels) if per_force else 1)
+            per_hertz = 1.0 if "frequency_unit" in given else _of_label(dataset.abscissa.unit, FREQUENCY, labels)
+            functions.append(_function(path, dataset, kind, unit, per_hertz))
         else:
             seen.append(_words(dataset))
     if labels:
@@ -269,8 +271,8 @@ def _kind(dataset: Function, given: RunSettings) -> str | None:
     return RESPONSE if spectrum or dataset.function_type == FREQUENCY_RESPONSE else None
 
 
-def _function(path: Path, dataset: Function, kind: str, factor: float, labels: dict[str, None]) -> _Function:
-    """One dataset 58 in SI and along the positive axes; ``factor`` turns the file's units into SI."""
+def _function(path: Path, dataset: Function, kind: str, factor: float, per_hertz: float) -> _Function:
+    """One dataset 58 in SI and along the positive axes; the factors turn the file's units into SI."""
     own = _OWN_ID1.fullmatch(dataset.ids[0]) if _own_kind(dataset) else None
     channel = Channel(dataset.response.node, PLANE[abs(dataset.response.direction)], own[2] if own else "")
     points, values, axis = dataset.n_values, dataset.values, dataset.abscissa
@@ -287,7 +289,7 @@ def _function(path: Path, dataset: Function, kind: str, factor: float, labels: d
         kind=kind,
         channel=channel,
         reference=(dataset.reference.node, PLANE.get(abs(dataset.reference.direction))),
-        frequency_hz=dataset.x[:points] * _of_label(axis.unit, FREQUENCY, labels),
+        frequency_hz=dataset.x[:points] * per_hertz,
         values=values[:points] if factor == 1 else values[:points] * factor,
         dataset=dataset,
     )

@@ -29,6 +29,20 @@ def factor_of(label: str, units: dict[str, float]) -> float | None:
     return 1.0 if name in _SAYS_NOTHING else units.get(name)
 
 
+def response_factor(unit: str) -> float | None:
+    """Factor to SI of a response's unit, of a motion or of one over a force; None where it is unknown.
+
+    >>> response_factor("g/N"), response_factor("mm/s^2")
+    (9.80665, 0.001)
+    """
+    motion, _, force = unit.strip().strip("[]").rpartition("/")
+    per_force = factor_of(force, FORCE) if motion and force else None
+    if per_force is None or not force.strip():
+        return factor_of(unit, MOTION)
+    moved = factor_of(motion, MOTION)
+    return None if moved is None else moved / per_force
+
+
 def _plain(label: str) -> str:
     """A label in small letters without brackets and signs of powers, a square as ``/s2``."""
     text = label.lower().translate(str.maketrans({"²": "2", "µ": "u", "μ": "u", "^": "", "*": "", "·": "", " ": ""}))

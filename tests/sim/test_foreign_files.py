@@ -139,3 +139,34 @@ def test_bytes_that_look_like_a_closing_line_are_numbers(tmp_path, order, counte
     assert run.channels == (Channel(3), Channel(4))
     np.testing.assert_array_equal(run.H[:, 0], np.array(numbers[::2]) + 1j * np.array(numbers[1::2]))
     np.testing.assert_array_equal(run.H[:, 1], VALUES)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("g/N", 9.80665), ("mm/s^2", 1e-3), ("in/s²/lbf", 0.0254 / 4.4482216152605), ("(m/s^2)/kN", 1e-3), ("µm/N", 1e-6)],
+)
+def test_a_run_says_in_which_unit_its_file_is(tmp_path, unit, factor):
+    written = a_run()
+    write_run(written, tmp_path / "run.csv")
+    run = read_run(tmp_path / "run.csv", support="rigid", unit=unit, frequency_unit="rpm")
+    np.testing.assert_allclose(run.H, written.H * factor, rtol=1e-12)
+    np.testing.assert_allclose(run.harmonics[3], written.harmonics[3] * factor, rtol=1e-12)
+    assert run.std is not None
+    assert written.std is not None
+    np.testing.assert_allclose(run.std, written.std * factor, rtol=1e-12)
+    np.testing.assert_allclose(run.frequency_hz, written.frequency_hz / 60, rtol=1e-12)
+
+
+def test_what_the_campaign_says_of_units_wins_over_the_labels_of_a_file(tmp_path):
+    run = read(tmp_path, text_58(motion="m/s^2", axis="Hz"), unit="g", frequency_unit="kHz")
+    np.testing.assert_allclose(run.H[:, 0], VALUES * 9.80665)
+    np.testing.assert_allclose(run.frequency_hz, FREQUENCY_HZ * 1000)
+    np.testing.assert_allclose(read(tmp_path, text_58(motion="g"), unit="mm/s^2").H[:, 0], VALUES / 1000)
+
+
+def test_a_unit_that_nobody_knows_is_refused_by_name(tmp_path):
+    write_run(a_run(), tmp_path / "run.csv")
+    cases: dict[str, dict[str, Any]] = {"'V' is no unit": {"unit": "V"}, "'m' is no unit": {"frequency_unit": "m"}}
+    for words, told in cases.items():
+        with pytest.raises(MeasurementError, match=f"run.csv: .*unit: .*{words}"):
+            read_run(tmp_path / "run.csv", support="rigid", **told)

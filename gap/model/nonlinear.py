@@ -87,8 +87,8 @@ class NonlinearModal(RunModel):
         self, other: RunModel, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
     ) -> ComplexArray:
         """(n_freq, n_channels) the response with the same laws, other numbers or more linear effects less this one, to
-        first order."""
-        if other.as_nonlinear is None:
+        first order. No first order leads to one whose laws are pushed across the force, too."""
+        if other.as_nonlinear is None or other.as_nonlinear.balance.n_joints != self.balance.n_joints:
             return self.change_to(other, drift, tolerance, level)
         there = self.at_level(level)
         solved = there.motions(drift, tolerance)

@@ -12,7 +12,7 @@ from rigtwin.gap.model.motions import FINE
 from rigtwin.gap.search.laws.beside import _can_stand_beside, _grown, _shown_at_rest, promises_much, search_laws
 from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
-from rigtwin.rotor.effects import AttachedMass, SensorDelay, SensorGain
+from rigtwin.rotor.effects import AttachedMass, PlaneAnisotropy, SensorDelay, SensorGain
 from rigtwin.rotor.effects.effect import Effect
 from rigtwin.rotor.effects.library import EFFECTS
 from tests.gap.conftest import (
@@ -80,6 +80,15 @@ def test_what_a_mass_changes_beside_a_law_is_followed_at_the_motion_that_was_fou
     small = plain.small_change_to(heavier, np.zeros(MODES), np.zeros(len(TOLERANCES)))
     off = np.linalg.norm(small - change, axis=1)
     assert np.mean(off < 0.02 * np.linalg.norm(change, axis=1)) > 0.9  # beside a fold no step is small enough
+
+
+def test_what_pushes_a_law_across_the_force_is_followed_to_its_own_motion(weighed_down):
+    run, forward = weighed_down[2], Forward(WORKSHOP)
+    turned = PlaneAnisotropy(anisotropy=0.2, angle=0.4)
+    plain, across = (forward.modal(run, K_B, (CUBIC, *more)) for more in ((), (turned,)))
+    assert across.as_nonlinear.balance.n_joints > plain.as_nonlinear.balance.n_joints
+    change = plain.small_change_to(across, np.zeros(MODES), np.zeros(len(TOLERANCES)))
+    np.testing.assert_allclose(change, across.response() - plain.response(), atol=1e-12)
 
 
 def test_what_the_drive_or_the_sweep_changes_does_not_stand_beside_a_law():

@@ -68,7 +68,7 @@ def stuck(rotor_fmu, tmp_path) -> Path:
         rotor_fmu,
         tmp_path / "stuck.fmu",
         r"resources/rigtwin_\w+/rotor/model/design\.py",
-        lambda text: text.replace("stiffness=condition.k_b", "stiffness=1e7"),
+        lambda text: text.replace("k_b, damping = condition.k_b,", "k_b, damping = 1e7,"),
     )
 
 

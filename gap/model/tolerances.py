@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -93,12 +94,11 @@ def sensitivity_of(
     system, tolerances : the supported rotor, and what the workshop does not know of it
     replaced : entries of the test condition that an effect takes the place of
     """
-    modes = system.modes
-    count = min(MODES, len(modes.omega))
+    modes, count = system.modes, min(MODES, len(system.modes.omega))
     Phi, omega = modes.Phi[:, :count], np.maximum(modes.omega[:count], 1e-6)
     strain = _work(Phi, system.K_shaft) / omega**2
     bodies = {each.name: _kinetic_share(system, Phi, each) for each in tolerances if each.is_body}
-    slopes = {name: -share / 2 for name, share in bodies.items()} | {
+    slopes: dict[str, Any] = {name: -share / 2 for name, share in bodies.items()} | {
         "modulus": strain / 2,
         "span": -1.5 * strain - 0.5 * np.minimum(np.maximum(1 - sum(bodies.values(), np.zeros(count)), 0.0), 1.0),
     }

@@ -11,8 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh, qr
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg import eigh, lapack, qr
 
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.structure import Structure
@@ -191,7 +190,7 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _against_lower(L: FloatArray, shapes: FloatArray) -> FloatArray:
     """Shapes (n, m) made orthogonal from the first up, with the Cholesky factor L (m, m) of their products."""
-    return dtrtrs(L, shapes.T, lower=True)[0].T
+    return lapack.dtrtrs(L, shapes.T, lower=True)[0].T  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:

@@ -338,6 +338,41 @@ def effects(
         print_effect(effect_id, as_json=as_json)
 
 
+RUN_SETTING = typer.Option(
+    "--set", metavar="KEY=VALUE", help="Key of a [[run]] in campaign.toml, such as support=rigid or unit=g/N; repeat."
+)
+
+
+@app.command(name="inspect", short_help="What a data file holds, and what is odd about it.")
+def inspect_command(
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="A run: .csv, .uff, .unv, .h5 or .mat.")],
+    settings: Annotated[list[str] | None, RUN_SETTING] = None,
+    rig: Annotated[
+        str | None, typer.Option(help="Its rig, a TOML or a shipped one: names and units are checked.")
+    ] = None,
+    as_json: JSON = False,
+) -> None:
+    """What a data file holds, what is odd about it, and the lines to write into campaign.toml."""
+    from rigtwin.commands.files import inspect_file
+
+    inspect_file(path, settings or (), rig, as_json=as_json)
+
+
+@app.command(short_help="A run in another format, unit or quantity.")
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="A run: .csv, .uff, .unv, .h5 or .mat.")],
+    target: Annotated[Path, typer.Argument(metavar="TARGET", help="The new file; its suffix says the format.")],
+    settings: Annotated[list[str] | None, RUN_SETTING] = None,
+    quantity: Annotated[
+        Literal["receptance", "mobility", "accelerance"] | None, typer.Option(help="Of the new file; default the same.")
+    ] = None,
+) -> None:
+    """Write a run in another format, in SI units, with all that is known of it."""
+    from rigtwin.commands.files import convert_file
+
+    convert_file(source, target, settings or (), quantity)
+
+
 @app.command(short_help="One HTML page of measured runs.")
 def report(
     paths: Annotated[

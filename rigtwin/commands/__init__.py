@@ -13,6 +13,7 @@ module        what it holds                                     start here
 ``diagnose``  rigtwin diagnose and rigtwin predict              ``run_diagnose``
 ``blind``     rigtwin blind                                     ``run_blind``
 ``effects``   rigtwin effects                                   ``print_effects``
+``files``     rigtwin inspect and rigtwin convert               ``inspect_file``
 ``demo``      rigtwin demo                                      ``run_demo``
 ``paper``     the paper's measured numbers, read by our model   ``read_paper``
 ``report``    rigtwin report                                    ``write_report``

@@ -28,7 +28,21 @@ from tests.rigtwin.conftest import run, run_json
 
 OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
 PAPER = OWN_ROTOR.with_name("nit-rourkela-paper")
-COMMANDS = ("demo", "build", "sweep", "train", "estimate", "check", "report", "effects", "diagnose", "predict", "blind")
+COMMANDS = (
+    "demo",
+    "build",
+    "sweep",
+    "train",
+    "estimate",
+    "check",
+    "report",
+    "inspect",
+    "convert",
+    "effects",
+    "diagnose",
+    "predict",
+    "blind",
+)
 
 # What the modal fit of a noise-free virtual run is worth: neighbouring modes, not the rig.
 FIT = 1e-6

@@ -60,6 +60,9 @@ class Quantity(StrEnum):
 
 RIG = "nit-rourkela"
 JSON = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+RUN_SETTING = typer.Option(
+    "--set", metavar="KEY=VALUE", help="Key of a [[run]] in campaign.toml, such as support=rigid or unit=g/N; repeat."
+)
 
 
 @app.callback()
@@ -336,11 +339,6 @@ def effects(
         print_effects(as_json=as_json)
     else:
         print_effect(effect_id, as_json=as_json)
-
-
-RUN_SETTING = typer.Option(
-    "--set", metavar="KEY=VALUE", help="Key of a [[run]] in campaign.toml, such as support=rigid or unit=g/N; repeat."
-)
 
 
 @app.command(name="inspect", short_help="What a data file holds, and what is odd about it.")

@@ -30,7 +30,7 @@ def inspect_file(path: Path, told: Sequence[str], rig: str | None, *, as_json: b
 
     Raises MeasurementError where it cannot be read, UserError for a setting that is none.
     """
-    settings = settings_of(told)
+    settings = told_settings(told)
     run, said, heard = _read(path, settings)
     record = _record(path, run, settings, said=said)
     record["odd"] = [*heard, *_odd(run, rig)]
@@ -59,7 +59,7 @@ def convert_file(source: Path, target: Path, told: Sequence[str], quantity: str 
     """
     if target.exists() and target.samefile(source):
         raise UserError(f"{target}: is the file that is read; give another name")
-    run, said, heard = _read(source, settings_of(told))
+    run, said, heard = _read(source, told_settings(told))
     if not said:
         raise UserError(f"{source}: does not say what held the rotor; add --set support=rigid or --set support=bearing")
     for words in heard:
@@ -79,19 +79,16 @@ def as_quantity(run: Run, quantity: str) -> Run:
     power = DERIVATIVE_ORDER[quantity] - DERIVATIVE_ORDER[run.quantity]
     factor = omega**power if run.magnitude_only else (1j * omega) ** power
 
-    def turned(values: Any, order: int = 1) -> Any:
-        return None if values is None else values * factor * order**power
-
     return replace(
         run,
-        H=turned(run.H),
+        H=run.H * factor,
         std=None if run.std is None else run.std * np.abs(factor),
-        harmonics={order: turned(values, order) for order, values in run.harmonics.items()},
+        harmonics={order: values * factor * order**power for order, values in run.harmonics.items()},
         quantity=quantity,
     )
 
 
-def settings_of(told: Sequence[str]) -> RunSettings:
+def told_settings(told: Sequence[str]) -> RunSettings:
     """Keys of a ``[[run]]`` from ``key=value`` words, values as in TOML or plain text. Raises UserError."""
     settings: dict[str, Any] = {}
     for words in told:

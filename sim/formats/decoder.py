@@ -2,8 +2,8 @@
 
 The libraries that read these files crash, hang or take all memory where a file is damaged. So they run in a process of
 its own, with limits on time and memory, that imports nothing of this project (``in_child`` starts it). It prints an
-archive of arrays: "names" of the variables "v0", "v1" …, "attributes" of those from ``n`` on. What is neither number
-nor text comes as an array of nothing.
+archive of arrays: "names" of the variables, "attributes" with the names of the file's attributes, and the values of the
+first and then of the second as "v0", "v1" and so on. What is neither number nor text comes as an array of nothing.
 """
 
 from __future__ import annotations

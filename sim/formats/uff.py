@@ -34,7 +34,7 @@ from rigtwin.sim.formats.recording import Recording
 from rigtwin.sim.formats.settings import RunSettings, check_settings, stored_settings
 from rigtwin.sim.formats.uff_datasets import DatasetError, End, Function, Units, read_datasets
 from rigtwin.sim.formats.units import FORCE as FORCE_UNITS
-from rigtwin.sim.formats.units import FREQUENCY, MOTION, factor_of
+from rigtwin.sim.formats.units import FREQUENCY, MOTION, factor_of, motion_and_force
 
 logger = logging.getLogger(__name__)
 
@@ -68,7 +68,7 @@ GENERAL, FREQUENCY_RESPONSE, COHERENCE_TYPE, SPECTRUM = 0, 4, 6, 12
 FREQUENCY_AXIS = (0, 1, 18)  # specific data types of an abscissa: unknown, general, frequency
 UNSAID = ((0, 0), (0, 13), (12, 0))  # ordinate types of software that leaves them out: an accelerance
 SI = 1  # units code of dataset 164
-_SOME_UNITS = Units(SI, 1.0, 1.0)
+_SI_UNITS = Units(SI, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -131,13 +131,13 @@ def _datasets(path: Path) -> Iterator[Function | Units]:
 
 def _functions(path: Path, given: RunSettings) -> list[_Function]:
     """Every function that belongs to a run. Raises MeasurementError when there is none."""
-    functions, units, seen, number = [], _SOME_UNITS, [], 0
+    functions, units, seen, number = [], _SI_UNITS, [], 0
     labels: dict[str, None] = {}
     channel_map = _ChannelMap(path, given)
     for dataset in _datasets(path):
         if isinstance(dataset, Units):
             # Factors of the units code SI are 1; files exist that say SI and carry the factors of feet and pounds.
-            units = _SOME_UNITS if dataset.code == SI else dataset
+            units = _SI_UNITS if dataset.code == SI else dataset
             if not (units.length > 0 and units.force > 0):
                 raise MeasurementError(
                     f"{path}: unit factors of dataset 164 are {units.length}, {units.force}; export it in SI"
@@ -224,7 +224,7 @@ class _ChannelMap:
 
 def _motion_unit(dataset: Function, units: Units, labels: dict[str, None]) -> float:
     """Factor to SI of what moves: of a label that names another unit than SI, or else of dataset 164."""
-    told = _of_label(dataset.numerator.unit.split("/N")[0], MOTION, labels)
+    told = _of_label(motion_and_force(dataset.numerator.unit)[0], MOTION, labels)
     return 1 / units.length if told == 1 else told
 
 

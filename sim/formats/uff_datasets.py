@@ -129,8 +129,8 @@ def _function(file: _Lines, *, binary: bool, order: str) -> Function:
     """A dataset 58; ``order`` is that of its bytes, "2" with the highest first."""
     records = [(file.number + 1, file.line()) for _ in range(_HEADER_LINES)]
     (n6, sixth), (n7, seventh) = records[5:7]
-    kinds = _fields(n6, sixth, (5, 10, 5, 10, 11, 10, 4, 11, 10, 4))
-    form = _fields(n7, seventh, (10, 10, 10, 13, 13, 13))
+    kinds = _fields(sixth, (5, 10, 5, 10, 11, 10, 4, 11, 10, 4))
+    form = _fields(seventh, (10, 10, 10, 13, 13, 13))
     data_type, n_values, even = _whole(n7, form[0]), _whole(n7, form[1]), _whole(n7, form[2]) == 1
     if data_type not in _TYPES or n_values < 0:
         raise DatasetError(f"line {n7}: {n_values} values of data type {data_type}; a function's are 2, 4, 5 or 6")
@@ -192,7 +192,7 @@ def _numbers(number: int, line: str, widths: list[int]) -> list[float]:
 
 def _units(file: _Lines) -> Units:
     number, first = file.number + 1, file.line()
-    code = _whole(number, _fields(number, first, (10,))[0])
+    code = _whole(number, _fields(first, (10,))[0])
     factors = [value for line, text in file.body() for value in _numbers(line, text, [25])]
     if len(factors) < 2:
         raise DatasetError(f"line {number}: units without the factors of length and force")
@@ -200,11 +200,11 @@ def _units(file: _Lines) -> Units:
 
 
 def _axis(number: int, line: str) -> Axis:
-    cells = _fields(number, line, (10, 5, 5, 5, 21, 21))
+    cells = _fields(line, (10, 5, 5, 5, 21, 21))
     return Axis(_whole(number, cells[0]), cells[5])
 
 
-def _fields(number: int, line: str, widths: tuple[int, ...]) -> list[str]:
+def _fields(line: str, widths: tuple[int, ...]) -> list[str]:
     """The cells of a record in columns of these widths."""
     ends = np.cumsum([0, *widths]).tolist()
     return [line[a:b].strip() for a, b in itertools.pairwise(ends)]

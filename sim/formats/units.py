@@ -35,12 +35,19 @@ def response_factor(unit: str) -> float | None:
     >>> response_factor("g/N"), response_factor("mm/s^2")
     (9.80665, 0.001)
     """
+    motion, force = motion_and_force(unit)
+    moved, pushed = factor_of(motion, MOTION), factor_of(force, FORCE)
+    return None if moved is None or pushed is None else moved / pushed
+
+
+def motion_and_force(unit: str) -> tuple[str, str]:
+    """The two parts of a response's unit; the force is empty where the unit is that of a motion alone.
+
+    >>> motion_and_force("mm/s^2/lbf"), motion_and_force("m/s")
+    (('mm/s^2', 'lbf'), ('m/s', ''))
+    """
     motion, _, force = unit.strip().strip("[]").rpartition("/")
-    per_force = factor_of(force, FORCE) if motion and force else None
-    if per_force is None or not force.strip():
-        return factor_of(unit, MOTION)
-    moved = factor_of(motion, MOTION)
-    return None if moved is None else moved / per_force
+    return (motion, force) if motion and _plain(force) in FORCE else (unit, "")
 
 
 def _plain(label: str) -> str:

@@ -245,7 +245,7 @@ class Modal(RunModel):
         w, dwell = swept.reshape(-1, *(1,) * dwell.ndim, 1), dwell[..., None]
         if self.images:
             left = transients(w, poles, dwell)
-            twin = np.abs(poles[:, None] - poles.conj()).argmin(axis=1)
+            twin = conjugates(poles, np.arange(len(poles)))
             left -= left[..., twin].conj() * np.exp(-2j * dwell * np.cumsum(w, axis=0))
             read = as_read(left, w, poles)
         else:

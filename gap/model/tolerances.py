@@ -12,7 +12,7 @@ from rigtwin.gap.model.linear import MODES, Group, Modal, conjugates
 from rigtwin.gap.model.workshop import STEP, Tolerance
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.structure import DOF_PER_NODE
-from rigtwin.rotor.model.system import LinearSystem
+from rigtwin.rotor.model.system import LinearSystem, work
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ def sensitivity_of(
     """
     modes, count = system.modes, min(MODES, len(system.modes.omega))
     Phi, omega = modes.Phi[:, :count], np.maximum(modes.omega[:count], 1e-6)
-    strain = _work(Phi, system.K_shaft) / omega**2
+    strain = work(system.K_shaft, Phi) / omega**2
     bodies = {each.name: _kinetic_share(system, Phi, each) for each in tolerances if each.is_body}
     slopes: dict[str, Any] = {name: -share / 2 for name, share in bodies.items()} | {
         "modulus": strain / 2,
-        "span": -1.5 * strain - 0.5 * np.minimum(np.maximum(1 - sum(bodies.values(), np.zeros(count)), 0.0), 1.0),
+        "span": -1.5 * strain - 0.5 * np.clip(1 - sum(bodies.values(), np.zeros(count)), 0.0, 1.0),
     }
     for each in tolerances:
         if each.joint:
@@ -108,16 +108,11 @@ def sensitivity_of(
     if "shaft_damping_ratio" not in replaced:
         slopes["shaft_damping_ratio"] = 1j * system.shaft_damping_ratio * strain
     if "bearing_damping" not in replaced:
-        slopes["bearing_damping"] = 0.5j * _work(Phi, system.C_support) / omega
+        slopes["bearing_damping"] = 0.5j * work(system.C_support, Phi) / omega
     at = np.zeros((MODES, len(tolerances)), dtype=complex)
     for column, each in enumerate(tolerances):
         at[:count, column] = slopes.get(each.name, 0.0)
     return at
-
-
-def _work(Phi: FloatArray, matrix: FloatArray) -> FloatArray:
-    """(n_modes,) quadratic form of a matrix (n, n) in each shape (n, n_modes)."""
-    return np.sum(Phi * (matrix @ Phi), axis=0)
 
 
 def _kinetic_share(system: LinearSystem, Phi: FloatArray, body: Tolerance) -> FloatArray:

@@ -15,6 +15,7 @@ from rigtwin.rotor.effects.effect import Parameter
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.model.system import work
 
 # Powers of mass, length and time in a unit.
 UNITS = {
@@ -90,7 +91,7 @@ def scale_of(structure: Structure, force: float = 0.0) -> RigScale:
     """The scale of a rotor, and the largest force [N] that it was tested with."""
     system = build_system(structure, Condition(rigid_support=True))
     Phi, omega = system.modes.Phi, system.modes.omega
-    in_shaft = np.einsum("im,ij,jm->m", Phi, system.K_shaft, Phi) / np.maximum(omega, 1e-300) ** 2
+    in_shaft = work(system.K_shaft, Phi) / np.maximum(omega, 1e-300) ** 2
     bending = omega[(in_shaft > BENT) & system.modes.elastic]
     along_y = np.arange(0, structure.n, 4)
     mass = float(np.sum(structure.M[np.ix_(along_y, along_y)]))

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
-from rigtwin.rotor.model.system import LinearSystem, Modes
+from rigtwin.rotor.model.system import LinearSystem, Modes, block
 
 # Condition number of the eigenvectors (Frobenius) above which the spectral form loses over half of the digits.
 _DEFECTIVE = 1e7
@@ -57,7 +57,7 @@ class StateSpace:
         heavy, light = system.heavy, system.massless
         self._n, self._heavy, self._light = system.n, heavy, light
         self._Phi = modes.Phi[heavy]  # (n_heavy, m)
-        self._to_modal = self._Phi.T @ system.M[heavy[:, None], heavy]
+        self._to_modal = self._Phi.T @ block(system.M, heavy)
         self._scale = np.where(modes.elastic, modes.omega, 1.0)
         self._slide = system.slide
         m, k = len(modes.omega), len(light)
@@ -65,7 +65,7 @@ class StateSpace:
         A = np.zeros((2 * m + k, 2 * m + k))
         A[:m, m : 2 * m] = np.diag(self._scale)
         A[m : 2 * m, :m] = -np.diag(modes.omega)
-        A[m : 2 * m, m : 2 * m] = -self._Phi.T @ C[heavy[:, None], heavy] @ self._Phi
+        A[m : 2 * m, m : 2 * m] = -self._Phi.T @ block(C, heavy) @ self._Phi
         if k:
             self._add_massless(A, system, C)
         self.A = A
@@ -73,8 +73,8 @@ class StateSpace:
     def _add_massless(self, A: FloatArray, system: LinearSystem, C: FloatArray) -> None:
         """Rows and columns of w: C_ww w' = -(C_wq + C_ww T) q' - K_ww w, and its force on q."""
         heavy, light, m = self._heavy, self._light, len(self._scale)
-        C_hl, C_lh, C_ll = C[heavy[:, None], light], C[light[:, None], heavy], C[light[:, None], light]
-        K_ll, K_hl = system.K[light[:, None], light], system.K[heavy[:, None], light]
+        C_hl, C_lh, C_ll = block(C, heavy, light), block(C, light, heavy), block(C, light)
+        K_ll, K_hl = block(system.K, light), block(system.K, heavy, light)
         relax = np.linalg.solve(C_ll, K_ll)
         drag = np.linalg.solve(C_ll, C_lh)
         A[2 * m :, 2 * m :] = -relax

@@ -29,6 +29,11 @@ def block(matrix: FloatArray, rows: IntArray, columns: IntArray | None = None) -
     return matrix.take(rows, axis=0).take(rows if columns is None else columns, axis=1)
 
 
+def work(matrix: FloatArray, shapes: FloatArray) -> FloatArray:
+    """(m,) quadratic form of a matrix (n, n) in each of the shapes (n, m): twice an energy."""
+    return np.sum(shapes * (matrix @ shapes), axis=0)
+
+
 @dataclass(frozen=True)
 class LinearSystem:
     """M q'' + (C + Omega G) q' + K q = f on the degrees of freedom that are free to move."""
@@ -65,7 +70,7 @@ class LinearSystem:
         light = self.massless
         if not len(light):
             return np.zeros((0, self.n))
-        return -np.linalg.solve(self.K[light[:, None], light], self.K[light[:, None], self.heavy])
+        return -np.linalg.solve(block(self.K, light), block(self.K, light, self.heavy))
 
     @property
     def condensed_stiffness(self) -> FloatArray:
@@ -184,8 +189,7 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
         inverse = np.where(high, 1.0, inverse)
     shapes /= np.sqrt(inverse)
     shapes = _against_lower(np.linalg.cholesky(shapes.T @ M @ shapes), shapes)
-    rayleigh = np.sum(shapes * (K @ shapes), axis=0)
-    return np.where(high, rayleigh, 1 / inverse), shapes
+    return np.where(high, work(K, shapes), 1 / inverse), shapes
 
 
 def _against_lower(L: FloatArray, shapes: FloatArray) -> FloatArray:
@@ -200,9 +204,8 @@ def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:
     >>> strain_share(spring, shapes=np.array([[1.0, 1.0], [1.0, -1.0]]))
     array([0., 1.])
     """
-    energy = np.sum(shapes * (K @ shapes), axis=0)
-    size = np.sum(np.abs(shapes) * (np.abs(K) @ np.abs(shapes)), axis=0)
-    return energy / np.where(size > 0, size, 1.0)
+    size = work(np.abs(K), np.abs(shapes))
+    return work(K, shapes) / np.where(size > 0, size, 1.0)
 
 
 def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,6 +1,6 @@
 # make demo   everything from nothing: .venv, both FMUs in dist/, the virtual rig, the result page
-# make test   the tests, without the dozen that take a minute or more each
-# make test-long   that dozen
+# make test   the tests, without the longest
+# make test-long   the longest tests
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects, benchmark-native, benchmark-scale, benchmark-diagnosis, benchmark-prediction-limit, benchmark-lab-data   the figures in docs/, measured again
 # make lint   ruff and pyright
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped

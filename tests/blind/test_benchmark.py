@@ -17,21 +17,23 @@ from rigtwin.commands.blind import BlindRequest, diagnose_all, in_own_process, r
 from rigtwin.exits import UserError
 from rigtwin.scale_out import executor
 
-# Of the tuning split: no gap, a mass, a rotor of ROSS.
+# Of the tuning split: no gap, a mass, a rotor of ROSS; and once more no gap, an artefact, another rotor of ROSS.
 ORDERS = (Order("W3", "tuning", 1, 0), Order("W1", "tuning", 1, 0), Order("W6", "tuning", 1, 7))
+MORE = (Order("W3", "tuning", 1, 1), Order("W5", "tuning", 1, 1), Order("W6", "tuning", 1, 23))
 
 
-def test_right_names_on_a_fixed_part(tmp_path):
+@pytest.mark.parametrize("orders", [ORDERS, pytest.param(MORE, marks=pytest.mark.long)], ids=["some", "more"])
+def test_right_names_on_a_fixed_part(tmp_path, orders):
     from rigtwin.blind.judge.score import read_outcomes
 
     campaigns, answers = tmp_path / "campaigns", tmp_path / "answers"
-    for order in ORDERS:
+    for order in orders:
         make(order, campaigns)
     seal(campaigns)
     with executor(workers=2) as pool:
         diagnose_all(campaigns, answers, pool)
     outcomes = read_outcomes(campaigns, answers)
-    assert len(outcomes) == len(ORDERS)
+    assert len(outcomes) == len(orders)
     for o in outcomes:
         assert not o.failure
         assert o.top_right, f"{o.label.name}: {o.verdict} {sorted(o.top)}"

@@ -64,12 +64,13 @@ def test_time_stepping_repeats_where_a_motion_is_stable_and_there_only():
     assert_allclose(forces[:-2], balanced[:-2], rtol=0.02)
 
 
-def test_time_stepping_repeats_where_a_law_is_not_felt():
+@pytest.mark.parametrize("every", [50, pytest.param(20, marks=pytest.mark.long)])
+def test_time_stepping_repeats_where_a_law_is_not_felt(every):
     """A rotor that does not touch has no force to repeat; a preload far above the exciter's force stays what it is."""
     effect = Effect("bearing_clearance", {"gap": 2.6e-6, "preload": 3.2})
     preloaded = replace(empty_case(RIG, "W1", np.random.default_rng(0)), effects=(effect,))
     touching, setting, level, lines = rubbing()
-    omega = 2 * np.pi * lines[::50]
+    omega = 2 * np.pi * lines[::every]
     for case, here, force in ((touching, setting, 1e-3 * level), (preloaded, preloaded.setting(False, 2), 0.02)):
         balance = balance_of(case, here, force)
         found = stepped_forces(balance, omega, balance.sweep(omega))

@@ -708,10 +708,11 @@ LINEAR = [effect for effect in EFFECTS.values() if effect.family not in ("nonlin
 
 @pytest.mark.parametrize("end", ["low", "high"])
 @pytest.mark.parametrize("effect", LINEAR, ids=lambda effect: effect.id)
-def test_no_linear_effect_passes_for_a_wrong_name(effect, end):
+@pytest.mark.parametrize("nodes", [(4, 6), pytest.param((2,), marks=pytest.mark.long)], ids=["others", "exciter's"])
+def test_no_linear_effect_passes_for_a_wrong_name(effect, end, nodes):
     ends = {name: SCALE.ends(role) for name, role in effect.parameters().items() if not role.form}
     numbers = {name: both[end == "high"] for name, both in ends.items()}
-    for node in (4, 6):
+    for node in nodes:
         places = {name: node if place.kind == "node" else 0.05 * node for name, place in effect.places().items()}
         made = effect(**numbers, **places)
         runs = [

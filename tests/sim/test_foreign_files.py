@@ -158,7 +158,7 @@ def test_a_run_says_in_which_unit_its_file_is(tmp_path, unit, factor):
 
 
 def test_what_the_campaign_says_of_units_wins_over_the_labels_of_a_file(tmp_path):
-    run = read(tmp_path, text_58(motion="m/s^2", axis="Hz"), unit="g", frequency_unit="kHz")
+    run = read(tmp_path, text_58(motion="mm/s^2", axis="rad/s"), unit="g", frequency_unit="kHz")
     np.testing.assert_allclose(run.H[:, 0], VALUES * 9.80665)
     np.testing.assert_allclose(run.frequency_hz, FREQUENCY_HZ * 1000)
     np.testing.assert_allclose(read(tmp_path, text_58(motion="g"), unit="mm/s^2").H[:, 0], VALUES / 1000)

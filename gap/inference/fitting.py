@@ -37,7 +37,8 @@ class JointFit:
     silent: float = 1e-5  # share of a run's largest value below which a logarithm says nothing
     dampings: tuple[float, ...] = (1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)  # Marquardt's, tried in turn
     enough: float = 0.02  # misfit that a step must take away for another one
-    enough_relative: float = 1e-5  # the same over the misfit and the penalty
+    enough_relative: float = 1e-5  # the same over the misfit and the penalty,
+    enough_before: float = 1e-3  # and where an error is added, which is only the way to the next one
     lessons: int = 4  # how often repeatabilities are learned and the fit goes on, at most,
     learned: float = 0.1  # until their logarithms change by less
 
@@ -122,15 +123,15 @@ def fit(
     """
     u = u.copy()
     nu = unit(problem, hypothesis, u) if nu is None else nu.copy()
-    std = problem.nuisances.std_for(nu)
+    std, descent = problem.nuisances.std_for(nu), _Descent(problem, hypothesis)
     for added in anneal:
-        at = _Descent(problem, hypothesis, added, std).run(u, nu, steps)
+        at = descent.run(u, nu, steps, added, std)
         u, nu = at.u, at.nu
     for _ in range(JOINT.lessons if problem.nuisances.learned and steps else 0):
         before, std = std, learn(problem, hypothesis, at, std)
         if np.abs(np.log(std / before)).max() < JOINT.learned:
             break
-        at = _Descent(problem, hypothesis, anneal[-1], std).run(at.u, at.nu, steps)
+        at = descent.run(at.u, at.nu, steps, anneal[-1], std)
     n = sum(o.n_values for o in problem.observed)
     told = sum(each.log_prior(each.of(std)) for each in problem.nuisances.learned)
     penalty = float(np.sum((at.nu / std) ** 2))
@@ -195,15 +196,16 @@ class _Point:
 
 
 class _Descent:
-    """Steps of one candidate, with one relative error added to the data's own and priors of these widths."""
+    """Steps of one candidate."""
 
-    def __init__(self, problem: Problem, hypothesis: Hypothesis, added: float, std: FloatArray):
-        self.problem, self.hypothesis, self.added = problem, hypothesis, added
+    def __init__(self, problem: Problem, hypothesis: Hypothesis):
+        self.problem, self.hypothesis = problem, hypothesis
         self.log = hypothesis.log
-        self.prior = 1 / std**2
+        self.least = 1  # place of the least damping that is tried after the whole step: one less than helped last
 
-    def run(self, u: FloatArray, nu: FloatArray, steps: int) -> _Point:
-        """Where the steps end."""
+    def run(self, u: FloatArray, nu: FloatArray, steps: int, added: float, std: FloatArray) -> _Point:
+        """Where the steps end, with a relative error added to the data's own, and priors of these widths."""
+        self.added, self.prior = added, 1 / std**2
         here = self._linearise(u, nu)
         if here is None:
             raise ValueError(f"{self.hypothesis}: no model at the start")
@@ -218,7 +220,8 @@ class _Descent:
                 break
             here = linear
             gained, total = total - value, here.chi2 + float(nu**2 @ self.prior)
-            if gained < max(JOINT.enough, JOINT.enough_relative * total):
+            relative = JOINT.enough_before if added else JOINT.enough_relative
+            if gained < max(JOINT.enough, relative * total):
                 break
         return here
 
@@ -230,14 +233,15 @@ class _Descent:
         g[n_u:] -= self.prior * at.nu
         active = held(self.problem, at.u, g[:n_u], ends)
         # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
-        for mu in JOINT.dampings:
-            step = damped_step(A, g, mu, active)
+        for place in (0, *range(self.least, len(JOINT.dampings))):
+            step = damped_step(A, g, JOINT.dampings[place], active)
             own = np.where(self.log, shorten_logarithms(step[:n_u]), step[:n_u])
             trial_u = np.clip(at.u + own, ends[:, 0], ends[:, 1])
             trial_nu = at.nu + step[n_u:]
             value = misfit_of(self.problem, self.hypothesis, trial_u, trial_nu, self.added)
             value += float(trial_nu**2 @ self.prior)
             if value < before:
+                self.least = max(place - 1, 1) if place else self.least
                 return trial_u, trial_nu, value
         return None
 

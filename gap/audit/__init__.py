@@ -11,8 +11,9 @@ module           what it looks at                                               
 ``one_run``      raster, missing lines, noise, channels, saturation, sweep rate   ``check_raster`` ...
 ``phase``        delay and polarity                                               ``check_delay`` ...
 ``pairs``        reciprocity, repeatability, force level                          ``check_pairs``
-``labels``       nodes, exciter, quantity and supports against the drawing        ``check_labels``
-``coverage``     what was not measured; units                                     ``check_coverage``
+``labels``       nodes, exciter, quantity, units and supports against the drawing ``check_labels``
+``drawn``        a run's magnitudes beside the drawing's                          ``Curves``
+``coverage``     what was not measured                                            ``check_coverage``
 ``geometry``     what the drawing says whatever the stiffnesses are               ``geometry_of``
 ===============  ===============================================================  ===================
 """

@@ -4,20 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.sim.campaign import Campaign
-
-# Measured over expected quasi-static response on rigid supports, where only the drawing counts. Effects
-# of a rig change it by some ten per cent; a wrong unit by ten or a thousand.
-_UNIT_FACTOR = 2.5
-
-# What the factor says of the unit.
-_UNITS = {1 / 9.81: "g instead of m/s^2", 1e3: "mm instead of m, or kN instead of N", 1e6: "um instead of m"}
 
 
 def check_coverage(campaign: Campaign, runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Finding]:
@@ -76,30 +67,3 @@ def _run_coverage(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     if nodes and driven not in {(c.node, c.plane) for c in p.channels}:
         words = f"The drive point, node {run.excitation_node}, carried no sensor: passivity and exciter are not checked"
         yield p.finding("coverage", "note", f"{words}; add one there.")
-
-
-def check_units(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
-    """Size of the response below the first resonance on rigid supports against the drawing's."""
-    unscaled = p.run.quantity == "acceleration"
-    if unscaled or not p.resonances or p.run.support != "rigid" or not geometry.knows(p.run):
-        return
-    expected = geometry.response(p.run, p.f)
-    low = p.f < 0.7 * p.resonances[0].frequency_hz
-    places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node <= expected.shape[1]]
-    places = [i for i in places if p.channels[i].node not in geometry.held_nodes(p.run)]
-    if np.count_nonzero(low) < 3 or not places:
-        return
-    columns = [p.channels[i].node - 1 for i in places]
-    if not expected[low][:, columns].all():  # driven at a support, which the audit finds under labels
-        return
-    ratio = np.abs(p.receptance[low][:, places]) / np.abs(expected[low][:, columns])
-    factor = float(np.median(ratio))
-    if 1 / _UNIT_FACTOR < factor < _UNIT_FACTOR:
-        words = f"The quasi-static response is {factor:.3g} times what the drawing gives."
-        yield p.finding("units", "ok", words, factor, _UNIT_FACTOR)
-        return
-    guess = [name for unit, name in _UNITS.items() if abs(np.log(factor / unit)) < np.log(1.5)]
-    hint = f" ({guess[0]}?)" if guess else ""
-    words = f"The quasi-static response on rigid supports is {factor:.3g} times what the drawing gives: a unit or a "
-    words += f"sensitivity is wrong{hint}; check units of response and force."
-    yield p.finding("units", "error", words, factor, _UNIT_FACTOR)

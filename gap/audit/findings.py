@@ -9,7 +9,7 @@ import numpy as np
 
 from rigtwin.gap.audit import one_run
 from rigtwin.gap.audit.checked_run import CheckedRun, checked_runs, without_dropped_values
-from rigtwin.gap.audit.coverage import check_coverage, check_units
+from rigtwin.gap.audit.coverage import check_coverage
 from rigtwin.gap.audit.geometry import Geometry, geometry_of
 from rigtwin.gap.audit.labels import check_labels
 from rigtwin.gap.audit.pairs import check_pairs, is_copy
@@ -77,7 +77,6 @@ def _check_run(p: CheckedRun, telling: CheckedRun, belief: NominalBelief, geomet
     delays = None if p.run.spin_rpm else find_delays(telling)
     yield from check_delay(telling, delays)
     yield from check_sign(telling, geometry, delays)
-    yield from check_units(telling, geometry)
 
 
 def _drop_dead_channels(p: CheckedRun, geometry: Geometry) -> CheckedRun | None:

@@ -7,21 +7,19 @@ velocity that passes for an acceleration tilts every curve, and frequencies in a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from rigtwin.gap.audit.checked_run import CheckedRun
+from rigtwin.gap.audit.drawn import Curves
 from rigtwin.gap.audit.geometry import Geometry
 from rigtwin.gap.audit.one_run import is_only_noise
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.rotor.frequency.measured import Quantity
-from rigtwin.rotor.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,6 @@ class LabelLimits:
     lines: int = 20  # fewer say nothing at all
     other_range: float = 3.0  # factor to the other channels from which a channel's range differs; gaps reach 2
     range_error: float = 0.05  # of the factor's logarithm beside a known one
-    stiffnesses: int = 49  # of bearings that are tried
-    spread: int = 200  # frequencies along the band at which a run's lines are looked at
     above: float = 0.02  # relative difference by which a first resonance is above another, ...
     same: float = 0.003  # ... the same, ...
     far_below: float = 0.1  # ... or far below the drawing's
@@ -49,6 +45,17 @@ _FREQUENCY_UNITS = {"rad/s": 2 * np.pi, "rev/min": 60.0, "kHz": 1e-3}
 
 # What responses per newton may be.
 _QUANTITIES: tuple[Quantity, ...] = ("receptance", "mobility", "accelerance")
+
+# Measured over drawn response, whatever the bearings' stiffness. A gap changes it by some ten per cent in the median,
+# a wrong unit by ten or a thousand.
+_UNIT_FACTOR = 2.5
+
+# What the factor says of the unit.
+_UNITS = {1 / 9.81: "g instead of m/s^2", 1e3: "mm instead of m, or kN instead of N", 1e6: "um instead of m"}
+
+# The same of peak values over effective ones, or the other way; within the error of a modulus.
+_PEAK_FACTOR = float(np.sqrt(2))
+_PEAK_ERROR = 0.03
 
 # What a factor between two channels may come from.
 _RANGES = {9.81: "g and m/s^2", 10.0: "an amplifier's range", 1e2: "an amplifier's range", 1e3: "mm and m"}
@@ -64,27 +71,47 @@ def check_labels(runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Fin
 
 def _check_run(p: CheckedRun, geometry: Geometry) -> Iterator[Finding]:
     """Check one run's names and units; others are proposed where they at least halve its distance to the drawing."""
-    moving, places = geometry.moving_nodes(p.run), _telling_places(p, geometry)
-    nodes, exciter = tuple(p.channels[i].node for i in places), p.run.excitation_node
+    places, exciter = _telling_places(p, geometry), p.run.excitation_node
+    nodes = tuple(p.channels[i].node for i in places)
     if not nodes:
         return
-    curves = _Curves(p, places, geometry)
-    distance, named = curves.distance(nodes, exciter), len(nodes) >= _LIMITS.channels
+    curves = Curves(p, places, geometry)
+    (distance, gain), named = curves.distance_and_gain(nodes, exciter), len(nodes) >= _LIMITS.channels
     if distance < _LIMITS.distance:
+        yield from _check_size(p, gain, distance, geometry)
         words = "Nodes and exciter are where their names say: measured responses are off the drawing's by"
         if named:
             yield p.finding("labels", "ok", f"{words} {_percent(distance)} in the median.", distance, _LIMITS.distance)
         return
     # With the bearings' stiffness free, few channels may have a resonance anywhere.
     units = [*_in_other_quantities(p), *(_in_other_frequencies(p) if named or p.run.support == "rigid" else ())]
-    others = [(_Curves(q, places, geometry).distance(nodes, exciter), *words) for q, *words in units]
+    others = [(Curves(q, places, geometry).distance(nodes, exciter), *words) for q, *words in units]
     if named:
-        others.append(_other_names(curves, nodes, exciter, moving, geometry))
+        others.append(_other_names(curves, nodes, exciter, geometry.moving_nodes(p.run), geometry))
         others += _other_range(curves, nodes, exciter, geometry)
     left, looks, do = min(others, default=(np.inf, "", ""))
     if left <= _LIMITS.share * distance:
         words = f"{looks}: off by {_percent(left)} in the median then, by {_percent(distance)} as they are named"
         yield p.finding("labels", "error", f"{words}; {do}.", distance, _LIMITS.distance)
+    else:
+        yield from _check_size(p, gain, distance, geometry)
+
+
+def _check_size(p: CheckedRun, factor: float, distance: float, geometry: Geometry) -> Iterator[Finding]:
+    """Check the size of a run's responses, so many times the drawing's and as far off otherwise, by which units are
+    told."""
+    if p.run.quantity == "acceleration" or p.run.excitation_node not in geometry.moving_nodes(p.run):
+        return
+    words, off = f"The responses are {factor:.3g} times what the drawing gives", abs(np.log(factor))
+    if off > np.log(_UNIT_FACTOR) + distance:
+        hint = next((f" ({name}?)" for unit, name in _UNITS.items() if abs(np.log(factor / unit)) < np.log(1.5)), "")
+        words += f": a unit or a sensitivity is wrong{hint}; check units of response and force."
+        yield p.finding("units", "error", words, factor, _UNIT_FACTOR)
+    elif abs(off - np.log(_PEAK_FACTOR)) < _PEAK_ERROR and distance < _LIMITS.distance:
+        words += ", as where effective values (RMS) are divided by peak values; check both settings."
+        yield p.finding("units", "warning", words, factor, _PEAK_FACTOR)
+    else:
+        yield p.finding("units", "ok", f"{words}.", factor, _UNIT_FACTOR)
 
 
 def _telling_places(p: CheckedRun, geometry: Geometry) -> list[int]:
@@ -111,7 +138,7 @@ def _in_other_frequencies(p: CheckedRun) -> Iterator[tuple[CheckedRun, str, str]
 
 
 def _other_names(
-    curves: _Curves, nodes: tuple[int, ...], exciter: int, moving: frozenset[int], geometry: Geometry
+    curves: Curves, nodes: tuple[int, ...], exciter: int, moving: frozenset[int], geometry: Geometry
 ) -> tuple[float, str, str]:
     """The exciter or the sensor names that fit best: remaining distance, the finding's words, and what to do."""
     names = {order: curves.rough_distance(order, exciter) for order in _orders(nodes, geometry.nodes)}
@@ -128,12 +155,11 @@ def _other_names(
 
 
 def _other_range(
-    curves: _Curves, nodes: tuple[int, ...], exciter: int, geometry: Geometry
+    curves: Curves, nodes: tuple[int, ...], exciter: int, geometry: Geometry
 ) -> Iterator[tuple[float, str, str]]:
     """Channels in another range, if fewer than half and not at bearings: remaining distance, words, and what to do."""
     left, sizes = curves.with_own_sizes(nodes, exciter)
-    free = [node not in geometry.bearings for node in nodes]
-    odd = np.flatnonzero(free & (np.abs(sizes) > np.log(_LIMITS.other_range)))
+    odd = np.flatnonzero(~np.isin(nodes, list(geometry.bearings)) & (np.abs(sizes) > np.log(_LIMITS.other_range)))
     if 0 < 2 * len(odd) < len(nodes):
         many = f"node {nodes[odd[0]]} are" if len(odd) == 1 else f"nodes {listed(nodes[i] for i in odd)} are"
         factors = listed(f"{np.exp(abs(sizes[i])):.3g} times too {'large' if sizes[i] > 0 else 'small'}" for i in odd)
@@ -159,77 +185,11 @@ def _orders(nodes: tuple[int, ...], known: frozenset[int]) -> Iterator[tuple[int
         yield mirrored
 
 
-class _Curves:
-    """How far a run's magnitudes are from the drawing's under some names.
-
-    Parameters
-    ----------
-    places : (n,) live channels that move, along the exciter
-    """
-
-    def __init__(self, p: CheckedRun, places: Sequence[int], geometry: Geometry):
-        # Evenly along the band: lines crowd at peaks, where a gap shows most.
-        spread = np.clip(np.searchsorted(p.f, np.linspace(p.f[0], p.f[-1], _LIMITS.spread)), 0, len(p.f) - 1)
-        run, f = p.run, p.f[spread]
-        self._measured = np.log(np.abs(p.receptance[np.ix_(spread, places)]) + np.finfo(float).tiny)
-        self._k_b = np.log(geometry.stiffnesses(_LIMITS.stiffnesses if run.support != "rigid" else 1))
-
-        @lru_cache(maxsize=len(self._k_b) * len(geometry.nodes))
-        def drawn(ln_k_b: float, exciter: int) -> FloatArray:
-            H = geometry.response(run, f, float(np.exp(ln_k_b)), exciter)
-            return np.log(np.abs(H) + np.finfo(float).tiny)
-
-        self._drawn = drawn
-
-    def distance(self, nodes: Sequence[int], exciter: int) -> float:
-        """Mean over channels of the median |ln ratio|, with one gain for all and the k_b that suits these names."""
-        return self._nearest(lambda x: self._at(x, nodes, exciter))[0]
-
-    def _nearest(self, off: Callable[[float], float]) -> tuple[float, float]:
-        """How little is off, and at which ln k_b."""
-        raster = [off(x) for x in self._k_b]
-        k = int(np.argmin(raster))
-        if len(self._k_b) == 1:
-            return raster[k], float(self._k_b[k])
-        ends = self._k_b[max(k - 1, 0)], self._k_b[min(k + 1, len(self._k_b) - 1)]
-        nearest = minimize_scalar(off, bounds=ends, method="bounded", options={"xatol": 1e-3})
-        return min((raster[k], float(self._k_b[k])), (float(nearest.fun), float(nearest.x)))
-
-    def rough_distance(self, nodes: Sequence[int], exciter: int) -> float:
-        """``distance`` at the nearest k_b of a raster."""
-        return min(self._at(x, nodes, exciter) for x in self._k_b)
-
-    def with_own_sizes(self, nodes: Sequence[int], exciter: int) -> tuple[float, FloatArray]:
-        """What each channel is off with a gain of its own, at the k_b that suits, and these beside the usual.
-
-        Returns
-        -------
-        mean over channels of the median |ln ratio|, and (n,) logarithms of their gains over the median one
-        """
-        left, ln_k_b = self._nearest(lambda x: float(np.mean(self._off(x, nodes, exciter)[0])))
-        sizes = self._off(ln_k_b, nodes, exciter)[1]
-        return left, sizes - np.median(sizes)
-
-    def _off(self, ln_k_b: float, nodes: Sequence[int], exciter: int) -> tuple[FloatArray, FloatArray]:
-        """(n,) median |ln ratio| of every channel with a gain of its own, and (n,) logarithms of these gains."""
-        ratio = self._ratio(ln_k_b, nodes, exciter)
-        sizes = np.median(ratio, axis=0)
-        return np.median(np.abs(ratio - sizes), axis=0), sizes
-
-    def _ratio(self, ln_k_b: float, nodes: Sequence[int], exciter: int) -> FloatArray:
-        return self._measured - self._drawn(ln_k_b, exciter)[:, np.array(nodes) - 1]
-
-    def _at(self, ln_k_b: float, nodes: Sequence[int], exciter: int) -> float:
-        ratio = self._ratio(ln_k_b, nodes, exciter)
-        ratio -= np.median(np.median(ratio, axis=0))
-        return float(np.mean(np.median(np.abs(ratio), axis=0)))
-
-
 def _is_as_drawn(p: CheckedRun, geometry: Geometry) -> bool:
     """Whether a run is near the drawing's on its own supports, whatever hum its first resonance may be."""
     places = _telling_places(p, geometry)
     nodes = [p.channels[i].node for i in places]
-    return bool(nodes) and _Curves(p, places, geometry).distance(nodes, p.run.excitation_node) < _LIMITS.distance
+    return bool(nodes) and Curves(p, places, geometry).distance(nodes, p.run.excitation_node) < _LIMITS.distance
 
 
 def _check_supports(runs: Sequence[CheckedRun], geometry: Geometry) -> Iterator[Finding]:

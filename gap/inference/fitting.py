@@ -200,7 +200,6 @@ class _Descent:
 
     def __init__(self, problem: Problem, hypothesis: Hypothesis):
         self.problem, self.hypothesis = problem, hypothesis
-        self.log = hypothesis.log
         self.least = 1  # place of the least damping that is tried after the whole step: one less than helped last
 
     def run(self, u: FloatArray, nu: FloatArray, steps: int, added: float, std: FloatArray) -> _Point:
@@ -220,8 +219,7 @@ class _Descent:
                 break
             here = linear
             gained, total = total - value, here.chi2 + float(nu**2 @ self.prior)
-            relative = JOINT.enough_before if added else JOINT.enough_relative
-            if gained < max(JOINT.enough, relative * total):
+            if gained < max(JOINT.enough, (JOINT.enough_before if added else JOINT.enough_relative) * total):
                 break
         return here
 
@@ -235,7 +233,7 @@ class _Descent:
         # The whole step first: along a valley of nuisances any damping by the diagonal hardly moves.
         for place in (0, *range(self.least, len(JOINT.dampings))):
             step = damped_step(A, g, JOINT.dampings[place], active)
-            own = np.where(self.log, shorten_logarithms(step[:n_u]), step[:n_u])
+            own = np.where(self.hypothesis.log, shorten_logarithms(step[:n_u]), step[:n_u])
             trial_u = np.clip(at.u + own, ends[:, 0], ends[:, 1])
             trial_nu = at.nu + step[n_u:]
             value = misfit_of(self.problem, self.hypothesis, trial_u, trial_nu, self.added)

@@ -565,8 +565,9 @@ def test_the_drive_point_tells_its_sign_without_low_lines():
     assert len(troubles(audit(in_campaign(turned)), "sign")) == 1
 
 
-def test_units_of_g_are_found():
-    run = measure(RIGID)
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+def test_units_of_g_are_found(condition):
+    run = measure(condition)
     (found,) = troubles(audit(in_campaign(replace(run, H=run.H / 9.81, std=None))))
     assert (found.check, "g instead" in found.words) == ("units", True)
 
@@ -577,6 +578,14 @@ def test_a_unit_is_guessed_only_where_it_errs_in_that_direction(factor, hint):
     (found,) = troubles(audit(in_campaign(replace(run, H=run.H * factor, std=None))))
     assert ("instead of" in found.words) == (hint is not None)
     assert hint is None or hint in found.words
+
+
+@pytest.mark.parametrize("condition", [RIGID, BEARING])
+@pytest.mark.parametrize("factor", [np.sqrt(2), 1 / np.sqrt(2)])
+def test_effective_values_over_peak_values_are_found(condition, factor):
+    run = measure(condition)
+    (found,) = troubles(audit(in_campaign(replace(run, H=run.H * factor, std=None))))
+    assert (found.check, found.severity, "RMS" in found.words) == ("units", "warning", True)
 
 
 @pytest.mark.parametrize("drive", [1, 7])

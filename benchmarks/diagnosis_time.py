@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.campaigns import tuning_campaigns
 from benchmarks.page import DOCS, bar, best_seconds, machine, table
-from rigtwin.commands.diagnose import measured_on_the_virtual_rig, shared_among
+from rigtwin.api.diagnoses import measured_on_the_virtual_rig, shared_among
 from rigtwin.gap.diagnose import diagnose
 from rigtwin.sim.campaign_folder import load_campaign
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from fmpy import extract, instantiate_fmu, read_model_description
 
-from rigtwin.commands.fmus import build_rotor_for_the_rig
+from rigtwin.api.fmus import build_rotor_for_the_rig
 from rigtwin.estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, noisy
 from rigtwin.estimator.features import FEATURE_NAMES, Features
 from rigtwin.estimator.prior import PRIOR

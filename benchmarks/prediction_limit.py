@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page import DOCS, machine, table
+from rigtwin.api.diagnoses import shared_among
 from rigtwin.blind.generate.campaigns import Order, make
 from rigtwin.blind.generate.folder import HELD_OUT, MEASURED, TRUTH
 from rigtwin.blind.judge.score import gap
-from rigtwin.commands.diagnose import shared_among
 from rigtwin.gap.diagnose import diagnose
 from rigtwin.gap.document import Diagnosis, Location
 from rigtwin.gap.phrases import effects_at, place

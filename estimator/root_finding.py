@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.optimize import brentq
 
 from rigtwin.estimator.features import Features
+from rigtwin.estimator.runtime import Estimate
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
@@ -15,6 +18,15 @@ from rigtwin.rotor.model.system import LinearSystem
 
 # Bearing damping is looked for in these steps [N s/m]; far beyond, the dampers lock the bearings.
 _BEARING_DAMPING = np.concatenate([[0.0], np.geomspace(0.01, 1e5, 141)])
+
+
+# The model's own error in log k_b: what a bearing damping that nobody knows and a coarse mesh do to a shift.
+_MODEL_ERROR = 1e-3
+
+# Two answers that are further apart than so many standard errors contradict each other.
+_FURTHEST = 4.0
+
+_Z90 = 1.6449  # half a 90 % interval, in standard errors
 
 
 class StiffnessFinder:
@@ -67,6 +79,51 @@ class StiffnessFinder:
         slopes = [self._slope(mode, k) for mode, k in zip((1, 2), answers, strict=True)]
         weights = [(slope / max(std, 1e-9)) ** 2 for slope, std in zip(slopes, stds, strict=True)]
         return float(np.exp(np.average(answers, weights=weights)))
+
+    def readings(self, features: Features) -> list[tuple[float, float]]:
+        """k_b [N/m] by each shift alone, and the standard error of its logarithm; nan where no k_b has the shift."""
+        shifts, stds = (features.delta_f1, features.delta_f2), (features.delta_f1_std, features.delta_f2_std)
+        read = []
+        for mode, (shift, std) in enumerate(zip(shifts, stds, strict=True), start=1):
+            k_b = self.from_shift(mode, shift)
+            slope = self._slope(mode, math.log(k_b)) if k_b > 0 else math.nan
+            read.append((k_b, math.hypot(std / abs(slope), _MODEL_ERROR)))
+        return read
+
+    def estimate(self, features: Features) -> Estimate:
+        """Both shifts' answers together, with the 90 % interval that their errors give.
+
+        It is valid where both shifts have an answer and these agree. The amplitude ratio is not used.
+
+        >>> finder = StiffnessFinder(assemble(load_rig("nit-rourkela")))
+        >>> found = finder.estimate(Features(4.036, 26.0, np.nan, 0.01, 0.02, np.nan))
+        >>> found.valid, f"{found.k_b:.3e}"
+        (True, '1.000e+07')
+        """
+        k_b, std = np.array(self.readings(features)).T
+        weights = std**-2.0
+        log_k, log_std = float(np.average(np.log(k_b), weights=weights)), float(weights.sum() ** -0.5)
+        low, middle, high = (math.exp(log_k + z * log_std) for z in (-_Z90, 0.0, _Z90))
+        return Estimate(middle, middle * log_std, low, high, valid=not self.objections(features))
+
+    def objections(self, features: Features) -> list[str]:
+        """What speaks against the answer of ``estimate``, in sentences."""
+        readings = self.readings(features)
+        (first, first_std), (second, second_std) = readings
+        if math.isnan(first + second):
+            low, high = self._range
+            named = zip(("delta_f1", "delta_f2"), (features.delta_f1, features.delta_f2), readings, strict=True)
+            return [
+                f"{name} = {shift:.4g} Hz: the model has this shift at no k_b between {low:g} and {high:g} N/m"
+                for name, shift, (k_b, _) in named
+                if math.isnan(k_b)
+            ]
+        if abs(math.log(first / second)) > _FURTHEST * math.hypot(first_std, second_std):
+            return [
+                f"the two shifts contradict each other: delta_f1 alone gives {first / 1e6:.4g} MN/m, delta_f2 alone "
+                f"{second / 1e6:.4g} MN/m; the rig differs from its model; rigtwin diagnose says where"
+            ]
+        return []
 
     def amplitude_ratio(self, k_b: float, bearing_damping: float) -> float:
         """A1/A0 of mode 1 at the driving point, bearing over rigid support [-]."""

@@ -13,7 +13,8 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperCommand
 
-from rigtwin.exits import GATE_FAILED, CommandGroup, UserError
+from rigtwin.errors import UserError
+from rigtwin.exits import GATE_FAILED, CommandGroup
 from rigtwin.interrupt import install as install_interrupt
 from rigtwin.scale_out import ONE_THREAD, ExecutorOption
 
@@ -149,28 +150,27 @@ def sweep(
     as_json: JSON = False,
 ) -> None:
     """Measure stepped-sine runs on the virtual rig, with effects, and fit their modes."""
-    from rigtwin.commands.sweep import SweepRequest, levels_of, plan_of, run_sweep
+    from rigtwin.api.sweeps import SweepRequest
+    from rigtwin.commands.sweep import Output, levels_of, parse_effects, parse_settings, plan_of, run_sweep
 
-    run_sweep(
-        SweepRequest(
-            source=source,
-            support=support.value,
-            effects=tuple(effects or ()),
-            settings=tuple(settings or ()),
-            plan=plan_of(f_min, f_max, lines, force, direction.value),
-            levels=levels_of(levels),
-            noise=noise,
-            seed=seed,
-            excitation_node=excitation_node,
-            plane=plane.value,
-            across=across,
-            quantity=quantity,
-            spin_rpm=spin_rpm,
-            out=out,
-            as_json=as_json,
-            executor=executor,
-        )
+    chosen, parameters = parse_effects(tuple(effects or ()), tuple(settings or ()))
+    request = SweepRequest(
+        source=source,
+        support=support.value,
+        effects=chosen,
+        parameters=parse_settings(parameters),
+        plan=plan_of(f_min, f_max, lines, force, direction.value),
+        levels=levels_of(levels),
+        noise=noise,
+        seed=seed,
+        excitation_node=excitation_node,
+        plane=plane.value,
+        across=across,
+        quantity=quantity,
+        spin_rpm=spin_rpm,
+        executor=executor,
     )
+    run_sweep(request, Output(out, as_json))
 
 
 @app.command(short_help="Measure rigs through the FMU, train the estimator.")
@@ -211,15 +211,25 @@ def estimate(
     ] = None,
     quantity: Annotated[Quantity | None, typer.Option(help="What the files hold, where they do not say.")] = None,
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
+    rig: Annotated[
+        str | None, typer.Option(help="The rig of the files, a TOML or a shipped one; default the estimator's.")
+    ] = None,
     as_json: JSON = False,
 ) -> None:
     """Bearing stiffness from two measured runs, a campaign folder, or numbers."""
-    from rigtwin.commands.estimate import Numbers, print_answers, run_settings
-    from rigtwin.commands.estimate import estimate as answer
+    from rigtwin.api.estimates import estimate as answer
+    from rigtwin.commands.estimate import print_answers
 
-    numbers = Numbers(delta_f1, delta_f2, amplitude_ratio, delta_f1_std, delta_f2_std, amplitude_ratio_std)
-    settings = run_settings(excitation_node, quantity.value if quantity else None)
-    print_answers(answer(paths or [], numbers, settings, estimator), as_json=as_json)
+    numbers = {
+        "delta_f1": delta_f1,
+        "delta_f2": delta_f2,
+        "amplitude_ratio": amplitude_ratio,
+        "delta_f1_std": delta_f1_std,
+        "delta_f2_std": delta_f2_std,
+        "amplitude_ratio_std": amplitude_ratio_std,
+    }
+    how = {"excitation_node": excitation_node, "quantity": quantity.value if quantity else None}
+    print_answers(answer(*(paths or ()), rig=rig, estimator=estimator, **how, **numbers), as_json=as_json)
 
 
 @app.command(short_help="Gate for CI: compliance, replay, known stiffness.")
@@ -233,14 +243,18 @@ def check(
     as_json: JSON = False,
 ) -> None:
     """Gate for CI: does the FMU comply, replay, refuse, and give back a known stiffness? Exit 3 when not."""
-    from rigtwin.commands.check import Expectation, check_fmu
+    from rigtwin.commands.check import run_check
 
-    options = (("--expect-k-b", expect_k_b), ("--tolerance", tolerance), ("--time-limit", time_limit))
-    for option, value in options:
-        if value is not None and not 0 < value < float("inf"):
-            raise UserError(f"{option} {value}: give a positive number")
-    expectation = Expectation(expect_k_b, tolerance, estimator) if expect_k_b else None
-    if not check_fmu(fmu, expectation, junit, time_limit, as_json=as_json):
+    passed = run_check(
+        fmu,
+        expect_k_b=expect_k_b,
+        tolerance=tolerance,
+        estimator=estimator,
+        junit=junit,
+        time_limit=time_limit,
+        as_json=as_json,
+    )
+    if not passed:
         raise typer.Exit(GATE_FAILED)
 
 
@@ -282,12 +296,26 @@ def diagnose(
 def predict(
     diagnosis: Annotated[Path, typer.Argument(metavar="DIAGNOSIS_JSON", help="What rigtwin diagnose wrote.")],
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of the campaign to predict.")],
-    out: Annotated[Path, typer.Option(help="Folder for nominal/ and corrected/.")],
+    out: Annotated[Path, typer.Option(help="Folder for nominal/, corrected/ and prediction.html.")],
+    as_json: JSON = False,
 ) -> None:
-    """Each run of a campaign as the nominal and as the corrected model compute it, on the run's own lines."""
+    """Each run of a campaign as the nominal and as the corrected model compute it, and the gap to what was measured."""
     from rigtwin.commands.diagnose import run_predict
 
-    run_predict(diagnosis, campaign, out)
+    run_predict(diagnosis, campaign, out, as_json=as_json)
+
+
+@app.command(short_help="What has changed between two campaigns.")
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="Folder of the earlier campaign.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Folder of the later one, of the same rig.")],
+    out: Annotated[Path | None, typer.Option(help="Page with the tables and the responses.")] = None,
+    as_json: JSON = False,
+) -> None:
+    """Resonances, dampings and amplitudes of two campaigns: by how much they differ, and which do so significantly."""
+    from rigtwin.commands.compare import run_compare
+
+    run_compare(a, b, out, as_json=as_json)
 
 
 @app.command(short_help="The diagnosis on campaigns whose cause is sealed.")
@@ -379,12 +407,13 @@ def report(
     rigid: Annotated[list[Path] | None, typer.Option(help="A run on rigid supports; repeat.")] = None,
     bearing: Annotated[list[Path] | None, typer.Option(help="A run on bearings; repeat.")] = None,
     out: Annotated[Path, typer.Option(help="The page.")] = Path("page.html"),
+    rig: Annotated[str | None, typer.Option(help="The rig of the files, a TOML or a shipped one.")] = None,
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
 ) -> None:
     """One HTML page of measured runs: responses, fitted modes, and k_b where both supports are there."""
-    from rigtwin.commands.report import Sources, write_report
+    from rigtwin.commands.report import run_report
 
-    write_report(Sources(tuple(paths or ()), tuple(rigid or ()), tuple(bearing or ())), out, estimator)
+    run_report(paths or (), rigid=rigid or (), bearing=bearing or (), out=out, rig=rig, estimator=estimator)
 
 
 def main() -> None:

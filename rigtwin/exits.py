@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -15,28 +14,12 @@ from typing import Any
 from typer.core import TyperGroup
 from typer.exceptions import Abort, TyperException
 
+from rigtwin.errors import UserError as UserError
+from rigtwin.errors import in_a_sentence, wrong_input
+
+__all__ = ["CommandGroup", "UserError", "complain"]
+
 OUR_FAULT, WRONG_INPUT, GATE_FAILED, INTERRUPTED = 1, 2, 3, 130
-
-# Errors that say in a sentence what is wrong with the input. An exception of one of these classes
-# can only be there when its module has been loaded, so none is loaded for asking.
-_SENTENCES = {
-    "rigtwin.rotor.geometry.rig": ("RigError",),
-    "rigtwin.sim.campaign": ("MeasurementError",),
-    "rigtwin.sim.session": ("FmuError",),
-    "rigtwin.sim.setup": ("SetupError",),
-    "rigtwin.sim.stepped_sine": ("NotSettledError",),
-}
-
-# What a host makes of an FMU's refusal: "... ValueError('RotorRig: k_b must be ... .')" of pythonfmu's glue,
-# "... failed with status 3 (error).: RotorRig: k_b must be ... ." of the compiled one.
-_FMU_WORDS = re.compile(
-    r"""ValueError\((['"])(.+?)(?: The call has no effect; .*)?\1\)"""
-    r"""|status 3 \(error\)\.: (.+?) The call has no effect"""
-)
-
-
-class UserError(Exception):
-    """The user's input is wrong; the message says what, where, and what to do."""
 
 
 class CommandGroup(TyperGroup):
@@ -50,11 +33,10 @@ class CommandGroup(TyperGroup):
             code = complain(error.format_message() + " See rigtwin COMMAND --help.", error.exit_code)
         except (Abort, KeyboardInterrupt):
             code = INTERRUPTED
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            code = complain(f"{where}{error.strerror or error}", WRONG_INPUT)
-        except Exception as error:
-            code = complain(in_a_sentence(error), WRONG_INPUT) if isinstance(error, _user_errors()) else _own_fault()
+        except (OSError, *wrong_input()) as error:
+            code = complain(in_a_sentence(error), WRONG_INPUT)
+        except Exception:
+            code = _own_fault()
         if code == INTERRUPTED:
             complain("interrupted", code)
         sys.exit(code or 0)
@@ -64,18 +46,6 @@ def complain(message: str, code: int) -> int:
     """Print one message on stderr; returns the exit code."""
     print(f"rigtwin: {message}", file=sys.stderr)
     return code
-
-
-def in_a_sentence(error: Exception) -> str:
-    """An error's message in one line; of an FMU's, its own words without the host's wrapping."""
-    text = " ".join(str(error).split())
-    words = _FMU_WORDS.search(text)
-    return words.group(2) or words.group(3) if words else text
-
-
-def _user_errors() -> tuple[type[Exception], ...]:
-    loaded = ((sys.modules.get(module), names) for module, names in _SENTENCES.items())
-    return (UserError, *(getattr(module, name) for module, names in loaded if module for name in names))
 
 
 def _own_fault() -> int:

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from rigtwin.console import note
-from rigtwin.exits import UserError
+from rigtwin.errors import UserError
 
 DASK = "dask://"
 

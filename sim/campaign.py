@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigtwin.rotor.frequency.measured import Quantity
+from rigtwin.rotor.model import html
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 
@@ -82,6 +83,23 @@ class Run:
                 raise MeasurementError(f"run {self.name!r}: {label} has shape {array.shape}, expected {shape}")
         if self.force_N is not None and self.force_N.shape != (n,):
             raise MeasurementError(f"run {self.name!r}: force_N has shape {self.force_N.shape}, expected {(n,)}")
+
+    def _repr_html_(self) -> str:
+        """The largest response over frequency, and how the run was made, for notebooks."""
+        size = np.abs(self.H).max(axis=1)
+        drawn = html.curves([html.Line(self.frequency_hz, size)], "frequency, Hz", f"largest {self.quantity}")
+        return drawn + html.facts(self._facts())
+
+    def _facts(self) -> list[tuple[str, object]]:
+        force = "of unknown size" if self.force_amplitude_N is None else f"{self.force_amplitude_N:g} N"
+        return [
+            ("run", self.name),
+            ("support", self.support),
+            ("lines", f"{len(self.frequency_hz)}, {self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz"),
+            ("channels", ", ".join(map(str, self.channels))),
+            ("force", f"{force} at node {self.excitation_node} along {self.excitation_plane}"),
+            ("spin", f"{self.spin_rpm:g} rpm"),
+        ]
 
     def check_nodes(self, n_nodes: int) -> None:
         """Raise MeasurementError where the exciter or an accelerometer is at a node that a rig of so many lacks."""
@@ -201,3 +219,17 @@ class Campaign:
     runs: tuple[Run, ...] = ()
     peaks: tuple[PeakList, ...] = ()
     nominal: NominalBelief = NominalBelief()
+
+    def _repr_html_(self) -> str:
+        """Its runs and lists of resonances, for notebooks."""
+        runs = [[value for _, value in run._facts()] for run in self.runs]
+        header = [name for name, _ in self.runs[0]._facts()] if self.runs else []
+        peaks = [
+            (p.support, ", ".join(f"{f:g} ± {s:g}" for f, s in zip(p.frequencies_hz, p.std_hz, strict=True)))
+            for p in self.peaks
+        ]
+        return (
+            html.paragraph(f"{self.title or 'Campaign'}, rig {self.rig}")
+            + (html.table(header, runs) if runs else "")
+            + (html.table(("support", "resonances, Hz"), peaks) if peaks else "")
+        )

@@ -28,7 +28,7 @@ import numpy as np
 
 from rigtwin.blind import SETS
 from rigtwin.console import note, say
-from rigtwin.exits import UserError
+from rigtwin.errors import UserError
 from rigtwin.scale_out import ONE_THREAD, executor
 from rigtwin.sim.formats.atomic import replacing
 
@@ -173,7 +173,7 @@ def diagnose_one(campaign: Path, answer: Path, exclude: Sequence[str]) -> None:
 
 def _answer(campaign: Path, answer: Path, exclude: Sequence[str]) -> dict[str, float]:
     """Writes everything that is scored; returns the seconds of the diagnosis alone, by the clock and the processor."""
-    from rigtwin.commands.diagnose import write_prediction
+    from rigtwin.api.predictions import predict
     from rigtwin.gap.diagnose import diagnose
     from rigtwin.sim.campaign_folder import load_campaign
 
@@ -182,7 +182,7 @@ def _answer(campaign: Path, answer: Path, exclude: Sequence[str]) -> dict[str, f
     outcome = diagnose(measured, exclude)
     seconds = {"seconds": time.perf_counter() - start, "processor": time.process_time() - busy}
     path = outcome.diagnosis.save(answer)
-    write_prediction(path, campaign / "held_out", answer)
+    predict(path, campaign / "held_out").save_runs(answer)
     draw = zlib.crc32(campaign.name.encode())
     if outcome.diagnosis.verdict in ("cause", "ambiguous") and draw % _CONTROL_EVERY == 0:
         write_controls(measured, outcome.diagnosis, exclude, draw, campaign / "held_out", answer)
@@ -196,7 +196,7 @@ def write_controls(
 
     Gains and tolerances are free in both, as they are in every fit: what they explain is no credit of the effect.
     """
-    from rigtwin.commands.diagnose import write_prediction
+    from rigtwin.api.predictions import predict
     from rigtwin.gap.inference.hypotheses import candidates
     from rigtwin.gap.model.campaign_model import forward_of
 
@@ -206,7 +206,7 @@ def write_controls(
     chosen = str(np.random.default_rng(draw).choice(names))
     for folder, tried in (("control", [h for h in hypotheses if h.ids == (chosen,)]), ("no_effect", [])):
         path = control_diagnosis(measured, tried).save(answer / folder)
-        write_prediction(path, held_out, path.parent)
+        predict(path, held_out).save_runs(path.parent)
 
 
 def control_diagnosis(measured: Any, hypotheses: Sequence[Any]) -> Any:

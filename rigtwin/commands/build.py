@@ -5,12 +5,10 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from rigtwin.commands.fmus import SHIPPED_RIG, build_rotor, is_shipped
+from rigtwin.api.fmus import ESTIMATOR_FMU, SHIPPED_RIG, build_compiled, build_fmu, is_shipped
+from rigtwin.api.rigs import load_rig
 from rigtwin.console import note, say
-from rigtwin.exits import UserError
-from rigtwin.fmu_src.build import ESTIMATOR_FMU, build_estimator_fmu, build_native
-from rigtwin.fmu_src.compiling import CompileError
-from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.errors import UserError
 from rigtwin.sim.formats.atomic import replacing
 
 
@@ -24,31 +22,20 @@ def build_fmus(source: str, out: Path, *, train: bool, native: bool, array_outpu
     rig = load_rig(source)
     if is_shipped(rig) and train:
         raise UserError(f"--train: the rig {SHIPPED_RIG} has its network already; rigtwin train makes another one")
-    if is_shipped(rig):
-        say(str(build_rotor(rig, out)))
-        say(str(build_estimator_fmu(out)))
-    elif train:
+    if train:
         _trained(source, out)
     else:
-        say(str(build_rotor(rig, out)))
+        for path in build_fmu(rig, out):
+            say(str(path))
+    if not train and not is_shipped(rig):
         note(
             f"{ESTIMATOR_FMU} is not built: the shipped network knows the rig {SHIPPED_RIG} only; "
-            f"--train trains one for {rig.name} (a quarter of an hour or so)"
+            f"rigtwin estimate --rig finds k_b of {rig.name} on its model, and --train trains one for {rig.name} (a "
+            "quarter of an hour or so)"
         )
     if native:
-        _build_native(rig, out, array_output)
-
-
-def _build_native(rig: Rig, out: Path, array_output: bool) -> None:
-    try:
-        for path in build_native(rig, out, estimator=is_shipped(rig), array_output=array_output):
+        for path in build_compiled(rig, out, array_output=array_output):
             say(str(path))
-    except CompileError as error:
-        raise UserError(str(error)) from error
-    except ModuleNotFoundError as error:
-        raise UserError(
-            f"the network cannot be turned into C without the package {error.name}: pip install onnx"
-        ) from error
 
 
 def _trained(source: str, out: Path) -> None:

@@ -7,9 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rigtwin.commands.fmus import SHIPPED_RIG, ask, build_rotor, fmu_card
+from rigtwin.api.fmus import SHIPPED_RIG, ask, build_rotor, fmu_card
+from rigtwin.api.runs import MODE_HEADER, mode_row
 from rigtwin.commands.paper import PaperReading, read_paper, table_1, table_2_largest_difference, verdict
-from rigtwin.commands.sweep import MODE_HEADER, mode_record, mode_row
+from rigtwin.commands.sweep import mode_record
 from rigtwin.console import progress, say, table, to_json
 from rigtwin.estimator.dataset import noisy
 from rigtwin.estimator.features import Features, features_of_runs

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
-from difflib import get_close_matches
 from typing import Any
 
+from rigtwin.api.rigs import effect_of
 from rigtwin.console import print_json, say, table
-from rigtwin.exits import UserError
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter, Place
 from rigtwin.rotor.effects.scale import in_own_units
 from rigtwin.wording import number, unit
@@ -29,15 +28,6 @@ LOCATIONS = {
 }
 
 NO_CANDIDATE = "never named as a cause; it is fitted where the cause is unknown"
-
-
-def effect_of(effect_id: str) -> type[Effect]:
-    """The effect of this id. Raises UserError."""
-    if effect_id in EFFECTS:
-        return EFFECTS[effect_id]
-    close = get_close_matches(effect_id.replace("-", "_"), EFFECTS, n=1)
-    hint = f" did you mean {close[0]}?" if close else ""
-    raise UserError(f"there is no effect {effect_id!r};{hint} rigtwin effects lists them all")
 
 
 # -- for a machine -------------------------------------------------------------------------------

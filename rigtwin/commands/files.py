@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.console import print_json, say
-from rigtwin.exits import UserError
+from rigtwin.errors import UserError
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.formats import RunSettings, read_run, write_run

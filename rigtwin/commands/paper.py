@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.commands.estimate import Ratio, features_of_campaign_peaks
-from rigtwin.commands.fmus import Estimator
+from rigtwin.api.estimates import Ratio, features_of_campaign_peaks
+from rigtwin.api.fmus import Estimator
+from rigtwin.errors import UserError
 from rigtwin.estimator.features import Features
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import Estimate
 from rigtwin.estimator.validity import objections
-from rigtwin.exits import UserError
 from rigtwin.pages.figures import two_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig

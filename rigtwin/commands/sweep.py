@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
-
-from rigtwin.commands.fmus import excitation_node, rotor_fmu
+from rigtwin.api.rigs import effect
+from rigtwin.api.runs import MODE_HEADER, mode_row
+from rigtwin.api.sweeps import LEAST_LINES, SweepRequest, Swept, as_kind, measure
 from rigtwin.console import note, print_json, progress, say, table
-from rigtwin.estimator.dataset import noisy
-from rigtwin.exits import UserError
+from rigtwin.errors import UserError
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
-from rigtwin.scale_out import executor
-from rigtwin.sim.campaign import Plane, Run, SupportKind, SweepDirection
-from rigtwin.sim.formats import SUFFIXES, write_run
+from rigtwin.sim.campaign import Run, SweepDirection
+from rigtwin.sim.formats import SUFFIXES
 from rigtwin.sim.formats.atomic import check_writable
-from rigtwin.sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
-from rigtwin.sim.runs import sweep_all
-from rigtwin.sim.session import FmuSession
-from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan, sweep
-from rigtwin.wording import with_error
+from rigtwin.sim.modal_fit import Mode, driving_point
+from rigtwin.sim.stepped_sine import SweepPlan
 
 # Settings with an option of their own: the run's record must say the same as the FMU does.
 _OPTIONS = {
@@ -35,78 +30,41 @@ _OPTIONS = {
     "force_frequency": "--f-min and --f-max",
 }
 
-
 # Remarks on single lines that are printed; the others are counted.
 _REMARKS = 3
 
 
 @dataclass(frozen=True)
-class SweepRequest:
-    """What was asked for on the command line."""
+class Output:
+    """Where the results go."""
 
-    source: str  # an FMU or a rig
-    support: SupportKind
-    effects: tuple[str, ...]  # ids
-    settings: tuple[str, ...]  # "name=value"
-    plan: SweepPlan
-    levels: tuple[float, ...]  # force amplitudes, a run each; none: the plan's alone [N]
-    noise: float  # relative
-    seed: int
-    excitation_node: int | None  # default the FMU's own
-    plane: Plane
-    across: bool  # accelerometers in the other plane, too
-    quantity: Literal["accelerance", "acceleration"]
-    spin_rpm: float
     out: Path | None
     as_json: bool
-    executor: str | None = None  # "dask://host:port"; default processes here
 
 
-def run_sweep(request: SweepRequest) -> None:
+def run_sweep(request: SweepRequest, to: Output) -> None:
     """Measure, write the files, print what was found."""
-    _check_output(request.out)
-    if request.executor and not request.source.lower().endswith(".fmu"):
-        raise UserError(f"--executor: give an FMU that all workers see in place of the rig {request.source}")
-    plan = noisy(request.plan, request.noise, request.seed) if request.noise else request.plan
-    plans = [replace(plan, force_amplitude=level) for level in request.levels or (plan.force_amplitude,)]
-    results: dict[int, Sweep] = {}
-    with rotor_fmu(request.source) as fmu:
-        with FmuSession(fmu) as session:
-            rig, guid = _rig(session, request), str(session.description.guid)
-        for place, result in _measure(fmu.resolve(), rig, plans, request.executor):
-            results[place] = result
-            if out := _file_of(request, plans[place]):
-                write_run(result.run, out)
+    _check_output(to.out)
+    results: dict[int, Swept] = {}
+    for place, swept in measure(request, progress):
+        results[place] = swept
+        if file := _file_of(request, to.out, swept.run):
+            swept.save(file)
     summaries = []
-    for place, one in enumerate(plans):
-        result, out = results[place], _file_of(request, one)
-        modes, why_none = _modes(result.run)
-        summaries.append(_summary(request.source, rig, result, modes, guid, out))
-        if not request.as_json:
-            _print(rig, result, modes, why_none, out)
-    if request.as_json:
+    for _, swept in sorted(results.items()):
+        file = _file_of(request, to.out, swept.run)
+        summaries.append(_summary(swept, file))
+        if not to.as_json:
+            _print(swept, file)
+    if to.as_json:
         print_json({"runs": summaries} if request.levels else summaries[0])
 
 
-def _measure(fmu: Path, rig: Rig, plans: Sequence[SweepPlan], where: str | None) -> Iterator[tuple[int, Sweep]]:
-    """A run for each plan, with its place, as it is done; several at once, one for each core, or on a cluster."""
-    if len(plans) == 1 and not where:
-        words = f"{rig.support} support, {plans[0].force_amplitude:g} N"
-        with FmuSession(fmu) as session, progress(words, rig.carry_out(plans[0]).n_lines) as count:
-            yield 0, sweep(session, rig, plans[0], count)
-        return
-    with executor(where) as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
-        runs = sweep_all(fmu, [(rig, plan) for plan in plans], pool)
-        for number, done in enumerate(runs, start=1):
-            count(number)
-            yield done
-
-
-def _file_of(request: SweepRequest, plan: SweepPlan) -> Path | None:
+def _file_of(request: SweepRequest, out: Path | None, run: Run) -> Path | None:
     """Where a run goes: the file that was asked for, of several levels each with its own in the name."""
-    if request.out is None or not request.levels:
-        return request.out
-    return request.out.with_stem(f"{request.out.stem}_{plan.force_amplitude:g}N")
+    if out is None or not request.levels:
+        return out
+    return out.with_stem(f"{out.stem}_{run.force_amplitude_N:g}N")
 
 
 def _check_output(out: Path | None) -> None:
@@ -117,20 +75,6 @@ def _check_output(out: Path | None) -> None:
         raise UserError(f"{out}: the folder {out.parent} does not exist; create it first")
     if out:
         check_writable(out)
-
-
-def _rig(session: FmuSession, request: SweepRequest) -> Rig:
-    effects, settings = parse_effects(request.effects, request.settings)
-    return Rig(
-        support=request.support,
-        excitation_node=request.excitation_node or excitation_node(session),
-        excitation_plane=request.plane,
-        spin_rpm=request.spin_rpm,
-        parameters=parse_settings(session, settings),
-        effects=effects,
-        quantity=request.quantity,
-        sensor_planes=(request.plane, "z" if request.plane == "y" else "y") if request.across else (),
-    )
 
 
 def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
@@ -152,25 +96,20 @@ def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tupl
             raise UserError(f"--set {setting}: an effect is switched on with --effect {key}")
         else:
             values[key][parameter] = _effect_value(setting, EFFECTS[key], parameter)
-    try:
-        return tuple(EFFECTS[key](**given) for key, given in values.items()), tuple(others)
-    except ValueError as error:  # says the effect and the parameter
-        raise UserError(str(error)) from error
+    return tuple(effect(key, **given) for key, given in values.items()), tuple(others)
 
 
-def _effect_value(setting: str, effect: type[Effect], parameter: str) -> float | int:
-    if parameter not in effect.roles():
-        raise UserError(
-            f"--set {setting}: {effect.id} has no parameter {parameter}; it has {', '.join(effect.roles())}"
-        )
-    role = effect.roles()[parameter]
+def _effect_value(setting: str, kind: type[Effect], parameter: str) -> float | int:
+    if parameter not in kind.roles():
+        raise UserError(f"--set {setting}: {kind.id} has no parameter {parameter}; it has {', '.join(kind.roles())}")
+    role = kind.roles()[parameter]
     whole = not isinstance(role, Parameter) and role.kind == "node"
-    return _value(setting, setting.partition("=")[2], "Integer" if whole else "Real")
+    name, _, text = setting.partition("=")
+    return as_kind(f"--set {name}", text, "Integer" if whole else "Real")
 
 
-def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, float | int | bool]:
-    """Parameters from "name=value" texts, each of the type its FMU variable has. Raises UserError."""
-    variables = {v.name: v for v in session.description.modelVariables if v.causality in ("parameter", "input")}
+def parse_settings(settings: Sequence[str]) -> dict[str, str]:
+    """Parameters of the FMU from "name=value" texts, not yet read: the FMU knows their types. Raises UserError."""
     parameters = {}
     for setting in settings:
         name, equals, text = setting.partition("=")
@@ -178,46 +117,25 @@ def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, 
             raise UserError(f"--set {setting}: write name=value, for example --set k_b=1e7")
         if name in _OPTIONS:
             raise UserError(f"--set {setting}: use {_OPTIONS[name]} for this")
-        if name not in variables:
-            known = ", ".join(known for known in variables if "." not in known)
-            raise UserError(f"--set {setting}: the FMU has no parameter {name}; it has {known}, and those of --effect")
-        parameters[name] = _value(setting, text, session.kind(name))
+        parameters[name] = text
     return parameters
 
 
-def _value(setting: str, text: str, kind: str) -> float | int | bool:
-    words = {"true": True, "false": False}
-    try:
-        return words[text.lower()] if kind == "Boolean" else int(text) if kind == "Integer" else float(text)
-    except (KeyError, ValueError):
-        wanted = {"Boolean": "true or false", "Integer": "a whole number"}.get(kind, "a number")
-        raise UserError(f"--set {setting}: {text!r} is not {wanted}") from None
-
-
-def _modes(run: Run) -> tuple[tuple[Mode, ...], str]:
-    """Fitted modes, or none and the reason."""
-    try:
-        return fit_modes(run), ""
-    except ModalFitError as error:
-        return (), str(error)
-
-
-def _summary(
-    source: str, rig: Rig, result: Sweep, modes: tuple[Mode, ...], guid: str, out: Path | None
-) -> dict[str, Any]:
+def _summary(swept: Swept, out: Path | None) -> dict[str, Any]:
+    rig, sweep = swept.rig, swept.sweep
     return {
-        "source": source,
-        "guid": guid,
+        "source": swept.source,
+        "guid": swept.guid,
         "support": rig.support,
         "excitation_node": rig.excitation_node,
-        "force_amplitude_N": result.run.force_amplitude_N,
-        "sweep": result.run.sweep,
+        "force_amplitude_N": swept.run.force_amplitude_N,
+        "sweep": swept.run.sweep,
         "parameters": rig.parameters,
-        "effects": {effect.id: asdict(effect) for effect in rig.effects},
-        "lines": len(result.lines),
-        "largest_remaining_transient": max(line.transient for line in result.lines),
-        "remarks": result.remarks,
-        "modes": [mode_record(result.run, mode) for mode in modes],
+        "effects": {each.id: asdict(each) for each in rig.effects},
+        "lines": len(sweep.lines),
+        "largest_remaining_transient": max(line.transient for line in sweep.lines),
+        "remarks": sweep.remarks,
+        "modes": [mode_record(swept.run, mode) for mode in swept.modes],
         "file": str(out) if out else None,
     }
 
@@ -236,40 +154,21 @@ def mode_record(run: Run, mode: Mode) -> dict[str, float]:
     }
 
 
-# The response is the mode's own, at its resonance and at the driving point, in the unit of the run.
-MODE_HEADER = ("mode", "frequency, Hz", "damping, %", "driving-point response", "misfit")
-
-
-def mode_row(run: Run, mode: Mode) -> tuple[str, str, str, str]:
-    """A mode for a reader: frequency, damping, driving-point response, misfit."""
-    try:
-        response = with_error(*driving_point(run, mode, run.excitation_node, run.excitation_plane))
-    except ValueError:  # no accelerometer at the driving point
-        response = ""
-    known = run.std is not None and np.median(run.std) > 1e-6 * np.median(np.abs(run.H).max(axis=1))
-    return (
-        with_error(mode.frequency_hz, mode.frequency_std_hz),
-        with_error(100 * mode.damping_ratio, 100 * mode.damping_ratio_std),
-        response,
-        f"{mode.misfit:.2f}" if known else "",
-    )
-
-
-def _print(rig: Rig, result: Sweep, modes: tuple[Mode, ...], why_none: str, out: Path | None) -> None:
-    run = result.run
+def _print(swept: Swept, out: Path | None) -> None:
+    run, rig, remarks = swept.run, swept.rig, swept.remarks
     where = f"force {run.force_amplitude_N:g} N at node {rig.excitation_node} in {rig.excitation_plane}"
     band = f"{run.frequency_hz[0]:g} to {run.frequency_hz[-1]:g} Hz"
     say(f"{rig.support} support, {where}: {len(run.frequency_hz)} lines, {band}")
-    for effect in rig.effects:
-        say(f"with {effect.id}: " + ", ".join(f"{name} = {value:g}" for name, value in asdict(effect).items()))
-    if modes:
-        table(MODE_HEADER, [(str(place), *mode_row(run, mode)) for place, mode in enumerate(modes, start=1)])
+    for each in rig.effects:
+        say(f"with {each.id}: " + ", ".join(f"{name} = {value:g}" for name, value in asdict(each).items()))
+    if len(swept.modes):
+        table(MODE_HEADER, [(str(place), *mode_row(run, mode)) for place, mode in enumerate(swept.modes, start=1)])
     else:
-        say(f"no mode fitted: {why_none}")
-    for remark in result.remarks[:_REMARKS]:
+        say(f"no mode fitted: {swept.why_no_modes}")
+    for remark in remarks[:_REMARKS]:
         note(remark)
-    if len(result.remarks) > _REMARKS:
-        note(f"and {len(result.remarks) - _REMARKS} more lines with such remarks; --json lists them")
+    if len(remarks) > _REMARKS:
+        note(f"and {len(remarks) - _REMARKS} more lines with such remarks; --json lists them")
     if out:
         say(f"written to {out}")
 
@@ -278,8 +177,8 @@ def plan_of(f_min: float, f_max: float, lines: int, force: float, direction: Swe
     """A sweep plan from the command line's numbers. Raises UserError."""
     if not 0 < f_min < f_max:
         raise UserError(f"--f-min {f_min:g} --f-max {f_max:g}: need 0 < f-min < f-max")
-    if lines < 8:
-        raise UserError(f"--lines {lines}: at least 8 are needed to find a resonance")
+    if lines < LEAST_LINES:
+        raise UserError(f"--lines {lines}: at least {LEAST_LINES} are needed to find a resonance")
     if not 0 < force < math.inf:
         raise UserError(f"--force {force:g}: the force must be positive")
     return SweepPlan(f_min_hz=f_min, f_max_hz=f_max, n_lines=lines, force_amplitude=force, direction=direction)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.commands.fmus import SHIPPED_RIG, build_rotor, build_rotor_for_the_rig, is_shipped, trained_rig
+from rigtwin.api.fmus import SHIPPED_RIG, build_rotor, build_rotor_for_the_rig, is_shipped, trained_rig
 from rigtwin.console import note, progress, say
+from rigtwin.errors import UserError
 from rigtwin.estimator.dataset import FEATURE_PLAN, Dataset, feature_plan, measure_rigs, read_dataset, write_dataset
 from rigtwin.estimator.prior import PRIOR, Prior, prior_for
 from rigtwin.estimator.runtime import StiffnessEstimator
-from rigtwin.exits import UserError
 from rigtwin.fmu_src.build import build_estimator_fmu
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig

@@ -8,6 +8,7 @@ module                 what it holds                                start here
 ``diagnosis_page``     the page of a diagnosis                      ``write_diagnosis_page``
 ``diagnosis_figures``  its figures                                  ``response_figure``
 ``diagnosis_words``    what a diagnosis says, in words              ``named``
+``overlay_page``       tables and responses laid over each other    ``write_overlays``
 ``provenance``         versions, GUIDs, hashes                      ``provenance``
 =====================  ===========================================  ========================
 """

@@ -278,6 +278,26 @@ class Rig(_Table):
         """Length of the shaft [m]."""
         return sum(s.length_m for s in self.segment)
 
+    def _repr_html_(self) -> str:
+        """Drawing and dimensions, for notebooks."""
+        from rigtwin.rotor.geometry.drawing import rig_svg
+        from rigtwin.rotor.model.html import facts
+
+        counted = {"disks": self.disk, "lumped masses": self.mass, "supports": self.support, "joints": self.joint}
+        return rig_svg(self) + facts(
+            [
+                ("rig", f"{self.name}: {self.title}" if self.title else self.name),
+                ("shaft", f"{self.length:g} m, {len(self.nodes_m)} nodes"),
+                *((what, len(there)) for what, there in counted.items() if there),
+                ("force at node", self.excitation_node),
+                ("k_b", f"{self.k_b.start_N_per_m:g} N/m to begin with"),
+                (
+                    "damping",
+                    f"shaft {100 * self.shaft_damping_ratio:g} %, bearings {self.bearing_damping_Ns_per_m:g} N s/m",
+                ),
+            ]
+        )
+
     def same_rotor(self, other: Rig) -> bool:
         """Whether shaft, disks, masses and supports are the same; titles, meshes and start values may differ."""
         parts = {"nodes_m", "segment", "disk", "mass", "support", "joint"}

@@ -13,6 +13,7 @@ module            what it holds                                   start here
 ``local_force``   a law at a joint                                ``LocalForce``
 ``rotor_model``   structure, condition and effects to matrices    ``build_model``
 ``system``        the linear rotor, its modes and damping         ``LinearSystem``
+``html``          tables and drawings for notebooks               ``curves``
 ``state_space``   the first-order form that all solvers share     ``StateSpace``
 ================  ==============================================  ================
 """

@@ -14,7 +14,7 @@ from rigtwin.blind.judge.bars import bars
 from rigtwin.blind.judge.results import from_row
 from rigtwin.commands import blind
 from rigtwin.commands.blind import BlindRequest, diagnose_all, in_own_process, run_blind
-from rigtwin.exits import UserError
+from rigtwin.errors import UserError
 from rigtwin.scale_out import executor
 
 # Of the tuning split: no gap, a mass, a rotor of ROSS; and once more no gap, an artefact, another rotor of ROSS.

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from rigtwin.commands.check import NotRun, refuses
-from rigtwin.commands.fmus import manifest
+from rigtwin.api.checks import NotRun, refuses
+from rigtwin.api.fmus import manifest
 from tests.rigtwin.conftest import run, run_json
 
 
@@ -113,7 +113,7 @@ def test_the_junit_report_has_a_case_for_each_gate(estimator_fmu, tmp_path):
 
 
 def test_a_gate_that_cannot_be_run_is_not_a_pass(estimator_fmu, tmp_path, monkeypatch):
-    monkeypatch.setattr("rigtwin.commands.check.find_spec", lambda name: None)
+    monkeypatch.setattr("rigtwin.api.checks.find_spec", lambda name: None)
     junit = tmp_path / "junit.xml"
     report = run_json("check", estimator_fmu, "--junit", junit)
     assert outcomes(report)["FMU"] == "not run"
@@ -178,7 +178,7 @@ def test_a_bad_value_that_is_accepted_fails(estimator_fmu, tmp_path):
 
 def test_values_below_a_minimum_are_no_gate_for_other_tools_fmus(estimator_fmu, monkeypatch):
     """FMI lets them be accepted."""
-    monkeypatch.setattr("rigtwin.commands.check.manifest", lambda fmu: {})
+    monkeypatch.setattr("rigtwin.api.checks.manifest", lambda fmu: {})
     with pytest.raises(NotRun, match="only FMUs that rigtwin built"):
         refuses(estimator_fmu)
 

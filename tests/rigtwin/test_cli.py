@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
+from rigtwin.api.estimates import answers_of_runs
 from rigtwin.blind import SETS
 from rigtwin.commands.blind import BlindRequest
-from rigtwin.commands.estimate import answers_of_runs
 from rigtwin.console import say
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.geometry.assembly import assemble

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.commands.diagnose import load_diagnosis, measured_on_the_virtual_rig
-from rigtwin.exits import UserError
+from rigtwin.api.diagnoses import measured_on_the_virtual_rig
+from rigtwin.api.diagnoses import read_diagnosis as load_diagnosis
+from rigtwin.errors import UserError
 from rigtwin.gap.document import SCHEMA, Diagnosis
 from rigtwin.gap.model.campaign_model import structure_of
 from rigtwin.pages.diagnosis_words import VERIFIED
@@ -176,7 +177,7 @@ def test_a_page_that_is_interrupted_leaves_the_document_before(asked, monkeypatc
         raise KeyboardInterrupt
 
     (tmp_path / "diagnosis.json").write_text("before")
-    monkeypatch.setattr("rigtwin.commands.diagnose.write_diagnosis_page", interrupted)
+    monkeypatch.setattr("rigtwin.api.diagnoses.write_diagnosis_page", interrupted)
     assert run("diagnose", campaign, "--out", tmp_path).exit_code == 130
     assert {path.name for path in tmp_path.iterdir()} == {"campaign", "diagnosis.json"}
     assert (tmp_path / "diagnosis.json").read_text() == "before"
@@ -314,7 +315,7 @@ def test_a_virtual_rig_without_an_answer_leaves_the_diagnosis_its_own_figure(
         raise error
 
     run("diagnose", campaign, "--out", tmp_path / "out")
-    monkeypatch.setattr("rigtwin.commands.diagnose.measured_on_the_virtual_rig", fails)
+    monkeypatch.setattr("rigtwin.api.diagnoses.measured_on_the_virtual_rig", fails)
     assert asked.options["confirm"]((plain_run("one"),), (), 1e7) == ([], "model")
     assert f"the virtual rig {said}: the after-figure is the fitting model's own" in capsys.readouterr().err
 

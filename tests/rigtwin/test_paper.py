@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from rigtwin.commands.fmus import open_estimator
+from rigtwin.api.fmus import open_estimator
 from rigtwin.commands.paper import PaperReading, printed, read_paper, verdict
 
 PAPER_TABLES = Path(__file__).resolve().parents[2] / "benchmarks" / "paper_tables.toml"

@@ -18,10 +18,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from rigtwin import scale_out
+from rigtwin.errors import UserError
 from rigtwin.estimator import dataset
 from rigtwin.estimator.dataset import measure_rigs
 from rigtwin.estimator.prior import PRIOR
-from rigtwin.exits import UserError
 from rigtwin.rotor.effects import BearingClearance, FastSweep, ForceDropout
 from rigtwin.scale_out import executor
 from rigtwin.sim.runs import sweep_all

@@ -133,7 +133,7 @@ def test_remarks_on_lines_are_told(rotor_fmu, monkeypatch):
         lines = [replace(line, remark=f"{line.frequency_hz:g} Hz: it rattles") for line in result.lines]
         return replace(result, lines=tuple(lines))
 
-    monkeypatch.setattr("rigtwin.commands.sweep.sweep", with_remarks)
+    monkeypatch.setattr("rigtwin.api.sweeps.sweep_fmu", with_remarks)
     assert run_json("sweep", rotor_fmu)["remarks"] == [f"{f} Hz: it rattles" for f in range(91, 96)]
     said = run("sweep", rotor_fmu).stderr.splitlines()
     assert said[:3] == [f"rigtwin: {f} Hz: it rattles" for f in (91, 92, 93)]

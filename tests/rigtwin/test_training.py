@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import rigtwin.commands.training as training
 from rigtwin.commands.training import TRAINING_CSV, TrainingPlan, shipped_data, train
+from rigtwin.errors import UserError
 from rigtwin.estimator.dataset import FEATURE_PLAN, Dataset, measure_rigs, read_dataset
 from rigtwin.estimator.prior import PRIOR
 from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.estimator.training import data_digest
-from rigtwin.exits import UserError
 from tests import tolerances as tol
 from tests.rigtwin.conftest import run
 

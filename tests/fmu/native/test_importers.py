@@ -18,7 +18,7 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from numpy.testing import assert_allclose
 
-from rigtwin.commands.check import Expectation, run_gates
+from rigtwin.api.checks import Expectation, run_gates
 from rigtwin.fmu_src.ssp import write_ssp
 
 H, N_STEPS = 1e-3, 50

@@ -1,8 +1,9 @@
-"""FMUs as the commands need them: found or built, opened, asked."""
+"""FMUs: found or built, opened, asked."""
 
 from __future__ import annotations
 
 import json
+import logging
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
@@ -10,22 +11,25 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rigtwin.console import note
+from rigtwin.api.rigs import as_rig
+from rigtwin.errors import UserError, existing, for_users
 from rigtwin.estimator.features import FEATURE_NAMES, Features
 from rigtwin.estimator.runtime import OUTPUT_NAMES, Estimate, StiffnessEstimator
-from rigtwin.exits import UserError
 from rigtwin.fmu_src.build import (
     ESTIMATOR_FMU,
     SHIPPED_RIG,
     BuildError,
     build_estimator_fmu,
+    build_native,
     build_native_rotor_fmu,
     build_rotor_fmu,
     is_shipped,
 )
 from rigtwin.fmu_src.compiling import CompileError, can_compile, this_machine
-from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.sim.session import FmuError, FmuSession
+
+logger = logging.getLogger(__name__)
 
 Estimator = Callable[[Features], Estimate]
 
@@ -42,7 +46,7 @@ def build_rotor_for_the_rig(rig: Rig, folder: Path, **options: Any) -> Path:
     try:
         return _built(build_native_rotor_fmu, rig, folder, {"targets": [this_machine()], **options})
     except CompileError as error:
-        note(f"{error}; the virtual rig goes on with the slower FMU that runs on Python")
+        logger.warning("%s; the virtual rig goes on with the slower FMU that runs on Python", error)
         return build_rotor(rig, folder, **options)
 
 
@@ -55,22 +59,69 @@ def _built(build: Callable[..., Path], rig: Rig, folder: Path, options: dict[str
         raise UserError(f"rig {rig.name}: no FMU can be built of it: {error}") from error
 
 
+@for_users
+def build_fmu(
+    rig: Rig | str | Path = SHIPPED_RIG,
+    folder: str | Path = "dist",
+    *,
+    native: bool = False,
+    array_output: bool = False,
+) -> list[Path]:
+    """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu where a network knows the rig.
+
+    Parameters
+    ----------
+    rig : a rig, its file or its name
+    folder : where the FMUs go; made where it is missing
+    native : build them once more without Python inside, in ``fmi2`` and ``fmi3`` below the folder; needs a C compiler
+        or the package ziglang
+    array_output : with ``native``: the FMI 3.0 rotor has all accelerations as one array, too
+
+    Returns
+    -------
+    paths of the FMUs, that of the rotor first
+
+    Raises
+    ------
+    UserError : the rig cannot be read or built, or there is no compiler
+
+    >>> import rigtwin, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in rigtwin.build_fmu("cantilever", folder)]
+    ['RotorRig.fmu']
+    """
+    rig, folder = as_rig(rig), Path(folder)
+    built = [build_rotor(rig, folder)]
+    if is_shipped(rig):
+        built.append(build_estimator_fmu(folder))
+    if native:
+        built += build_compiled(rig, folder, array_output=array_output)
+    elif array_output:
+        raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
+    return built
+
+
+def build_compiled(rig: Rig, folder: Path, *, array_output: bool) -> list[Path]:
+    """The FMUs without Python inside. Raises UserError where they cannot be compiled."""
+    try:
+        return list(build_native(rig, folder, estimator=is_shipped(rig), array_output=array_output))
+    except CompileError as error:
+        raise UserError(str(error)) from error
+    except ModuleNotFoundError as error:
+        raise UserError(
+            f"the network cannot be turned into C without the package {error.name}: pip install onnx"
+        ) from error
+
+
 @contextmanager
-def rotor_fmu(source: str, **options: Any) -> Iterator[Path]:
+def rotor_fmu(source: str | Rig, **options: Any) -> Iterator[Path]:
     """RotorRig.fmu: the file itself, or built of a rig, with these options, for as long as the block runs."""
-    if source.lower().endswith(".fmu"):
+    if isinstance(source, str) and source.lower().endswith(".fmu"):
         yield existing(Path(source))
         return
-    rig = load_rig(source)
+    rig = as_rig(source)
     with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder:
         yield build_rotor_for_the_rig(rig, Path(folder), **options)
-
-
-def existing(path: Path) -> Path:
-    """The path, when there is such a file. Raises UserError."""
-    if not path.is_file():
-        raise UserError(f"{path}: no such file; check its name and folder")
-    return path
 
 
 def manifest(fmu: Path) -> dict[str, Any]:

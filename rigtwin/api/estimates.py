@@ -1,0 +1,432 @@
+"""Bearing stiffness from measured runs, resonance lists or plain numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from rigtwin.api.fmus import SHIPPED_RIG, open_estimator, trained_rig
+from rigtwin.api.rigs import as_rig
+from rigtwin.errors import UserError, existing, for_users
+from rigtwin.estimator.features import Features, features_of_peaks, features_of_runs
+from rigtwin.estimator.root_finding import StiffnessFinder
+from rigtwin.estimator.runtime import Estimate
+from rigtwin.estimator.validity import objections
+from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model import html
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.sim.campaign import Campaign, MeasurementError, Quantity, Run, SupportKind
+from rigtwin.sim.campaign_folder import load_campaign
+from rigtwin.sim.formats import read_run
+from rigtwin.sim.modal_fit import fit_modes
+from rigtwin.wording import interval, stiffness_with_error, with_error, yes_no
+
+# A ratio read off a curve without an error of its own is trusted to this share.
+RATIO_TRUST = 0.1
+
+# A run whose first two resonances on rigid supports are further from a rig's than this share is of another rig: the
+# paper's own are 6 % off, those of rotors of another size by far more.
+_ANOTHER_RIG = 0.15
+
+Method = Literal["network", "model"]
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """An amplitude ratio that was given, where only resonances survive."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Shifts and ratio that were given; what was not given is None."""
+
+    delta_f1: float | None = None
+    delta_f2: float | None = None
+    amplitude_ratio: float | None = None
+    delta_f1_std: float | None = None
+    delta_f2_std: float | None = None
+    amplitude_ratio_std: float | None = None
+
+
+ANSWER_HEADER = ("test", "Δf1, Hz", "Δf2, Hz", "A1/A0", "k_b, MN/m", "90 % interval", "valid")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One test and what is said about it."""
+
+    test: str
+    features: Features
+    estimate: Estimate
+    objections: list[str]  # why it is not valid
+    method: Method = "network"  # or root finding on the finite-element model
+
+    def record(self) -> dict[str, Any]:
+        """For a machine."""
+        said = {"why_not_valid": self.objections, "method": self.method}
+        return {"test": self.test, **asdict(self.features), **asdict(self.estimate), **said}
+
+    def row(self) -> tuple[str, ...]:
+        """For a reader, beneath ANSWER_HEADER."""
+        f, e = self.features, self.estimate
+        known = math.isfinite(f.amplitude_ratio)
+        return (
+            self.test,
+            with_error(f.delta_f1, f.delta_f1_std),
+            with_error(f.delta_f2, f.delta_f2_std),
+            with_error(f.amplitude_ratio, f.amplitude_ratio_std) if known else "",
+            stiffness_with_error(e.k_b, e.k_b_std),
+            interval(e.k_b_low, e.k_b_high),
+            yes_no(e.valid),
+        )
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What is said about every test; a sequence of ``Answer``."""
+
+    answers: tuple[Answer, ...]
+    remarks: tuple[str, ...] = ()  # a sentence on each thing that was left out or assumed
+
+    def __len__(self) -> int:
+        return len(self.answers)
+
+    def __getitem__(self, place: int) -> Answer:
+        return self.answers[place]
+
+    def __iter__(self) -> Iterator[Answer]:
+        return iter(self.answers)
+
+    @property
+    def best(self) -> Answer:
+        """The valid one with the smallest relative error, or the first where none is valid."""
+        valid = [answer for answer in self.answers if answer.estimate.valid]
+        return min(valid, key=lambda a: a.estimate.k_b_std / a.estimate.k_b) if valid else self.answers[0]
+
+    @property
+    def k_b(self) -> float:
+        """Bearing stiffness of ``best`` [N/m]; not to be used where its estimate is not valid."""
+        return self.best.estimate.k_b
+
+    def _repr_html_(self) -> str:
+        said = [*(f"{a.test}: not valid: {words}" for a in self for words in a.objections), *self.remarks]
+        return html.table(ANSWER_HEADER, [a.row() for a in self]) + "".join(map(html.paragraph, said))
+
+
+@for_users
+def estimate(
+    *sources: Run | Campaign | str | Path,
+    rig: Rig | str | Path | None = None,
+    estimator: str | Path | None = None,
+    excitation_node: int | None = None,
+    quantity: Quantity | None = None,
+    **numbers: float | None,
+) -> Answers:
+    """Bearing stiffness k_b from two measured runs, from a campaign, or from numbers.
+
+    The shipped network answers for the rig it was trained for. For another rig k_b is found on the rig's finite-element
+    model, by the two frequency shifts.
+
+    Parameters
+    ----------
+    sources : a run on rigid supports and one on bearings, or a campaign (their files or folder, or as they were
+        loaded), or nothing where ``numbers`` are given
+    rig : that was measured, where the source does not say it; default the estimator's
+    estimator : StiffnessEstimator.fmu, or an ONNX file of ``rigtwin train``; default the shipped network
+    excitation_node, quantity : how the two runs were measured, where their files do not say it
+    numbers : delta_f1, delta_f2 [Hz], amplitude_ratio [-], and delta_f1_std, delta_f2_std, amplitude_ratio_std
+
+    Returns
+    -------
+    Answers, one for each pair of runs
+
+    Raises
+    ------
+    UserError : nothing can be estimated from this
+
+    >>> import rigtwin
+    >>> found = rigtwin.estimate(
+    ...     delta_f1=4.036, delta_f2=26.0, amplitude_ratio=1.228,
+    ...     delta_f1_std=0.01, delta_f2_std=0.02, amplitude_ratio_std=0.01,
+    ... )
+    >>> f"{found.k_b:.2e}", found.best.estimate.valid
+    ('1.00e+07', True)
+    >>> rigtwin.estimate()
+    Traceback (most recent call last):
+        ...
+    rigtwin.errors.UserError: nothing to estimate from: give RIGID_FILE BEARING_FILE, a campaign folder, or numbers
+    """
+    if unknown := set(numbers) - set(asdict(Numbers())):
+        raise UserError(f"{min(unknown)}: there is no such number; there are {', '.join(asdict(Numbers()))}")
+    settings = run_settings(excitation_node, quantity)
+    chosen = Path(estimator) if estimator else None
+    return answer_tests([_plain(source) for source in sources], Numbers(**numbers), settings, chosen, rig)
+
+
+def _plain(source: Run | Campaign | str | Path) -> Run | Campaign | Path:
+    return source if isinstance(source, Run | Campaign) else Path(source)
+
+
+def answer_tests(
+    sources: Sequence[Run | Campaign | Path],
+    numbers: Numbers,
+    settings: dict[str, Any],
+    estimator: Path | None,
+    rig: Rig | str | Path | None = None,
+) -> Answers:
+    """Answer every test that the arguments hold; see ``estimate``."""
+    if len(sources) == 1 and isinstance(sources[0], Path) and not sources[0].is_file():
+        sources = [load_campaign(sources[0])]
+    known = rig if rig is not None else next((s.rig for s in sources if isinstance(s, Campaign)), None)
+    with _method(known, estimator) as method:
+        tests, remarks = _tests(sources, numbers, settings, method)
+        if known is None and sources:
+            _check_resonances(sources, settings, method)
+        return Answers(tuple(method.answer(test, features) for test, features in tests), tuple(remarks))
+
+
+def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None) -> Answers:
+    """Answer every rigid and bearing pair among some runs."""
+    with _method(rig, estimator) as method:
+        pairs, remarks = _pairs(runs, method.node)
+        return Answers(tuple(method.answer(test, features) for test, features in pairs), tuple(remarks))
+
+
+# -- who answers -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Method:
+    """Who answers, and what for."""
+
+    name: Method
+    rig: str
+    node: int | None  # where the force has to act; None: anywhere
+    ask: Callable[[Features], tuple[Estimate, list[str]]]
+
+    def answer(self, test: str, features: Features) -> Answer:
+        """Of one test."""
+        estimate, against = self.ask(features)
+        return Answer(test, features, estimate, against, self.name)
+
+
+@contextmanager
+def _method(rig: Rig | str | Path | None, estimator: Path | None) -> Iterator[_Method]:
+    """The network where it knows the rig, else root finding on the rig's model. Raises UserError."""
+    with open_estimator(estimator) as (ask, card):
+        trained = trained_rig(card)
+        measured = trained if rig is None or rig == SHIPPED_RIG == trained else as_rig(rig).name
+        if measured == trained:
+            node = card.get("excitation_node", 2)
+            yield _Method("network", trained, node, lambda f: _with_objections(f, ask(f), card))
+            return
+    if estimator:
+        raise UserError(
+            f"the campaign's rig is {measured}, the estimator was trained for {trained}; leave out --estimator to "
+            f"find k_b on the model of {measured}, or train one with rigtwin train --rig {rig}"
+        )
+    yield _by_model(as_rig(rig or measured))
+
+
+def _with_objections(features: Features, estimate: Estimate, card: dict[str, Any]) -> tuple[Estimate, list[str]]:
+    return estimate, objections(features, estimate, card)
+
+
+def _by_model(rig: Rig) -> _Method:
+    damping = Condition(bearing_damping=rig.bearing_damping_Ns_per_m, shaft_damping_ratio=rig.shaft_damping_ratio)
+    limits = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
+    finder = StiffnessFinder(assemble(rig), damping, limits, rig.excitation_node)
+    return _Method("model", rig.name, None, lambda f: (finder.estimate(f), finder.objections(f)))
+
+
+def _check_resonances(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any], method: _Method) -> None:
+    """Refuse files of another rig than the shipped network's: its resonances on rigid supports are elsewhere."""
+    if method.rig != SHIPPED_RIG:
+        return
+    rigid, _ = _read_pair(sources, settings)
+    structure = assemble(as_rig(SHIPPED_RIG))
+    expected = natural_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)[:2]
+    found = [mode.frequency_hz for mode in fit_modes(rigid, 2)]
+    if max(abs(f / e - 1) for f, e in zip(found, expected, strict=True)) > _ANOTHER_RIG:
+        raise UserError(
+            f"run {rigid.name!r} on rigid supports has its resonances at {found[0]:.1f} and {found[1]:.1f} Hz, the rig "
+            f"{SHIPPED_RIG} at {expected[0]:.1f} and {expected[1]:.1f} Hz: it is another rig; give its file with --rig"
+        )
+
+
+# -- what is asked ---------------------------------------------------------------------------------------
+
+Test = tuple[str, Features]
+
+
+def _tests(
+    sources: Sequence[Run | Campaign | Path], numbers: Numbers, settings: dict[str, Any], method: _Method
+) -> tuple[list[Test], list[str]]:
+    """The tests, and what was left out or assumed."""
+    if len(sources) == 2:
+        _refuse(numbers)
+        return _pairs(_read_pair(sources, settings), method.node)
+    if len(sources) == 1:
+        campaign = sources[0]
+        if not isinstance(campaign, Campaign):
+            name = campaign.name if isinstance(campaign, Run) else campaign
+            raise UserError(f"{name}: one file alone; give two, first the run on rigid supports, then that on bearings")
+        if settings:
+            raise UserError(f"{option(min(settings))}: the campaign says that of its runs; change its campaign.toml")
+        return _campaign_tests(campaign, numbers, method)
+    if sources:
+        raise UserError(f"{len(sources)} files given; give a rigid and a bearing run, or one campaign folder")
+    return [("numbers given", _features(numbers, method))], []
+
+
+def _refuse(numbers: Numbers, allowed: Sequence[str] = ()) -> None:
+    """What files say is not said again in numbers, but for what they cannot say."""
+    given = [option(name) for name, value in asdict(numbers).items() if value is not None and name not in allowed]
+    if given:
+        raise UserError(f"{', '.join(given)}: numbers go without files that tell them; give either")
+
+
+def _read_pair(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any]) -> list[Run]:
+    supports: tuple[SupportKind, SupportKind] = ("rigid", "bearing")
+    for source in sources:
+        if isinstance(source, Campaign) or (isinstance(source, Path) and source.is_dir()):
+            name = source.title if isinstance(source, Campaign) else source
+            raise UserError(f"{name}: a folder; give two run files, or one campaign folder alone")
+    return [_read(source, support, settings) for source, support in zip(sources, supports, strict=True)]
+
+
+def _read(source: Run | Campaign | Path, support: SupportKind, settings: dict[str, Any]) -> Run:
+    """A run on this support; one that says another support is refused, for the two may be mixed up."""
+    if isinstance(source, Run):
+        said, run = source.support, replace(source, **settings)
+    else:
+        path = existing(Path(str(source)))
+        try:
+            said = read_run(path, **settings).support
+        except MeasurementError:  # it says none, as no CSV does, or it is wrong and the next line says how
+            said = support
+        run = read_run(path, support=support, **settings)
+    if said != support:
+        name = source.name if isinstance(source, Run) else source
+        raise UserError(f"{name}: a run on {said} support; give first the run on rigid supports, then that on bearings")
+    return run
+
+
+def run_settings(excitation_node: int | None, quantity: Quantity | None) -> dict[str, Any]:
+    """Settings of a run that were said."""
+    said = {"excitation_node": excitation_node, "quantity": quantity}
+    return {key: value for key, value in said.items() if value is not None}
+
+
+def _campaign_tests(campaign: Campaign, numbers: Numbers, method: _Method) -> tuple[list[Test], list[str]]:
+    if campaign.runs:
+        _refuse(numbers)
+        return _pairs(campaign.runs, method.node)
+    _refuse(numbers, allowed=("amplitude_ratio", "amplitude_ratio_std"))
+    ratio, remarks = _ratio(numbers, method)
+    return [("resonance lists", features_of_campaign_peaks(campaign, ratio))], remarks
+
+
+def features_of_campaign_peaks(campaign: Campaign, ratio: Ratio) -> Features:
+    """Features of a campaign that holds resonance lists only. Raises UserError where a support is missing."""
+    lists = {peaks.support: peaks for peaks in campaign.peaks}
+    if set(lists) != {"rigid", "bearing"} or len(campaign.peaks) != 2:
+        raise UserError(
+            f"campaign {campaign.title!r}: one [[peaks]] of each support, rigid and bearing, is needed; "
+            f"it has {len(campaign.peaks)}"
+        )
+    return features_of_peaks(lists["rigid"], lists["bearing"], ratio.value, ratio.std)
+
+
+def _ratio(numbers: Numbers, method: _Method) -> tuple[Ratio, list[str]]:
+    """The amplitude ratio, and what is assumed of its error; the model needs none."""
+    if numbers.amplitude_ratio is None and method.name == "model":
+        return Ratio(math.nan, math.nan), []
+    if numbers.amplitude_ratio is None:
+        raise UserError(
+            "resonance lists say nothing about amplitudes; give --amplitude-ratio A1/A0 (bearing over rigid support) "
+            "and --amplitude-ratio-std"
+        )
+    std, remarks = numbers.amplitude_ratio_std, []
+    if std is None:
+        std = RATIO_TRUST * numbers.amplitude_ratio
+        remarks = [f"--amplitude-ratio-std is not given; {100 * RATIO_TRUST:g} % of the ratio is taken"]
+    ratio = Ratio(_finite("--amplitude-ratio", numbers.amplitude_ratio), _finite("--amplitude-ratio-std", std))
+    return ratio, remarks
+
+
+def _features(numbers: Numbers, method: _Method) -> Features:
+    given = asdict(numbers)
+    if all(value is None for value in given.values()):
+        raise UserError("nothing to estimate from: give RIGID_FILE BEARING_FILE, a campaign folder, or numbers")
+    if method.name == "model":
+        given |= {name: math.nan for name in ("amplitude_ratio", "amplitude_ratio_std") if given[name] is None}
+    missing = [option(name) for name, value in given.items() if value is None]
+    if missing:
+        needed = (
+            "both shifts and their standard errors"
+            if method.name == "model"
+            else "shifts, ratio and all three standard errors"
+        )
+        raise UserError(f"{', '.join(missing)} missing; {needed} are needed")
+    said = {name for name, value in asdict(numbers).items() if value is not None}
+    return Features(**{name: _finite(option(name), v) if name in said else v for name, v in given.items()})
+
+
+def option(name: str) -> str:
+    """'--delta-f1-std' of 'delta_f1_std'."""
+    return "--" + name.replace("_", "-")
+
+
+def _finite(what: str, value: float) -> float:
+    if not math.isfinite(value):
+        raise UserError(f"{what} {value}: give a finite number")
+    return value
+
+
+def _pairs(runs: Sequence[Run], node: int | None) -> tuple[list[Test], list[str]]:
+    """Each bearing run with the rigid run of the same exciter place; standing rotor only.
+
+    Of runs whose response is not per force, that is of the same force as well. A pair that cannot be used is told, as
+    long as another can. Raises MeasurementError where there is none, or the exciter stood elsewhere than it has to.
+    """
+    usable = [run for run in runs if run.spin_rpm == 0 and node in (None, run.excitation_node)]
+    rigid = {_alike(run): run for run in reversed(usable) if run.support == "rigid"}
+    pairs = [(rigid[_alike(run)], run) for run in usable if run.support == "bearing" and _alike(run) in rigid]
+    if not pairs:
+        place = "one node" if node is None else f"node {node}"
+        raise MeasurementError(
+            f"no rigid and bearing run of the standing rotor with the force at {place} in the same plane; "
+            f"the estimator needs both; there are: {'; '.join(map(_describe, runs))}"
+        )
+    found, refused = [], []
+    for first, second in pairs:
+        try:
+            found.append((f"{first.name} / {second.name}", features_of_runs(first, second)))
+        except MeasurementError as error:
+            refused.append(error)
+    if not found:
+        raise refused[0]
+    return found, [f"left out: {error}" for error in refused]
+
+
+def _alike(run: Run) -> tuple[object, ...]:
+    """What a rigid and a bearing run must have in common."""
+    force = run.force_amplitude_N if run.quantity == "acceleration" else None
+    return run.excitation_node, run.excitation_plane, run.quantity, force
+
+
+def _describe(run: Run) -> str:
+    force = f" at {run.force_amplitude_N:g} N" if run.quantity == "acceleration" and run.force_amplitude_N else ""
+    place = f"node {run.excitation_node} {run.excitation_plane}"
+    return f"{run.name} ({run.support}, {place}, {run.quantity}{force}, {run.spin_rpm:g} rpm)"

@@ -1,0 +1,87 @@
+"""A page of tables and of responses laid over each other: of a prediction, of a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+
+from rigtwin.pages.figures import RESPONSE_UNITS, styled
+from rigtwin.pages.page import write_page
+from rigtwin.pages.provenance import provenance
+from rigtwin.sim.campaign import Channel, Run
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a page, with its title and what a reader has to know of it."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A run as it is laid over others."""
+
+    run: Run
+    label: str
+    style: dict[str, object]  # of a plotly trace
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """Responses of one channel laid over each other."""
+
+    title: str
+    layers: Sequence[Layer]
+    caption: str = ""
+
+    @property
+    def figure(self) -> go.Figure:
+        """Magnitudes over frequency, logarithmic, of the channel of the first layer that moves most."""
+        channel = loudest(self.layers[0].run)
+        figure = go.Figure()
+        for layer in self.layers:
+            size = np.abs(layer.run.channel(channel.node, channel.plane, channel.label))
+            hover = "%{x:.4f} Hz<br>%{y:.4g}<extra>" + escape(layer.label) + "</extra>"
+            figure.add_trace(
+                go.Scatter(
+                    x=layer.run.frequency_hz,
+                    y=np.where(size > 0, size, np.nan),
+                    name=escape(layer.label),
+                    hovertemplate=hover,
+                    **layer.style,
+                )
+            )
+        title = f"{RESPONSE_UNITS[self.layers[0].run.quantity]} at {channel}"
+        figure.update_yaxes(type="log", title=title, exponentformat="power", dtick=1)
+        figure.update_xaxes(title="frequency, Hz")
+        return styled(figure)
+
+
+def loudest(run: Run) -> Channel:
+    """The channel with the largest response."""
+    return run.channels[int(np.argmax(np.nanmax(np.abs(run.H), axis=0)))]
+
+
+def write_overlays(
+    path: Path, title: str, result: str, sentences: Sequence[str], tables: Sequence[Table], overlays: Sequence[Overlay]
+) -> Path:
+    """Write the page; an existing one is replaced only when the new one is complete."""
+    return write_page(
+        "overlays.html",
+        path,
+        title=title,
+        result=result,
+        sentences=sentences,
+        tables=tables,
+        overlays=overlays,
+        provenance=provenance(),
+    )

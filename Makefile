@@ -3,6 +3,7 @@
 # make test-long   the longest tests
 # make reproduction, benchmark-rig, benchmark-estimator, benchmark-effects, benchmark-native, benchmark-scale, benchmark-diagnosis, benchmark-prediction-limit, benchmark-lab-data   the figures in docs/, measured again
 # make lint   ruff and pyright
+# make docs   the pages as a site in build/docs; the tutorial runs meanwhile; two minutes
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
 # make benchmark-real-rigs   docs/real-rigs.md: the same on 200 campaigns of three rotors that are known as a workshop knows them
 # make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
@@ -28,7 +29,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test test-long lint fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint docs fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -47,6 +48,11 @@ lint: $(VENV)/installed
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright
+
+# Packages of the site are installed when it is first built. A warning is an error.
+docs: $(VENV)/installed-docs
+	PATH="$(abspath $(VENV)/bin):$$PATH" $(VENV)/bin/sphinx-build -W --keep-going -q -b html -d build/doctrees docs build/docs
+	@echo build/docs/index.html
 
 fmus: $(VENV)/installed
 	$(PYTHON) build_fmu.py
@@ -124,6 +130,10 @@ effect-pages: $(VENV)/installed
 
 clean:
 	rm -rf dist build runs
+
+$(VENV)/installed-docs: $(VENV)/installed
+	$(VENV)/bin/python -m pip install --quiet -e '.[docs]'
+	touch $@
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON3) -m venv $(VENV)

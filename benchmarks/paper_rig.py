@@ -79,7 +79,8 @@ makes of the six frequencies.
 The page is written by `make paper-rig`; do not edit it by hand. The campaign is `examples/nit-rourkela-rig`, and the
 statistics are those of `gap/peaks/`:
 
-```
+<!-- not run: six resonances take some minutes; tests/gap/test_peaks.py has them -->
+```sh
 rigtwin diagnose examples/nit-rourkela-rig --out runs/paper-rig
 ```
 

@@ -97,8 +97,8 @@ class StiffnessFinder:
 
         >>> finder = StiffnessFinder(assemble(load_rig("nit-rourkela")))
         >>> found = finder.estimate(Features(4.036, 26.0, np.nan, 0.01, 0.02, np.nan))
-        >>> found.valid, f"{found.k_b:.3e}"
-        (True, '1.000e+07')
+        >>> found.valid, f"{found.k_b:.2e}"
+        (True, '1.00e+07')
         """
         k_b, std = np.array(self.readings(features)).T
         weights = std**-2.0

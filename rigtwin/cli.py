@@ -22,7 +22,6 @@ app = typer.Typer(
     name="rigtwin",
     cls=CommandGroup,
     help="A rotor test rig and its digital twin: FMUs, virtual measurements, bearing stiffness.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     invoke_without_command=True,

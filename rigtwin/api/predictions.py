@@ -36,7 +36,7 @@ class PredictedRun:
 
     @property
     def gap_nominal(self) -> float:
-        """sqrt(sum |H - H_model|² / sum |H|²) of each channel, averaged (``rigtwin.gap.curves.nrmse``)."""
+        """Root of the squared difference over the squared response, averaged over the channels (``nrmse``)."""
         return nrmse(self.measured.H, self.measured.as_recorded(self.nominal.H))
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,8 +17,10 @@ from rigtwin.api.predictions import PREDICTION_HEADER, predict
 from rigtwin.console import note, print_json, say, table
 from rigtwin.gap.document import FILE_NAME as DIAGNOSIS_FILE
 from rigtwin.gap.document import Diagnosis, Shrink
-from rigtwin.pages.diagnosis_words import NO_CAUSE, at_edge, cause_title, explained, finite, named, share
+from rigtwin.pages.diagnosis_words import NO_CAUSE, at_edge, cause_title, explained, finite, k_b_words, named, share
 from rigtwin.sim.formats.atomic import check_writable
+
+_SECONDS_BETWEEN_STAGES = 10.0
 
 _VERIFIED = {"fmu": "verified by the FMU", "rig": "verified on the virtual rig", "model": "by the fitting model alone"}
 
@@ -64,12 +67,28 @@ def _folder(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
-    """A progress bar that says what is going on; nothing is drawn where stderr is not a terminal."""
+    """A progress bar that says what is going on; where stderr is not a terminal, a line for the stage now and then."""
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    if not console.is_terminal:
+        yield _stages()
+        return
+    with Bar(*columns, console=console, transient=True) as bar:
         task = bar.add_task("diagnosis", total=None)
         yield lambda done, total, words: bar.update(task, completed=done, total=total, description=words)
+
+
+def _stages() -> Progress:
+    """A line for the stage that goes on, at most every ten seconds: a log shows that the work is not stuck."""
+    said = time.monotonic()
+
+    def tell(done: int, total: int, words: str) -> None:
+        nonlocal said
+        if time.monotonic() - said > _SECONDS_BETWEEN_STAGES:
+            said = time.monotonic()
+            note(f"{words}, {done} of {total}")
+
+    return tell
 
 
 # -- what is printed ---------------------------------------------------------------------------------
@@ -86,6 +105,8 @@ def _print(diagnosis: Diagnosis, page: Path) -> None:
                 say(f"{cause_title(cause)}: {at_edge(cause)}")
         if len(diagnosis.causes) > FOREMOST:
             say(f"and {len(diagnosis.causes) - FOREMOST} candidates less likely")
+    if diagnosis.verdict == "no_gap" and (k_b := diagnosis.nominal.get("k_b")):
+        say(f"k_b = {k_b_words(k_b)} MN/m, of the nominal model")
     if diagnosis.shrink:
         say(_shrink_line(diagnosis.shrink))
     if diagnosis.next_test:

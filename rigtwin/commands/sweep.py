@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rigtwin.api.rigs import effect
+from rigtwin.api.rigs import effect, effect_of
 from rigtwin.api.runs import MODE_HEADER, mode_row
 from rigtwin.api.sweeps import LEAST_LINES, SweepRequest, Swept, as_kind, measure
 from rigtwin.console import note, print_json, progress, say, table
@@ -81,8 +81,10 @@ def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tupl
     """Effects with the "ID.PARAM=VALUE" settings that are theirs, and all other settings. Raises UserError."""
     values: dict[str, dict[str, float | int]] = {key: {} for key in ids}
     for key in ids:
-        if key not in EFFECTS:
-            raise UserError(f"--effect {key}: there is no such effect; there are {', '.join(EFFECTS)}")
+        try:
+            effect_of(key)
+        except UserError as error:
+            raise UserError(f"--effect {key}: {error}") from None
         if ids.count(key) > 1:
             raise UserError(
                 f"--effect {key}: given twice; give it once, and its parameters with --set {key}.NAME=VALUE"

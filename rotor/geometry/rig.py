@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from difflib import get_close_matches
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
@@ -352,8 +353,20 @@ def _problems(error: ValidationError) -> list[str]:
     """One sentence for each wrong key; a key with alternatives lists what each would take."""
     messages: dict[str, list[str]] = {}
     for problem in error.errors():
-        messages.setdefault(_key(problem["loc"]), []).append(problem["msg"].removeprefix("Value error, "))
+        messages.setdefault(_key(problem["loc"]), []).append(_in_words(problem["type"], problem["msg"], problem["loc"]))
     return [f"{key}: {', or: '.join(texts)}" for key, texts in messages.items()]
+
+
+def _in_words(kind: str, message: str, location: tuple[int | str, ...]) -> str:
+    if kind == "extra_forbidden":
+        known = [
+            key
+            for table in (Rig, Segment, Disk, Mass, SupportTable, Joint, BearingStiffness)
+            for key in table.model_fields
+        ]
+        close = get_close_matches(str(location[-1]), known, n=1)
+        return f"unknown key; did you mean {close[0]}?" if close else "unknown key; check its spelling or remove it"
+    return "is missing; write it" if kind == "missing" else message.removeprefix("Value error, ")
 
 
 def _key(location: tuple[int | str, ...]) -> str:

@@ -227,8 +227,15 @@ def estimate(
         "delta_f2_std": delta_f2_std,
         "amplitude_ratio_std": amplitude_ratio_std,
     }
-    how = {"excitation_node": excitation_node, "quantity": quantity.value if quantity else None}
-    print_answers(answer(*(paths or ()), rig=rig, estimator=estimator, **how, **numbers), as_json=as_json)
+    answers = answer(
+        *(paths or ()),
+        rig=rig,
+        estimator=estimator,
+        excitation_node=excitation_node,
+        quantity=quantity.value if quantity else None,
+        **numbers,
+    )
+    print_answers(answers, as_json=as_json)
 
 
 @app.command(short_help="Gate for CI: compliance, replay, known stiffness.")

@@ -285,7 +285,8 @@ class Rig(_Table):
         from rigtwin.rotor.model.html import facts
 
         counted = {"disks": self.disk, "lumped masses": self.mass, "supports": self.support, "joints": self.joint}
-        return rig_svg(self) + facts(
+        drawn = rig_svg(self)  # pyright: ignore[reportArgumentType] - one class, seen under two paths
+        return drawn + facts(
             [
                 ("rig", f"{self.name}: {self.title}" if self.title else self.name),
                 ("shaft", f"{self.length:g} m, {len(self.nodes_m)} nodes"),

@@ -89,7 +89,10 @@ def test_text_names_the_effects(rotor_fmu):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--effect", "sensor_gains"), "--effect sensor_gains: there is no effect 'sensor_gains'; did you mean sensor_gain?"),
+        (
+            ("--effect", "sensor_gains"),
+            "--effect sensor_gains: there is no effect 'sensor_gains'; did you mean sensor_gain?",
+        ),
         (("--effect", "rub", "--effect", "rub"), "--effect rub: given twice"),
         (
             ("--effect", "sensor_gain", "--set", "sensor_gain.mass=1"),

@@ -146,7 +146,7 @@ def model_response(
     >>> import rigtwin
     >>> run = rigtwin.model_response("nit-rourkela", [50.0, 96.5, 150.0], k_b=1e7)
     >>> run.H.shape, round(float(abs(run.channel(2)[0])), 3)
-    ((3, 7), 0.199)
+    ((3, 7), 0.038)
     """
     rig = as_rig(rig)
     node = excitation_node or rig.excitation_node

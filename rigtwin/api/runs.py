@@ -148,7 +148,7 @@ def fit_modes(run: Run, n_modes: int | None = None) -> Modes:
     >>> run = rigtwin.model_response("nit-rourkela", np.arange(94.0, 99.0, 0.02), k_b=1e7)
     >>> modes = rigtwin.fit_modes(run)
     >>> len(modes), round(modes[0].frequency_hz, 2), round(modes[0].damping_ratio, 5)
-    (1, 96.53, 0.00095)
+    (1, 96.53, 0.00092)
     """
     modes, left_out = try_modes(run, n_modes)
     return Modes(run, modes, left_out)

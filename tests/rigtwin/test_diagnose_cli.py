@@ -29,7 +29,7 @@ from rigtwin.sim.campaign_folder import save_campaign
 from rigtwin.sim.formats import read_run, run_file
 from rigtwin.sim.setup import SetupError
 from tests.gap.conftest import MASS, all_but, both_supports, campaign_of
-from tests.rigtwin.conftest import run
+from tests.rigtwin.conftest import run, run_json
 from tests.rigtwin.test_diagnose_page import DIAGNOSIS
 
 PAPER = Path(__file__).resolve().parents[2] / "examples" / "nit-rourkela-paper"
@@ -309,7 +309,7 @@ def test_an_effect_of_the_rotor_is_verified_by_the_fmu_and_tells_how_far_it_is()
     ],
 )
 def test_a_virtual_rig_without_an_answer_leaves_the_diagnosis_its_own_figure(
-    asked, campaign, tmp_path, monkeypatch, capsys, error, said
+    asked, campaign, tmp_path, monkeypatch, caplog, error, said
 ):
     def fails(*_):
         raise error
@@ -317,7 +317,7 @@ def test_a_virtual_rig_without_an_answer_leaves_the_diagnosis_its_own_figure(
     run("diagnose", campaign, "--out", tmp_path / "out")
     monkeypatch.setattr("rigtwin.api.diagnoses.measured_on_the_virtual_rig", fails)
     assert asked.options["confirm"]((plain_run("one"),), (), 1e7) == ([], "model")
-    assert f"the virtual rig {said}: the after-figure is the fitting model's own" in capsys.readouterr().err
+    assert f"the virtual rig {said}: the after-figure is the fitting model's own" in caplog.text
 
 
 # --- predict ---------------------------------------------------------------------------------------
@@ -355,13 +355,18 @@ def test_predict_writes_every_run_twice_on_its_own_lines(predicted, document, ca
     result = run("predict", document, campaign, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.stderr
     files = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*") if path.is_file()}
-    assert files == {f"{kind}/{name}.csv" for kind in ("nominal", "corrected") for name in ("first", "more/second")}
+    runs = {f"{kind}/{name}.csv" for kind in ("nominal", "corrected") for name in ("first", "more/second")}
+    assert files == {*runs, "prediction.html"}
     for kind, factor in (("nominal", 2), ("corrected", 3)):
         again = read_run(tmp_path / "out" / kind / "more" / "second.csv", support="bearing")
         assert_allclose(again.H, factor * plain_run("").H, rtol=0)
         assert_allclose(again.frequency_hz, F_HZ, rtol=0)
     assert predicted[0].causes[0].effects == ("pedestal_flexibility",)
     assert "2 runs written" in result.stdout
+    gaps = run_json("predict", document, campaign, "--out", tmp_path / "out")["runs"]
+    assert [(one["gap_nominal"], one["gap_corrected"]) for one in gaps] == [(1.0, 2.0)] * 2  # doubled and tripled
+    assert "gap, nominal model" in result.stdout
+    assert (tmp_path / "out" / "prediction.html").read_text(encoding="utf-8").count("Plotly.newPlot(") >= 2
     assert "names no cause" not in result.stderr
 
 
@@ -407,7 +412,8 @@ def test_no_run_is_written_outside_the_output_folder(predicted, document, tmp_pa
     before = {path for path in tmp_path.rglob("*") if path.is_file()}
     assert run("predict", document, inside, "--out", tmp_path / "out").exit_code == 0
     new = {path for path in tmp_path.rglob("*") if path.is_file()} - before
-    assert new == {tmp_path / "out" / kind / "elsewhere.csv" for kind in ("nominal", "corrected")}
+    runs = {tmp_path / "out" / kind / "elsewhere.csv" for kind in ("nominal", "corrected")}
+    assert new == {*runs, tmp_path / "out" / "prediction.html"}
 
 
 def test_a_campaign_of_resonance_lists_has_no_line_to_predict(refused, predicted, document, tmp_path):

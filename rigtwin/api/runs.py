@@ -57,7 +57,7 @@ def save_run(run: Run, path: str | Path) -> Path:
     >>> rigtwin.save_run(rigtwin.model_response("nit-rourkela", [50.0, 60.0]), "run.xlsx")
     Traceback (most recent call last):
         ...
-    rigtwin.errors.UserError: run.xlsx: unknown kind of file '.xlsx'; a run is one of .csv, .uff, .unv, .h5, .mat
+    rigtwin.errors.UserError: run.xlsx: unknown kind of file; a run is one of .csv, .uff, .unv, .h5, .mat
     """
     write_run(run, Path(path))
     return Path(path)

@@ -138,7 +138,7 @@ def _seen(modal: Modal, group: Group, others: IntArray, measured: Sequence[Measu
         -group.poles[others].real, 1e-12 * np.abs(group.poles[others])
     )
     inside = (group.poles[others].imag > modal.omega[0]) & (group.poles[others].imag < modal.omega[-1])
-    return np.where(inside, np.minimum(heights / smallest, 1.0), 0.0)
+    return np.where(inside, np.minimum(heights / max(smallest, np.finfo(float).tiny), 1.0), 0.0)
 
 
 def _counterparts(group: Group, upper: IntArray, measured: Sequence[MeasuredMode]) -> list[tuple[int, int]]:

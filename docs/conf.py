@@ -51,7 +51,29 @@ def _named(text: str, path: str) -> str:
     return text if path in text else f"{text} (`{path}` in the repository)"
 
 
+_ENTRY = re.compile(r"^(?P<names>\w+(?:, \w+)*) : (?P<words>.+)$")
+_WITH_ENTRIES = {"Parameters", "Raises"}
+
+
+def _for_napoleon(_app, _what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:
+    """The short form of the docstrings as numpydoc has it: "name : words" in two lines, examples with a heading."""
+    section, told = "", []
+    for place, line in enumerate(lines):
+        if place + 1 < len(lines) and set(lines[place + 1]) == {"-"}:
+            section = line
+        entry = _ENTRY.match(line) if section in _WITH_ENTRIES else None
+        if line.startswith(">>>") and section != "Examples":
+            section = "Examples"
+            told += ["", section, "-" * len(section), line]
+        elif entry:
+            told += [entry["names"], f"    {entry['words']}"]
+        else:
+            told.append(line)
+    lines[:] = told
+
+
 def setup(app) -> None:
     """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", _for_napoleon, priority=400)  # napoleon has 500
     app.add_lexer("csv", TextLexer)
     app.connect("source-read", _as_pages)

@@ -85,10 +85,15 @@ class Run:
             raise MeasurementError(f"run {self.name!r}: force_N has shape {self.force_N.shape}, expected {(n,)}")
 
     def _repr_html_(self) -> str:
-        """The largest response over frequency, and how the run was made, for notebooks."""
-        size = np.abs(self.H).max(axis=1)
-        drawn = html.curves([html.Line(self.frequency_hz, size)], "frequency, Hz", f"largest {self.quantity}")
+        """The channel that moves most over frequency, and how the run was made, for notebooks."""
+        size = np.abs(self.H[:, self.channels.index(self.loudest)])
+        drawn = html.curves([html.Line(self.frequency_hz, size)], "frequency, Hz", f"{self.quantity}, {self.loudest}")
         return drawn + html.facts(self._facts())
+
+    @property
+    def loudest(self) -> Channel:
+        """The channel with the largest response."""
+        return self.channels[int(np.argmax(np.nanmax(np.abs(self.H), axis=0)))]
 
     def _facts(self) -> list[tuple[str, object]]:
         force = "of unknown size" if self.force_amplitude_N is None else f"{self.force_amplitude_N:g} N"

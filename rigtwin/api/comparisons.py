@@ -17,7 +17,7 @@ from rigtwin.errors import UserError, for_users
 from rigtwin.gap.curves import nrmse
 from rigtwin.pages.diagnosis_words import share
 from rigtwin.pages.figures import BLUE, INK
-from rigtwin.pages.overlay_page import Layer, Overlay, Table, loudest, write_overlays
+from rigtwin.pages.overlay_page import Layer, Overlay, Table, write_overlays
 from rigtwin.rotor.model import html
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.campaign import Campaign, Channel, MeasurementError, NominalBelief, PeakList, Run
@@ -259,7 +259,7 @@ def _mode_changes(a: Run, b: Run, beliefs: tuple[NominalBelief, NominalBelief]) 
             remarks.append(f"{(a, b)[place].name}: modes of {letter} without a counterpart: {at}")
     name = a.name if a.name == b.name else f"{a.name} / {b.name}"
     channel = Channel(a.excitation_node, a.excitation_plane)
-    channel = channel if channel in a.channels else loudest(a)
+    channel = channel if channel in a.channels else a.loudest
     place = a.channels.index(channel)
     return [
         ModeChange(
@@ -422,7 +422,7 @@ def _share(value: float) -> str:
 
 
 def _drawing(a: Run, b: Run) -> str:
-    channel = loudest(a)
+    channel = a.loudest
     lines = [
         html.Line(
             run.frequency_hz, np.abs(run.channel(channel.node, channel.plane, channel.label)), label, colour, dash

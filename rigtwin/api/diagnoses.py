@@ -87,20 +87,19 @@ class Diagnosed:
         return _save(self, Path(folder))
 
     def _repr_html_(self) -> str:
-        words = html.paragraph(self.sentence)
-        gap = [
-            html.Line(c.run.frequency_hz, abs(c.run.H).max(axis=1), f"measured, {c.run.name}") for c in self.curves[-1:]
-        ] + [
-            html.Line(c.run.frequency_hz, abs(model).max(axis=1), name, colour, dash)
-            for c in self.curves[-1:]
-            for model, name, colour, dash in (
-                (c.nominal, "nominal model", "#888888", "5 4"),
-                (c.corrected, "corrected model", "#d55e00", ""),
-            )
-            if model is not None
-        ]
-        drawn = html.curves(gap, "frequency, Hz", "largest response") if gap else ""
-        return words + drawn + html.table(CAUSE_HEADER, [cause_row(cause) for cause in self.causes[:FOREMOST]])
+        drawn = _drawing(self.curves[-1]) if self.curves else ""
+        table = html.table(CAUSE_HEADER, [cause_row(cause) for cause in self.causes[:FOREMOST]])
+        return html.paragraph(self.sentence) + drawn + table
+
+
+def _drawing(curve: Curve) -> str:
+    """A run beside its models, at the channel that moves most."""
+    run, place = curve.run, curve.run.channels.index(curve.run.loudest)
+    lines = [html.Line(run.frequency_hz, np.abs(run.H[:, place]), f"measured, {run.name}")]
+    lines.append(html.Line(run.frequency_hz, np.abs(curve.nominal[:, place]), "nominal model", "#888888", "5 4"))
+    if curve.corrected is not None:
+        lines.append(html.Line(run.frequency_hz, np.abs(curve.corrected[:, place]), "corrected model", "#d55e00"))
+    return html.curves(lines, "frequency, Hz", f"{run.quantity}, {run.loudest}")
 
 
 @for_users

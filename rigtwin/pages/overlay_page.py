@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from rigtwin.pages.figures import RESPONSE_UNITS, styled
 from rigtwin.pages.page import write_page
 from rigtwin.pages.provenance import provenance
-from rigtwin.sim.campaign import Channel, Run
+from rigtwin.sim.campaign import Run
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Overlay:
     @property
     def figure(self) -> go.Figure:
         """Magnitudes over frequency, logarithmic, of the channel of the first layer that moves most."""
-        channel = loudest(self.layers[0].run)
+        channel = self.layers[0].run.loudest
         figure = go.Figure()
         for layer in self.layers:
             size = np.abs(layer.run.channel(channel.node, channel.plane, channel.label))
@@ -64,11 +64,6 @@ class Overlay:
         figure.update_yaxes(type="log", title=title, exponentformat="power", dtick=1)
         figure.update_xaxes(title="frequency, Hz")
         return styled(figure)
-
-
-def loudest(run: Run) -> Channel:
-    """The channel with the largest response."""
-    return run.channels[int(np.argmax(np.nanmax(np.abs(run.H), axis=0)))]
 
 
 def write_overlays(

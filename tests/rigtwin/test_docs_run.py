@@ -123,14 +123,10 @@ def test_the_blocks_of_a_page_run_one_after_the_other(name, workshop):
 
 
 def run_python(code: str, names: dict[str, object]) -> None:
-    """A block, or a cell of a notebook with its options and its commands for the shell."""
+    """A block, or a cell of a notebook with its options."""
     options = re.match(r"(:[^\n]*\n)+", code)
     code = code[options.end() :] if options else code
-    commands = [line[1:] for line in code.splitlines() if line.startswith("!")]
-    plain = "\n".join(line for line in code.splitlines() if not line.startswith("!"))
-    exec(compile(plain, "<page>", "exec"), names)
-    for command in commands:
-        run_shell(command, names)
+    exec(compile(code, "<page>", "exec"), names)
 
 
 def run_shell(code: str, _names: dict[str, object]) -> None:

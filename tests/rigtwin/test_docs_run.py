@@ -195,6 +195,8 @@ def inline_commands(text: str) -> list[str]:
 def test_commands_in_sentences_exist_with_their_options(name):
     for command in inline_commands(PAGES[name].read_text(encoding="utf-8")):
         program, first, *others = shlex.split(command.replace("…", ""), comments=True)
+        if "=" in first:  # a line of a data file that rigtwin wrote
+            continue
         if program == "make":
             assert first in TARGETS, command
         elif program == "rigtwin":

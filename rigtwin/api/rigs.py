@@ -8,7 +8,6 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rigtwin.errors import UserError, for_users
 from rigtwin.rotor.effects import EFFECTS, Effect
@@ -117,7 +116,7 @@ def model_modes(
 @for_users
 def model_response(
     rig: Rig | str | Path,
-    frequency_hz: ArrayLike,
+    frequency_hz: Sequence[float] | FloatArray,
     *,
     k_b: float | None = None,
     support: SupportKind = "bearing",

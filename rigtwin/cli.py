@@ -65,6 +65,25 @@ RUN_SETTING = typer.Option(
 )
 
 
+# Options of the commands that are asked about a rotor.
+RIG_ARGUMENT = Annotated[str, typer.Argument(metavar="RIG", help="A rig TOML, or the name of a shipped rig.")]
+K_B = Annotated[float | None, typer.Option(help="Bearing stiffness [N/m]; default the rig file's.")]
+RIGID = Annotated[bool, typer.Option("--rigid", help="Rigid supports in place of the bearings.")]
+BEARING_DAMPING = Annotated[float | None, typer.Option(help="Damping of each bearing [N s/m]; default the rig file's.")]
+SHAFT_DAMPING = Annotated[float | None, typer.Option(help="Damping ratio of the shaft; default the rig file's.")]
+EFFECTS_ON = Annotated[
+    list[str] | None, typer.Option("--effect", metavar="ID", help="Linear effect of the rotor; repeat.")
+]
+EFFECT_SETTINGS = Annotated[
+    list[str] | None, typer.Option("--set", metavar="ID.PARAM=VALUE", help="Parameter of an effect; repeat.")
+]
+PICTURE = Annotated[Path | None, typer.Option(help="Picture: .png, .svg or .pdf.")]
+RPM_MIN = Annotated[float, typer.Option(help="Lowest spin speed [rev/min].")]
+RPM_MAX = Annotated[
+    float | None, typer.Option(help="Highest spin speed [rev/min]; default a fifth above the fourth critical speed.")
+]
+
+
 @app.callback()
 def start(
     context: typer.Context,
@@ -339,6 +358,120 @@ def effects(
         print_effects(as_json=as_json)
     else:
         print_effect(effect_id, as_json=as_json)
+
+
+@app.command(short_help="Natural frequencies, damping, whirl and mode shapes.")
+def modes(
+    rig: RIG_ARGUMENT = RIG,
+    spin_rpm: Annotated[float, typer.Option(help="Spin [rev/min].")] = 0.0,
+    number: Annotated[int, typer.Option("--modes", min=1, help="How many modes.")] = 6,
+    k_b: K_B = None,
+    rigid: RIGID = False,
+    bearing_damping: BEARING_DAMPING = None,
+    shaft_damping_ratio: SHAFT_DAMPING = None,
+    effects: EFFECTS_ON = None,
+    settings: EFFECT_SETTINGS = None,
+    out: PICTURE = None,
+    as_json: JSON = False,
+) -> None:
+    """Natural frequencies, damping, whirl direction and shapes of a rotor's modes, at rest or at one spin speed."""
+    from rigtwin.commands.asked_rotor import RotorRequest
+    from rigtwin.commands.modes import run_modes
+
+    chosen = tuple(effects or ()), tuple(settings or ())
+    request = RotorRequest(rig, *chosen, k_b, rigid, bearing_damping, shaft_damping_ratio, out, as_json)
+    run_modes(request, spin_rpm, number)
+
+
+@app.command(short_help="Whirl frequencies over spin speed, and critical speeds.")
+def campbell(
+    rig: RIG_ARGUMENT = RIG,
+    rpm_min: RPM_MIN = 0.0,
+    rpm_max: RPM_MAX = None,
+    speeds: Annotated[int, typer.Option(min=3, max=10_000, help="Speeds at which modes are computed.")] = 61,
+    number: Annotated[
+        int, typer.Option("--modes", min=1, help="How many modes, forward and backward whirl apart.")
+    ] = 6,
+    multiple: Annotated[float, typer.Option(help="Order of the line that is crossed: 1 for unbalance.")] = 1.0,
+    k_b: K_B = None,
+    rigid: RIGID = False,
+    bearing_damping: BEARING_DAMPING = None,
+    shaft_damping_ratio: SHAFT_DAMPING = None,
+    effects: EFFECTS_ON = None,
+    settings: EFFECT_SETTINGS = None,
+    out: PICTURE = None,
+    as_json: JSON = False,
+) -> None:
+    """Campbell diagram: frequencies of forward and backward whirl over spin speed, and where they meet its 1x line."""
+    from rigtwin.commands.asked_rotor import RotorRequest
+    from rigtwin.commands.campbell import SpeedRange, run_campbell
+
+    chosen = tuple(effects or ()), tuple(settings or ())
+    request = RotorRequest(rig, *chosen, k_b, rigid, bearing_damping, shaft_damping_ratio, out, as_json)
+    run_campbell(request, SpeedRange(rpm_min, rpm_max, speeds), number, multiple)
+
+
+@app.command(short_help="Undamped critical speeds over bearing stiffness.")
+def critical_speeds(
+    rig: Annotated[
+        str | None, typer.Argument(metavar="RIG", help=f"A rig; default that of --campaign, or {RIG}.")
+    ] = None,
+    k_b_min: Annotated[float | None, typer.Option(help="Lowest stiffness [N/m]; default the rig file's.")] = None,
+    k_b_max: Annotated[float | None, typer.Option(help="Highest stiffness [N/m]; default the rig file's.")] = None,
+    stiffnesses: Annotated[int, typer.Option(min=2, max=10_000, help="Stiffnesses of the map.")] = 81,
+    number: Annotated[int, typer.Option("--modes", min=1, help="How many critical speeds.")] = 6,
+    campaign: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Campaign whose resonances are drawn on the map.")
+    ] = None,
+    effects: EFFECTS_ON = None,
+    settings: EFFECT_SETTINGS = None,
+    out: PICTURE = None,
+    as_json: JSON = False,
+) -> None:
+    """Map of the undamped critical speeds over bearing stiffness, and the stiffness that measured resonances tell."""
+    from rigtwin.commands.asked_rotor import RotorRequest
+    from rigtwin.commands.critical_speeds import StiffnessRange, run_critical_speeds
+
+    request = RotorRequest(rig or "", tuple(effects or ()), tuple(settings or ()), out=out, as_json=as_json)
+    run_critical_speeds(request, StiffnessRange(k_b_min, k_b_max, stiffnesses), number, campaign)
+
+
+@app.command(short_help="Steady response to unbalance over spin speed.")
+def unbalance(
+    rig: RIG_ARGUMENT = RIG,
+    node: Annotated[
+        list[int] | None, typer.Option(help="Node of an unbalance; repeat. Default the heaviest disk's.")
+    ] = None,
+    moment: Annotated[
+        list[float] | None, typer.Option(help="Unbalance [kg m], for all nodes or once for each; default 1e-5.")
+    ] = None,
+    phase_deg: Annotated[
+        list[float] | None, typer.Option(help="Its angle from y towards z [degrees], as --moment; default 0.")
+    ] = None,
+    read: Annotated[list[int] | None, typer.Option(help="Node whose motion is shown; repeat. Default all.")] = None,
+    rpm_min: RPM_MIN = 0.0,
+    rpm_max: RPM_MAX = None,
+    speeds: Annotated[
+        int, typer.Option(min=2, max=100_000, help="Evenly spaced speeds; more are added at critical speeds.")
+    ] = 301,
+    k_b: K_B = None,
+    rigid: RIGID = False,
+    bearing_damping: BEARING_DAMPING = None,
+    shaft_damping_ratio: SHAFT_DAMPING = None,
+    effects: EFFECTS_ON = None,
+    settings: EFFECT_SETTINGS = None,
+    out: PICTURE = None,
+    as_json: JSON = False,
+) -> None:
+    """Amplitude and phase of the steady response to unbalance, over spin speed, at the nodes."""
+    from rigtwin.commands.asked_rotor import RotorRequest
+    from rigtwin.commands.campbell import SpeedRange
+    from rigtwin.commands.unbalance import Weights, run_unbalance
+
+    chosen = tuple(effects or ()), tuple(settings or ())
+    request = RotorRequest(rig, *chosen, k_b, rigid, bearing_damping, shaft_damping_ratio, out, as_json)
+    weights = Weights(tuple(node or ()), tuple(moment or (1e-5,)), tuple(phase_deg or (0.0,)))
+    run_unbalance(request, weights, SpeedRange(rpm_min, rpm_max, speeds), tuple(read or ()))
 
 
 @app.command(name="inspect", short_help="What a data file holds, and what is odd about it.")

@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 
 from rigtwin.commands.fmus import excitation_node, rotor_fmu
+from rigtwin.commands.settings import parse_effects, value_of
 from rigtwin.console import note, print_json, progress, say, table
 from rigtwin.estimator.dataset import noisy
 from rigtwin.exits import UserError
-from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
 from rigtwin.scale_out import executor
 from rigtwin.sim.campaign import Plane, Run, SupportKind, SweepDirection
 from rigtwin.sim.formats import SUFFIXES, write_run
@@ -133,41 +133,6 @@ def _rig(session: FmuSession, request: SweepRequest) -> Rig:
     )
 
 
-def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
-    """Effects with the "ID.PARAM=VALUE" settings that are theirs, and all other settings. Raises UserError."""
-    values: dict[str, dict[str, float | int]] = {key: {} for key in ids}
-    for key in ids:
-        if key not in EFFECTS:
-            raise UserError(f"--effect {key}: there is no such effect; there are {', '.join(EFFECTS)}")
-        if ids.count(key) > 1:
-            raise UserError(
-                f"--effect {key}: given twice; give it once, and its parameters with --set {key}.NAME=VALUE"
-            )
-    others = []
-    for setting in settings:
-        key, dot, parameter = setting.partition("=")[0].partition(".")
-        if not dot or key not in EFFECTS:
-            others.append(setting)
-        elif key not in values or parameter == "enabled":
-            raise UserError(f"--set {setting}: an effect is switched on with --effect {key}")
-        else:
-            values[key][parameter] = _effect_value(setting, EFFECTS[key], parameter)
-    try:
-        return tuple(EFFECTS[key](**given) for key, given in values.items()), tuple(others)
-    except ValueError as error:  # says the effect and the parameter
-        raise UserError(str(error)) from error
-
-
-def _effect_value(setting: str, effect: type[Effect], parameter: str) -> float | int:
-    if parameter not in effect.roles():
-        raise UserError(
-            f"--set {setting}: {effect.id} has no parameter {parameter}; it has {', '.join(effect.roles())}"
-        )
-    role = effect.roles()[parameter]
-    whole = not isinstance(role, Parameter) and role.kind == "node"
-    return _value(setting, setting.partition("=")[2], "Integer" if whole else "Real")
-
-
 def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, float | int | bool]:
     """Parameters from "name=value" texts, each of the type its FMU variable has. Raises UserError."""
     variables = {v.name: v for v in session.description.modelVariables if v.causality in ("parameter", "input")}
@@ -181,17 +146,8 @@ def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, 
         if name not in variables:
             known = ", ".join(known for known in variables if "." not in known)
             raise UserError(f"--set {setting}: the FMU has no parameter {name}; it has {known}, and those of --effect")
-        parameters[name] = _value(setting, text, session.kind(name))
+        parameters[name] = value_of(setting, text, session.kind(name))
     return parameters
-
-
-def _value(setting: str, text: str, kind: str) -> float | int | bool:
-    words = {"true": True, "false": False}
-    try:
-        return words[text.lower()] if kind == "Boolean" else int(text) if kind == "Integer" else float(text)
-    except (KeyError, ValueError):
-        wanted = {"Boolean": "true or false", "Integer": "a whole number"}.get(kind, "a number")
-        raise UserError(f"--set {setting}: {text!r} is not {wanted}") from None
 
 
 def _modes(run: Run) -> tuple[tuple[Mode, ...], str]:

@@ -64,7 +64,7 @@ def _heaviest_disk(rig: Rig) -> int:
 def _for_each(option: str, values: tuple[float, ...], n: int) -> tuple[float, ...]:
     if len(values) not in (1, n):
         raise UserError(
-            f"{option}: given {len(values)} times for {n} nodes; give it once for all, or once for each --node"
+            f"{option}: given {len(values)} times for {n} node{'s' * (n != 1)}; give it once for all, or once for each"
         )
     return values * (n if len(values) == 1 else 1)
 
@@ -103,7 +103,7 @@ def run_unbalance(request: RotorRequest, weights: Weights, speeds: SpeedRange, r
             say("the rotor has no damping: at its critical speeds the response is infinite")
         _print(spin_speed, response, nodes, forward)
 
-    given = {"unbalance": [{"node": n, "moment_kg_m": m, "phase_deg": p} for n, m, p in placed]}
+    given = {"unbalances": [{"node": n, "moment_kg_m": m, "phase_deg": p} for n, m, p in placed]}
     record = {**rotor_record(asked), **given, **_record(spin_speed, response, nodes, forward)}
     tell(request, record, text, lumped_disks(asked))
 

@@ -152,8 +152,8 @@ def _orbit_panel(axes: Any, rig: Rig, x: FloatArray, mode: DrawnMode) -> None:
     axes.plot(1e3 * x, mode.line[0].real, mode.line[1].real, color=INK)
     axes.plot(nodes, mode.nodes[0].real, mode.nodes[1].real, "o", color=INK, ms=3)
     axes.set(xlabel="x, mm", ylim=(-1, 1), zlim=(-1, 1), yticks=(-1, 0, 1), zticks=(-1, 0, 1), ylabel="y", zlabel="z")
-    axes.xaxis.labelpad = 12
-    axes.set_box_aspect((2.4, 1, 1), zoom=1.15)
+    axes.xaxis.labelpad = 5
+    axes.set_box_aspect((2.4, 1, 1), zoom=1.0)
     axes.set_title(mode.title, pad=0)
     axes.view_init(elev=18, azim=-62)
 

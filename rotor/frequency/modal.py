@@ -8,7 +8,7 @@ import numpy as np
 
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.state_space import StateSpace
-from rigtwin.rotor.model.system import LinearSystem, is_rigid_motion
+from rigtwin.rotor.model.system import LinearSystem
 
 
 @dataclass(frozen=True)
@@ -128,21 +128,23 @@ def damped_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:
 
     Returns
     -------
-    DampedModes sorted by frequency; overdamped (real) eigenvalues are left out
+    DampedModes sorted by frequency; overdamped (real) eigenvalues and rigid-body motions, which do not oscillate, are
+    left out
     """
     space = StateSpace(system, spin_speed)
-    eigenvalue, vectors = np.linalg.eig(space.A)
+    # Nothing depends on where a rigid-body motion is. Without these states its velocity alone has the eigenvalue zero,
+    # and not position and velocity a double one, of which round-off makes a slow oscillation.
+    position = np.flatnonzero(~system.modes.elastic)
+    velocity = len(system.modes.omega) + position
+    others = np.setdiff1d(np.arange(space.n_states), position)
+    eigenvalue, vectors = np.linalg.eig(space.A[np.ix_(others, others)])
     keep = np.imag(eigenvalue) > 1e-9 * np.abs(eigenvalue).max()
     order = np.argsort(np.abs(eigenvalue[keep]))
-    shape = space.displacement(np.eye(system.n)).astype(complex) @ vectors[:, keep][:, order]
-    return DampedModes(eigenvalue[keep][order], shape)
-
-
-def elastic_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:
-    """The same without rigid-body motions, which strain neither shaft nor supports."""
-    modes = damped_modes(system, spin_speed)
-    strained = ~is_rigid_motion(system.K, modes.shape)
-    return DampedModes(modes.eigenvalue[strained], modes.shape[:, strained])
+    eigenvalue = eigenvalue[keep][order]
+    states = np.zeros((space.n_states, len(order)), dtype=complex)
+    states[others] = vectors[:, keep][:, order]
+    states[position] = states[velocity] / eigenvalue
+    return DampedModes(eigenvalue, space.displacement(np.eye(system.n)).astype(complex) @ states)
 
 
 def listed_modes(system: LinearSystem, spin_speed: float = 0.0) -> ListedModes:
@@ -191,7 +193,7 @@ def _list_of(system: LinearSystem, spin_speed: float, plane: int = 0) -> ListedM
     """Modes of one plane, or of both."""
     inside = np.flatnonzero(system.plane == plane) if plane else np.arange(system.n)
     part = system.in_plane(plane) if plane else system
-    damped = elastic_modes(part, spin_speed)
+    damped = damped_modes(part, spin_speed)
     rigid = part.modes.Phi[:, ~part.modes.elastic]
     m = rigid.shape[1] + len(damped.eigenvalue)
     shape = np.zeros((system.n, m), dtype=complex)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness
-from rigtwin.rotor.frequency.modal import damping_ratio, elastic_modes
+from rigtwin.rotor.frequency.modal import damped_modes, damping_ratio
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.rotor_model import RotorModel
 from rigtwin.rotor.model.system import LinearSystem, work
@@ -116,7 +116,7 @@ _Row = tuple[ComplexArray, ComplexArray, FloatArray]
 
 def _whirl(system: LinearSystem, spin_speed: float, n_modes: int) -> _Row:
     """Eigenvalues, shapes and directions of the lowest modes at one speed, sorted by damped frequency."""
-    modes = elastic_modes(system, spin_speed)
+    modes = damped_modes(system, spin_speed)
     order = np.argsort(modes.eigenvalue.imag)[:n_modes]
     shape = modes.shape[:, order]
     return modes.eigenvalue[order], shape, whirl_direction(system, shape) * (np.sign(spin_speed) or 1.0)

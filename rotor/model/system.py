@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, lapack, qr
 
-from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.structure import Structure
 
 # Largest strain energy, relative to the sum of its unsigned parts, that counts as round-off. A mode with so little
@@ -179,7 +179,7 @@ def _natural(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
         inverse, shapes = eigh(M, K, check_finite=False)
     except np.linalg.LinAlgError:
         return _floating(K, M)
-    if is_rigid_motion(K, shapes[:, -1:])[0]:
+    if strain_share(K, shapes[:, -1:])[0] <= _NO_STRAIN:
         return _floating(K, M)
     wide = inverse[0] <= _WIDE * inverse[-1]
     inverse, shapes = inverse[::-1], np.ascontiguousarray(shapes[:, ::-1])
@@ -197,7 +197,7 @@ def _against_lower(L: FloatArray, shapes: FloatArray) -> FloatArray:
     return lapack.dtrtrs(L, shapes.T, lower=True)[0].T  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def strain_share(K: FloatArray, shapes: FloatArray | ComplexArray) -> FloatArray:
+def strain_share(K: FloatArray, shapes: FloatArray) -> FloatArray:
     """(m,) strain energy of shapes (n, m), divided by the sum of its parts without their signs.
 
     >>> spring = np.array([[1.0, -1.0], [-1.0, 1.0]])  # between two masses, which move together or against each other
@@ -206,11 +206,6 @@ def strain_share(K: FloatArray, shapes: FloatArray | ComplexArray) -> FloatArray
     """
     size = work(np.abs(K), np.abs(shapes))
     return work(K, shapes) / np.where(size > 0, size, 1.0)
-
-
-def is_rigid_motion(K: FloatArray, shapes: FloatArray | ComplexArray) -> BoolArray:
-    """(m,) whether shapes (n, m) strain nothing, so that they are rigid-body motions."""
-    return strain_share(K, shapes) <= _NO_STRAIN
 
 
 def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -226,7 +221,7 @@ def _floating(K: FloatArray, M: FloatArray) -> tuple[FloatArray, FloatArray]:
         raise ValueError(
             "the rotor buckles: its stiffness is negative; reduce the axial compression or the negative stiffness"
         )
-    rigid = motions[:, is_rigid_motion(K, motions)]
+    rigid = motions[:, shares <= _NO_STRAIN]
     n_rigid = rigid.shape[1]
     if not n_rigid:
         return eigh(K, M)

@@ -197,12 +197,13 @@ def rotor_record(asked: AskedRotor) -> dict[str, Any]:
 
 def lumped_disks(asked: AskedRotor) -> str:
     """A remark where disks lack the moments of inertia that a spinning rotor feels; empty where they do not."""
-    nodes = [f"node {disk.node}" for disk in asked.rig.disk if not disk.inertia and disk.own_polar_inertia]
+    nodes = [str(disk.node) for disk in asked.rig.disk if not disk.inertia and disk.own_polar_inertia]
     if not nodes or any(effect.family == "spinning" for effect in asked.effects):
         return ""
+    where = f"disk at node {nodes[0]} has" if len(nodes) == 1 else f"disks at nodes {', '.join(nodes)} have"
     return (
-        f"of the disks at {', '.join(nodes)} the rig file gives the model masses without moments of inertia: "
-        "they make no gyroscopic moments; inertia = true adds them"
+        f"in the rig file the {where} mass but no moments of inertia, and so no gyroscopic moments; inertia = true adds "
+        "them"
     )
 
 

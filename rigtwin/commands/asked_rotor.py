@@ -202,8 +202,8 @@ def lumped_disks(asked: AskedRotor) -> str:
         return ""
     where = f"disk at node {nodes[0]} has" if len(nodes) == 1 else f"disks at nodes {', '.join(nodes)} have"
     return (
-        f"in the rig file the {where} mass but no moments of inertia, and so no gyroscopic moments; inertia = true adds "
-        "them"
+        f"in the rig file the {where} mass but no moments of inertia, and so no gyroscopic moments; "
+        "inertia = true adds them"
     )
 
 

@@ -81,7 +81,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 @contextmanager
-def _drawing(height: float, layout: Literal["constrained", "none"] = "constrained") -> Iterator[Figure]:
+def _drawing(height: float, layout: Literal["constrained"] | None = "constrained") -> Iterator[Figure]:
     """An empty figure so high [inches], drawn on in the style of all of them."""
     with rc_context(_STYLE):
         yield Figure(figsize=(_WIDTH, height), layout=layout)
@@ -101,7 +101,7 @@ def mode_figure(rig: Rig, x: FloatArray, modes: Sequence[DrawnMode], *, whirling
     if whirling:
         return _orbit_panels(rig, x, modes)
     height = 0.8 + _ROW_INCHES * len(modes)
-    with _drawing(height, layout="none") as figure:  # one pair of axes and no search for margins: twice as fast
+    with _drawing(height, layout=None) as figure:  # one pair of axes and no search for margins: twice as fast
         axes = figure.add_axes((0.02, 0.5 / height, 0.96, 1 - 0.8 / height))
         for place, mode in enumerate(modes):
             _draw_deflection(axes, rig, x, mode, -_ROW * place)
@@ -221,7 +221,8 @@ def critical_speed_figure(
         _draw_measured(axes, speeds.k_b, measured)
         axes.set(xscale="log", yscale="log", xlabel="bearing stiffness k_b, N/m", ylabel="critical speed, rev/min")
         axes.set_xlim(speeds.k_b[0], speeds.k_b[-1])
-        hertz = axes.secondary_yaxis("right", functions=(lambda rpm: rpm / 60, lambda hz: hz * 60))
+        in_hertz: Any = (lambda rpm: rpm / 60, lambda hertz: hertz * 60)
+        hertz = axes.secondary_yaxis("right", functions=in_hertz)
         hertz.set_ylabel("Hz")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=5)
     return figure

@@ -132,19 +132,11 @@ def damped_modes(system: LinearSystem, spin_speed: float = 0.0) -> DampedModes:
     left out
     """
     space = StateSpace(system, spin_speed)
-    # Nothing depends on where a rigid-body motion is. Without these states its velocity alone has the eigenvalue zero,
-    # and not position and velocity a double one, of which round-off makes a slow oscillation.
-    position = np.flatnonzero(~system.modes.elastic)
-    velocity = len(system.modes.omega) + position
-    others = np.setdiff1d(np.arange(space.n_states), position)
-    eigenvalue, vectors = np.linalg.eig(space.A[np.ix_(others, others)])
+    eigenvalue, vectors = np.linalg.eig(space.A)
     keep = np.imag(eigenvalue) > 1e-9 * np.abs(eigenvalue).max()
     order = np.argsort(np.abs(eigenvalue[keep]))
-    eigenvalue = eigenvalue[keep][order]
-    states = np.zeros((space.n_states, len(order)), dtype=complex)
-    states[others] = vectors[:, keep][:, order]
-    states[position] = states[velocity] / eigenvalue
-    return DampedModes(eigenvalue, space.displacement(np.eye(system.n)).astype(complex) @ states)
+    shape = space.displacement(np.eye(system.n)).astype(complex) @ vectors[:, keep][:, order]
+    return DampedModes(eigenvalue[keep][order], shape)
 
 
 def listed_modes(system: LinearSystem, spin_speed: float = 0.0) -> ListedModes:
@@ -199,7 +191,7 @@ def _list_of(system: LinearSystem, spin_speed: float, plane: int = 0) -> ListedM
     shape = np.zeros((system.n, m), dtype=complex)
     shape[inside] = np.hstack([rigid, damped.shape])
     return ListedModes(
-        eigenvalue=np.concatenate([np.zeros(rigid.shape[1]), damped.eigenvalue]),
+        eigenvalue=np.concatenate([np.zeros(rigid.shape[1], dtype=complex), damped.eigenvalue]),
         shape=shape,
         plane=np.full(m, plane, dtype=np.int64),
         alike=np.zeros(m, dtype=bool),

@@ -94,6 +94,8 @@ def test_a_gyroscope_nutates_forward_at_the_spin_times_the_ratio_of_its_inertias
     nutation = abs(spin_speed) * polar / transverse
     assert_allclose(2 * np.pi * modes.frequency_hz[2], nutation, rtol=NEARLY_MASSLESS)
     assert whirl_direction(system, modes.shape[:, 2:3])[0] == np.sign(spin_speed)
+    straight = shaft_shapes(system, modes.shape[:, 2:3], np.linspace(0, 0.3, 4))[0, :, 0]
+    assert_allclose(straight, [0, 1 / 3, 2 / 3, 1], atol=NEARLY_MASSLESS)
 
 
 def test_a_pinned_beam_has_sines_for_shapes():

@@ -25,17 +25,17 @@ from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model import design, system
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import Structure, to_arrays
-from rigtwin.rotor.time import nonlinear_stepper, simulator, stepper
+from rigtwin.rotor.time import exciter, nonlinear_stepper, simulator, stepper
 
 NATIVE = Path(__file__).with_name("native")
 
 # What every FMU has, what the rotor adds, and the shell of each FMI version.
 INSTANCE = ("instance",)
-ROTOR_CORE = ("laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
+ROTOR_CORE = ("exciter", "laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
 # Numbers that decide what the core computes stand in these modules and in the effects'; C leaves their underscore out.
-_MODULES_WITH_CONSTANTS = (design, system, stepper, simulator, nonlinear_stepper)
+_MODULES_WITH_CONSTANTS = (design, system, stepper, simulator, nonlinear_stepper, exciter)
 
 _PRINTED = "/* Printed when the FMU was built; do not edit. */\n"
 
@@ -214,8 +214,8 @@ def rig_code(model: Model, structure: Structure) -> str:
     counts |= {"n_joints": "joint_node"}
     members = [f"    .{count} = {len(arrays[name])},\n" for count, name in counts.items()]
     members += [f"    .{name} = {name.upper()},\n" for name in arrays]
-    exciter = ("force", "force_amplitude", "force_frequency")
-    places = ", ".join(f"{name.upper()} = {model.reference(name)}" for name in exciter)
+    driven = ("force", "force_amplitude", "force_frequency", "hold_force")
+    places = ", ".join(f"{name.upper()} = {model.reference(name)}" for name in driven)
     return f"""{_PRINTED}#include "rotor_model.h"
 
 #include <math.h>

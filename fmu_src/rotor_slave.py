@@ -18,7 +18,7 @@ from rigtwin.rotor.model.structure import from_arrays
 from rigtwin.rotor.time.simulator import RotorSimulator
 
 _CONDITION = tuple(f.name for f in fields(Condition))
-_FORCE = ("force", "force_amplitude", "force_frequency")
+_FORCE = ("force", "force_amplitude", "force_frequency", "hold_force")
 
 
 class RotorRig(TableSlave):

@@ -39,6 +39,9 @@ const char *model_start(Model *model, double time);
 
 const char *model_step(Model *model, double time, double step);
 
+/* Take up the rate of a Real input at this instant, for the next step; whether the model has a use for it. */
+int model_give_derivative(Model *model, int variable, double rate);
+
 /* (N_OUTPUTS) */
 void model_outputs(const Model *model, double *outputs);
 

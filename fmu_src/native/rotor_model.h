@@ -7,6 +7,6 @@
 extern const Structure STRUCTURE;
 
 /* Places of the exciter's variables among the values. */
-extern const int FORCE, FORCE_AMPLITUDE, FORCE_FREQUENCY;
+extern const int FORCE, FORCE_AMPLITUDE, FORCE_FREQUENCY, HOLD_FORCE;
 
 #endif

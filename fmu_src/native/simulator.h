@@ -14,8 +14,11 @@ void simulator_free(Simulator *simulator);
    impossible, and nothing is changed then; 0 otherwise. */
 const char *simulator_configure(Simulator *simulator, const Design *design);
 
-/* The held force [N] and the built-in sine [N, Hz]. */
-void simulator_drive(Simulator *simulator, double force, double amplitude, double frequency);
+/* The signal's value [N], whether it is a staircase, and the built-in sine [N, Hz]. */
+void simulator_drive(Simulator *simulator, double force, double amplitude, double frequency, int hold);
+
+/* The signal's rate [N/s], for the next step alone. */
+void simulator_give_rate(Simulator *simulator, double rate);
 
 /* The clock [s] of a rotor that has not moved yet. */
 const char *simulator_start_at(Simulator *simulator, double time);

@@ -34,11 +34,15 @@ from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages
 from rigtwin.fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
 from rigtwin.fmu_src.model_description import Model, build_description, fmi2, fmi3
 from rigtwin.fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources
-from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, accelerations_array, rotor_variables
+from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, RotorFacts, accelerations_array, rotor_variables
 from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, modules_of, stage
+from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, RigError, load_rig
-from rigtwin.rotor.model.structure import to_arrays
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure, to_arrays
+from rigtwin.rotor.time.exciter import recommended_step
 
 ROTOR_FMU = "RotorRig.fmu"
 SHIPPED_RIG = "nit-rourkela"
@@ -75,7 +79,7 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
     Path of the FMU. Raises BuildError; an older file is then left as it was.
     """
     structure = assemble(rig, elements_between_nodes=elements_between_nodes)
-    facts = _facts(rig)
+    facts = rotor_facts(rig, structure)
     bundle = Bundle(
         script="rigtwin.fmu_src.rotor_slave",
         modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.rotor_variables", *modules_of(_ROTOR_PACKAGES)),
@@ -84,7 +88,13 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
     return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, rotor_pages(rig, facts), folder / ROTOR_FMU)
 
 
-def _facts(rig: Rig) -> RotorFacts:
+# Highest frequency that the recommended step is made for, over the second resonance on rigid supports.
+_BAND = 1.2
+
+
+def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
+    """What the variable table needs to know of a rig."""
+    system = build_system(structure, Condition(rigid_support=True))
     return RotorFacts(
         n_nodes=len(rig.nodes_m),
         excitation_node=rig.excitation_node,
@@ -94,6 +104,7 @@ def _facts(rig: Rig) -> RotorFacts:
         k_b_min=rig.k_b.min_N_per_m,
         k_b_max=rig.k_b.max_N_per_m,
         length=rig.length,
+        step=recommended_step(_BAND * float(elastic_frequencies_hz(system, plane=1)[1])),
     )
 
 
@@ -132,9 +143,12 @@ def build_native_rotor_fmu(
     -------
     Path of the FMU. Raises BuildError and CompileError; an older file is then left as it was.
     """
-    structure, facts = assemble(rig, elements_between_nodes=elements_between_nodes), _facts(rig)
+    structure = assemble(rig, elements_between_nodes=elements_between_nodes)
+    facts = rotor_facts(rig, structure)
     arrays = (accelerations_array(facts),) if array_output else ()
-    blank = Model("RotorRig", "", version("rigtwin"), ROTOR_MEANING, ROTOR_STEP, rotor_variables(facts), arrays)
+    blank = Model(
+        "RotorRig", "", version("rigtwin"), ROTOR_MEANING, facts.step, rotor_variables(facts), arrays, takes_derivatives=True
+    )
 
     def sources(model: Model) -> dict[str, str]:
         return rotor_sources(model, structure, fmi)

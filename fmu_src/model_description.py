@@ -28,6 +28,8 @@ class Model:
     table: tuple[Variable, ...]
     arrays: tuple[ArrayOutput, ...] = ()
     sources: tuple[str, ...] = ()  # C files, in sources/
+    takes_derivatives: bool = False  # of inputs, FMI 2.0
+    tolerance: float | None = None  # relative error of its outputs
 
     def reference(self, name: str) -> int:
         """Value reference of a variable: its place in the table, after which come the arrays, then the time."""
@@ -49,7 +51,7 @@ def fmi2(model: Model, *, needs_execution_tool: bool) -> Element:
         "modelIdentifier": model.name,
         "needsExecutionTool": str(needs_execution_tool).lower(),
         **_CAN,
-        "canInterpolateInputs": "false",
+        "canInterpolateInputs": str(model.takes_derivatives).lower(),
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, effects_in_fmu, rotor_variables
+from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, RotorFacts, effects_in_fmu, rotor_variables
 from rigtwin.fmu_src.slave import TableSlave, read_manifest
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
@@ -29,7 +29,7 @@ class RotorRig(TableSlave):
         with np.load(resources / "structure.npz", allow_pickle=False) as arrays:
             structure = from_arrays(arrays)
         facts = RotorFacts(**read_manifest(resources)["facts"])
-        super().__init__(rotor_variables(facts), description=ROTOR_MEANING, step_size=ROTOR_STEP, **kwargs)
+        super().__init__(rotor_variables(facts), description=ROTOR_MEANING, step_size=facts.step, **kwargs)
         self._simulator = RotorSimulator(structure, self._condition(), self._effects())
         self.accept_settings(self._table)
 

@@ -11,7 +11,6 @@ from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING
 
 ROTOR_MEANING = "Finite-element rotor on its bearings: sine force in, node accelerations out"
 _HOLD = "True: force is a staircase and held over a communication step; false: it is continued smoothly"
-ROTOR_STEP = 1e-4  # of the default experiment [s]
 
 
 @dataclass(frozen=True)
@@ -26,6 +25,7 @@ class RotorFacts:
     k_b_min: float
     k_b_max: float
     length: float  # of the shaft [m]
+    step: float = 2e-5  # that the FMU recommends [s]
 
 
 def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:

@@ -19,6 +19,7 @@ is then held at the sample, as before the first step and where the signal is sai
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
@@ -92,3 +93,18 @@ class Exciter:
         """The exciter that a snapshot was taken of."""
         hold, sample, previous, last_step, force, rate, given, given_rate = snapshot
         return cls(bool(hold), sample, previous, last_step, force, rate, bool(given), given_rate)
+
+
+# Steps for each period of the fastest motion that is of interest: the force of a sine is then 0.7 % too large.
+_STEPS_PER_PERIOD = 100
+
+
+def recommended_step(highest_hz: float) -> float:
+    """Communication step [s] with which a signal up to this frequency [Hz] is followed: 1, 2 or 5 times a power of ten.
+
+    >>> recommended_step(390.0)
+    2e-05
+    """
+    longest = 1.0 / (_STEPS_PER_PERIOD * highest_hz)
+    power = math.floor(math.log10(longest))
+    return next(float(f"{digit}e{power}") for digit in (5, 2, 1) if float(f"{digit}e{power}") <= longest)

@@ -197,7 +197,7 @@ def _build_native(
         for name, text in sources(model).items():
             (written / name).write_text(text, encoding="utf-8")
         for header in sorted(FMI_HEADERS.glob(f"fmi{fmi[0]}*.h")):
-            shutil.copy2(header, written)
+            (written / header.name).write_text(with_prefix(header.read_text(encoding="utf-8")), encoding="utf-8")
         for platform in targets or reachable_targets():
             library = unpacked / "binaries" / platform.folder(fmi) / f"{model.name}{platform.suffix}"
             compile_library(written, model.sources, platform, library)
@@ -208,6 +208,25 @@ def _build_native(
         _write_all(unpacked, pages | {f"resources/{name}": content for name, content in resources.items()})
         _pack(unpacked, target)
     return target
+
+
+_NO_PREFIX = "#define fmi2FullName(name) name\n"
+_PREFIX = """#ifdef FMI2_FUNCTION_PREFIX
+#define fmi2Join(prefix, name) prefix##name
+#define fmi2Joined(prefix, name) fmi2Join(prefix, name)
+#define fmi2FullName(name) fmi2Joined(FMI2_FUNCTION_PREFIX, name)
+#else
+#define fmi2FullName(name) name
+#endif
+"""
+
+
+def with_prefix(header: str) -> str:
+    """A header of FMI with the prefix that the standard gives its functions in programs that hold several FMUs.
+
+    fmpy's headers of FMI 2.0 leave it out; those of FMI 3.0 have it.
+    """
+    return header if "defined(FMI2_FUNCTION_PREFIX)" in header else header.replace(_NO_PREFIX, _PREFIX)
 
 
 def _description(model: Model, fmi: str) -> Element:

@@ -2,10 +2,10 @@
 
 #include "constants.h"
 
-void exciter_set(Exciter *e, double sample, int hold)
+void exciter_set(Exciter *e, double sample)
 {
-    e->sample = sample, e->hold = hold;
-    if (hold || e->last_step == 0)
+    e->sample = sample;
+    if (e->hold != 0 || e->last_step == 0)
         e->force = sample, e->rate = 0;
 }
 

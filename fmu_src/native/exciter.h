@@ -3,6 +3,8 @@
 #ifndef RIGTWIN_EXCITER_H
 #define RIGTWIN_EXCITER_H
 
+#include "names.h"
+
 /* The force t seconds after a step's start: force + rate t + curvature t^2 / 2. */
 typedef struct {
     double force, rate, curvature;
@@ -16,7 +18,7 @@ typedef struct {
 } Exciter;
 
 /* Take up the signal's value at this instant [N]. */
-void exciter_set(Exciter *exciter, double sample, int hold);
+void exciter_set(Exciter *exciter, double sample);
 
 /* Take up its rate at this instant [N/s], for the next step alone. */
 void exciter_give_rate(Exciter *exciter, double rate);

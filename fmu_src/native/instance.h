@@ -2,6 +2,7 @@
 #ifndef RIGTWIN_INSTANCE_H
 #define RIGTWIN_INSTANCE_H
 
+#include "names.h"
 #include "model.h"
 
 #include <stddef.h>

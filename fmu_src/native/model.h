@@ -3,6 +3,8 @@
 #ifndef RIGTWIN_MODEL_H
 #define RIGTWIN_MODEL_H
 
+#include "names.h"
+
 enum { REAL, INTEGER, BOOLEAN };
 enum { INPUT, TUNABLE, FIXED, OUTPUT };
 

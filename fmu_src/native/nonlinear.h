@@ -6,6 +6,7 @@
 #ifndef RIGTWIN_NONLINEAR_H
 #define RIGTWIN_NONLINEAR_H
 
+#include "names.h"
 #include "arena.h"
 #include "states.h"
 #include "stepper.h"

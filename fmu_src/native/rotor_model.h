@@ -2,6 +2,7 @@
 #ifndef RIGTWIN_ROTOR_MODEL_H
 #define RIGTWIN_ROTOR_MODEL_H
 
+#include "names.h"
 #include "rotor.h"
 
 extern const Structure STRUCTURE;

@@ -248,9 +248,14 @@ const char *simulator_configure(Simulator *s, const Design *design)
 
 /* -- time -------------------------------------------------------------------------------------------------------- */
 
-void simulator_drive(Simulator *s, double force, double amplitude, double frequency, int hold)
+void simulator_hold(Simulator *s, int hold)
 {
-    exciter_set(&s->exciter, force, hold);
+    s->exciter.hold = hold;
+}
+
+void simulator_drive(Simulator *s, double force, double amplitude, double frequency)
+{
+    exciter_set(&s->exciter, force);
     s->amplitude = amplitude, s->frequency = frequency;
 }
 

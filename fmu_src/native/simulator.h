@@ -2,6 +2,7 @@
 #ifndef RIGTWIN_SIMULATOR_H
 #define RIGTWIN_SIMULATOR_H
 
+#include "names.h"
 #include "rotor.h"
 
 typedef struct Simulator Simulator;
@@ -14,8 +15,11 @@ void simulator_free(Simulator *simulator);
    impossible, and nothing is changed then; 0 otherwise. */
 const char *simulator_configure(Simulator *simulator, const Design *design);
 
-/* The signal's value [N], whether it is a staircase, and the built-in sine [N, Hz]. */
-void simulator_drive(Simulator *simulator, double force, double amplitude, double frequency, int hold);
+/* Whether the signal is a staircase; it is not until told. */
+void simulator_hold(Simulator *simulator, int hold);
+
+/* The signal's value [N] and the built-in sine [N, Hz]. */
+void simulator_drive(Simulator *simulator, double force, double amplitude, double frequency);
 
 /* The signal's rate [N/s], for the next step alone. */
 void simulator_give_rate(Simulator *simulator, double rate);

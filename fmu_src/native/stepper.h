@@ -2,6 +2,7 @@
 #ifndef RIGTWIN_STEPPER_H
 #define RIGTWIN_STEPPER_H
 
+#include "names.h"
 #include "exciter.h"
 
 #define MOST_INPUTS 3   /* the exciter, an unbalance in y and in z */

@@ -78,7 +78,8 @@ def with_types(core: ct.CDLL) -> ct.CDLL:
     core.simulator_snapshot_size.argtypes = [ct.c_void_p]
     core.simulator_configure.argtypes = [ct.c_void_p, ct.c_void_p]
     core.simulator_advance.argtypes = [ct.c_void_p, ct.c_double, ct.c_double]
-    core.simulator_drive.argtypes = [ct.c_void_p, *[ct.c_double] * 3, ct.c_int]
+    core.simulator_hold.argtypes = [ct.c_void_p, ct.c_int]
+    core.simulator_drive.argtypes = [ct.c_void_p, *[ct.c_double] * 3]
     for name in ("simulator_accelerations", "simulator_save"):
         getattr(core, name).argtypes = [ct.c_void_p, DOUBLES]
     core.simulator_restore.argtypes = [ct.c_void_p, ct.c_void_p, DOUBLES, ct.c_int]
@@ -193,7 +194,8 @@ class Rotor:
         self, *, force: float, force_amplitude: float, force_frequency: float, hold_force: bool = False
     ) -> None:
         """As RotorSimulator's."""
-        self._library.simulator_drive(self._simulator, force, force_amplitude, force_frequency, hold_force)
+        self._library.simulator_hold(self._simulator, hold_force)
+        self._library.simulator_drive(self._simulator, force, force_amplitude, force_frequency)
 
     def advance(self, time: float, step: float) -> None:
         """As RotorSimulator's. Raises ValueError."""

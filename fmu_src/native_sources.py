@@ -61,7 +61,7 @@ def estimator_sources(model: Model, onnx_file: Path, fmi: str) -> dict[str, str]
 
 
 def _with_names(model: Model, sources: dict[str, str]) -> dict[str, str]:
-    """The sources with ``names.h``, which gives all they share names of their own: FMUs can be linked into one program."""
+    """The sources with ``names.h``, by which several FMUs can be linked into one program."""
     declared = "".join(text for name, text in sources.items() if name.endswith(".h") or name in _DECLARE_THEMSELVES)
     lines = [f"#define {name} {model.name}_{name}\n" for name in shared_names(declared)]
     return {**sources, "names.h": _PRINTED + "".join(lines)}
@@ -106,7 +106,12 @@ def check_core_reads_every_effect(core: str) -> None:
 def core_code(model: Model) -> dict[str, str]:
     """What the hand-written core of a rotor needs to be compiled, by file name."""
     names = {"names.h": _PRINTED}
-    return {**names, "constants.h": _constants_code(), "design.h": _design_header(model), "design.c": _design_code(model)}
+    return {
+        **names,
+        "constants.h": _constants_code(),
+        "design.h": _design_header(model),
+        "design.c": _design_code(model),
+    }
 
 
 def _constants_code() -> str:

@@ -15,6 +15,7 @@ from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import from_arrays
+from rigtwin.rotor.time.nonlinear_stepper import FORCE_ERROR
 from rigtwin.rotor.time.simulator import RotorSimulator
 
 _CONDITION = tuple(f.name for f in fields(Condition))
@@ -29,7 +30,9 @@ class RotorRig(TableSlave):
         with np.load(resources / "structure.npz", allow_pickle=False) as arrays:
             structure = from_arrays(arrays)
         facts = RotorFacts(**read_manifest(resources)["facts"])
-        super().__init__(rotor_variables(facts), description=ROTOR_MEANING, step_size=facts.step, **kwargs)
+        super().__init__(
+            rotor_variables(facts), description=ROTOR_MEANING, step_size=facts.step, tolerance=FORCE_ERROR, **kwargs
+        )
         self._simulator = RotorSimulator(structure, self._condition(), self._effects())
         self.accept_settings(self._table)
 

@@ -31,7 +31,15 @@ class RotorFacts:
 def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
     """Variables of ``RotorRig.fmu`` for a rig with these numbers."""
     inputs = (
-        Variable("force", "input", "Force at the excitation node; continued smoothly between communication points", "N", 0.0, -1e9, 1e9),
+        Variable(
+            "force",
+            "input",
+            "Force at the excitation node; continued smoothly between communication points",
+            "N",
+            0.0,
+            -1e9,
+            1e9,
+        ),
         Variable("force_amplitude", "input", "Amplitude (peak) of the built-in sine force", "N", 0.0, 0.0, 1e9),
         Variable(
             "force_frequency",

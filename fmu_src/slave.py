@@ -74,7 +74,9 @@ class TableSlave(Fmi2Slave):
     failure pythonfmu can return from a set call), and the instance keeps its last good values.
     """
 
-    def __init__(self, variables: Sequence[Variable], description: str, step_size: float, **kwargs: Any):
+    def __init__(
+        self, variables: Sequence[Variable], description: str, step_size: float, tolerance: float, **kwargs: Any
+    ):
         super().__init__(**kwargs)
         manifest = read_manifest(Path(kwargs["resources"]))
         self.guid = UUID(manifest["guid"])
@@ -82,7 +84,7 @@ class TableSlave(Fmi2Slave):
         self.description = description
         self._table = tuple(variables)
         name, described = type(self).__name__, (manifest["guid"], manifest["version"], description, step_size)
-        self._description = Model(name, *described, self._table)
+        self._description = Model(name, *described, self._table, tolerance=tolerance)
         self._number = {v.name: number for number, v in enumerate(self._table)}
         self._references = {
             kind: frozenset(number for number, v in enumerate(self._table) if v.kind == kind) for kind in _KINDS

@@ -22,5 +22,5 @@ class Tone:
 class Drive:
     """Forces during a step: that of the ``signal`` on the first input, and tones."""
 
-    signal: Course = Course()
+    signal: Course = field(default_factory=Course)
     tones: tuple[Tone, ...] = field(default_factory=tuple)

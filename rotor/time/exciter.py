@@ -99,6 +99,11 @@ class Exciter:
 _STEPS_PER_PERIOD = 100
 
 
+def highest_frequency(step: float) -> float:
+    """Frequency [Hz] up to which a signal is followed with a communication step [s]."""
+    return 1.0 / (_STEPS_PER_PERIOD * step)
+
+
 def recommended_step(highest_hz: float) -> float:
     """Communication step [s] with which a signal up to this frequency [Hz] is followed: 1, 2 or 5 times a power of ten.
 

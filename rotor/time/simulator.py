@@ -80,9 +80,7 @@ class RotorSimulator:
         else:
             self._state = np.zeros(self._stepper.n_states)
 
-    def drive(
-        self, *, force: float, force_amplitude: float, force_frequency: float, hold_force: bool = False
-    ) -> None:
+    def drive(self, *, force: float, force_amplitude: float, force_frequency: float, hold_force: bool = False) -> None:
         """Set the signal's value [N] and the built-in sine [N, Hz]; the sine's phase stays continuous.
 
         Between two values the force goes on smoothly, see ``exciter``; with ``hold_force`` it is held.

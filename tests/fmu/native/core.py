@@ -190,9 +190,7 @@ class Rotor:
         self._checked(self._library.simulator_configure(self._simulator, ct.byref(design)))
         self._design = design
 
-    def drive(
-        self, *, force: float, force_amplitude: float, force_frequency: float, hold_force: bool = False
-    ) -> None:
+    def drive(self, *, force: float, force_amplitude: float, force_frequency: float, hold_force: bool = False) -> None:
         """As RotorSimulator's."""
         self._library.simulator_hold(self._simulator, hold_force)
         self._library.simulator_drive(self._simulator, force, force_amplitude, force_frequency)

@@ -28,7 +28,10 @@ def compiled(fmu: Path, folder: Path, fmi: str) -> list[Path]:
 def global_names(objects: list[Path]) -> list[str]:
     """What the object files define for the linker."""
     said = subprocess.run(
-        ["nm", "--defined-only", "--extern-only", "--format=posix", *objects], capture_output=True, text=True, check=True
+        ["nm", "--defined-only", "--extern-only", "--format=posix", *objects],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return [line.split()[0] for line in said.stdout.splitlines() if " " in line]
 

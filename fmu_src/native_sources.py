@@ -19,7 +19,7 @@ import numpy as np
 
 from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmu_src.model_description import Model, variability
-from rigtwin.fmu_src.rotor_variables import effects_in_fmu
+from rigtwin.fmu_src.rotor_variables import HELD_FORCE, effects_in_fmu
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model import design, system
@@ -245,8 +245,8 @@ def rig_code(model: Model, structure: Structure) -> str:
     counts |= {"n_joints": "joint_node"}
     members = [f"    .{count} = {len(arrays[name])},\n" for count, name in counts.items()]
     members += [f"    .{name} = {name.upper()},\n" for name in arrays]
-    driven = ("force", "force_amplitude", "force_frequency", "hold_force")
-    places = ", ".join(f"{name.upper()} = {model.reference(name)}" for name in driven)
+    driven = ("force", "force_amplitude", "force_frequency", HELD_FORCE)
+    places = ", ".join(f"{name.split('.')[0].upper()} = {model.reference(name)}" for name in driven)
     return f"""{_PRINTED}#include "rotor_model.h"
 
 #include <math.h>

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, RotorFacts, effects_in_fmu, rotor_variables
+from rigtwin.fmu_src.rotor_variables import HELD_FORCE, ROTOR_MEANING, RotorFacts, effects_in_fmu, rotor_variables
 from rigtwin.fmu_src.slave import TableSlave, read_manifest
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
@@ -19,7 +19,8 @@ from rigtwin.rotor.time.nonlinear_stepper import FORCE_ERROR
 from rigtwin.rotor.time.simulator import RotorSimulator
 
 _CONDITION = tuple(f.name for f in fields(Condition))
-_FORCE = ("force", "force_amplitude", "force_frequency", "hold_force")
+_SINE = ("force_amplitude", "force_frequency")
+_FORCE = ("force", *_SINE, HELD_FORCE)
 
 
 class RotorRig(TableSlave):
@@ -40,7 +41,8 @@ class RotorRig(TableSlave):
         """Hand everything to the rotor; it rebuilds its equations only where they changed."""
         if any(v.name not in _FORCE for v in changed):
             self._simulator.configure(self._condition(), self._effects())
-        self._simulator.drive(**{name: self.value(name) for name in _FORCE})
+        held = self.value(HELD_FORCE)
+        self._simulator.drive(force=self.value("force"), hold_force=held, **{name: self.value(name) for name in _SINE})
 
     def start_at(self, time: float) -> None:
         """Set the clock."""

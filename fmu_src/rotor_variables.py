@@ -10,7 +10,10 @@ from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING
 
 ROTOR_MEANING = "Finite-element rotor on its bearings: sine force in, node accelerations out"
-_HOLD = "True: force is a staircase and held over a communication step; false: it is continued smoothly"
+
+# Switch by which the input ``force`` is held over a step.
+HELD_FORCE = "held_force.enabled"
+_HELD = "Switch on: force is a staircase, held over each communication step; otherwise it is continued smoothly"
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
         ),
         Variable("excitation_plane", "parameter", "Plane the force acts in: 1 = y, 2 = z", None, 1, 1, 2, "fixed"),
     )
-    effects = (*effect_variables(rig), Variable("hold_force", "parameter", _HOLD, start=False))
+    effects = (*effect_variables(rig), Variable(HELD_FORCE, "parameter", _HELD, start=False))
     at_rest = ("force", "spin_speed", "rigid_support", "excitation_node", "excitation_plane", *_acting_at_once())
     accelerations = tuple(
         Variable(
@@ -97,7 +100,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
             "output",
             f"Acceleration of node {node} in {plane}",
             "m/s2",
-            depends_on=("force", "force_amplitude", "spin_speed"),
+            depends_on=("force_amplitude", "spin_speed"),
             initially_depends_on=at_rest,
         )
         for plane in "yz"
@@ -108,7 +111,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
         "output",
         "Force on the rotor at this instant: that of the input plus the built-in sine; the phase reference",
         "N",
-        depends_on=("force", "force_amplitude"),
+        depends_on=("force_amplitude",),
         initially_depends_on=("force",),
     )
     return (*inputs, *parameters, *effects, *accelerations, force_applied)

@@ -5,8 +5,8 @@
 void exciter_set(Exciter *e, double sample)
 {
     e->sample = sample;
-    if (e->hold != 0 || e->last_step == 0)
-        e->force = sample, e->rate = 0;
+    if (e->last_step == 0)
+        e->force = sample;
 }
 
 void exciter_give_rate(Exciter *e, double rate)

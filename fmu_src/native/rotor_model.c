@@ -32,7 +32,7 @@ void model_free(Model *model)
 
 static void drive(Model *model, const double *values)
 {
-    simulator_hold(model->simulator, values[HOLD_FORCE] != 0);
+    simulator_hold(model->simulator, values[HELD_FORCE] != 0);
     simulator_drive(model->simulator, values[FORCE], values[FORCE_AMPLITUDE], values[FORCE_FREQUENCY]);
 }
 

@@ -8,6 +8,6 @@
 extern const Structure STRUCTURE;
 
 /* Places of the exciter's variables among the values. */
-extern const int FORCE, FORCE_AMPLITUDE, FORCE_FREQUENCY, HOLD_FORCE;
+extern const int FORCE, FORCE_AMPLITUDE, FORCE_FREQUENCY, HELD_FORCE;
 
 #endif

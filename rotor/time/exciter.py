@@ -62,8 +62,8 @@ class Exciter:
     def set(self, sample: float, *, hold: bool) -> None:
         """Take up the signal's value at this instant [N]."""
         self.sample, self.hold = sample, hold
-        if hold or not self.last_step:
-            self.force, self.rate = sample, 0.0
+        if not self.last_step:
+            self.force = sample
 
     def give_rate(self, rate: float) -> None:
         """Take up the signal's rate at this instant [N/s], for the next step alone."""

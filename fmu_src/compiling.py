@@ -39,9 +39,12 @@ class Target:
         return self.fmi2 if fmi == "2.0" else self.fmi3
 
 
+# The one that pythonfmu brings a library for, beside Windows.
+LINUX = Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so")
+
 # FMI 2.0 has names for 64-bit x86 only; importers of FMI 2.0 on other machines look for those of FMI 3.0.
 TARGETS = (
-    Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so"),
+    LINUX,
     Target("aarch64-linux", "aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
     Target("x86_64-windows", "win64", "x86_64-windows-gnu", ".dll"),
     Target("x86_64-darwin", "darwin64", "x86_64-macos.11.0", ".dylib"),
@@ -79,15 +82,17 @@ def compiler(target: Target) -> list[str]:
     raise CompileError(f"no C compiler for {target.fmi3}: install one, or ziglang (pip install ziglang)")
 
 
-def can_compile() -> bool:
-    """Whether there is a compiler for this machine."""
+def can_compile(target: Target | None = None) -> bool:
+    """Whether there is a compiler for a target, by default this machine."""
     try:
-        return bool(compiler(this_machine()))
+        return bool(compiler(target or this_machine()))
     except CompileError:
         return False
 
 
-def compile_library(folder: Path, files: Sequence[str], target: Target, library: Path) -> None:
+def compile_library(
+    folder: Path, files: Sequence[str], target: Target, library: Path, *, needs: Sequence[str] = ()
+) -> None:
     """Compile C files of a folder into a shared library. Raises CompileError with what the compiler said.
 
     Parameters
@@ -96,10 +101,12 @@ def compile_library(folder: Path, files: Sequence[str], target: Target, library:
     files : their names
     target : the platform
     library : what is made
+    needs : files of the folder, shared libraries that it looks for beside itself
     """
     position = [] if "windows" in target.fmi3 else ["-fPIC"]
     mathematics = ["-lm"] if "linux" in target.fmi3 else []
-    command = [*compiler(target), *FLAGS, *position, *files]
+    beside = ["-Wl,--no-as-needed", *needs, "-Wl,-rpath,$ORIGIN", "-ldl"] if needs else []
+    command = [*compiler(target), *FLAGS, *position, *files, *beside]
     kept = _kept(folder, command, target)
     with tempfile.TemporaryDirectory(prefix="rigtwin_cc_") as scratch:  # compilers leave more than the library
         if not kept.is_file():

@@ -14,6 +14,7 @@ module        what it holds                                     start here
 ``blind``     rigtwin blind                                     ``run_blind``
 ``effects``   rigtwin effects                                   ``print_effects``
 ``files``     rigtwin inspect and rigtwin convert               ``inspect_file``
+``reduce``    rigtwin reduce: a run from time records           ``run_reduce``
 ``demo``      rigtwin demo                                      ``run_demo``
 ``paper``     the paper's measured numbers, read by our model   ``read_paper``
 ``report``    rigtwin report                                    ``write_report``

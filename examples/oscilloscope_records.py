@@ -1,4 +1,4 @@
-"""Records as a laboratory's oscilloscope makes them, of a rotor that you can look up: python examples/oscilloscope_records.py records
+"""Records as a laboratory's oscilloscope makes them: python examples/oscilloscope_records.py FOLDER
 
 The virtual rig runs a stepped sine on rigid supports and on bearings, and a virtual oscilloscope with
 8 bits and 2 % of noise stores one CSV per frequency: channel 1 is the force, channel 2 the
@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from rigtwin.fmu_src.build import build_rotor_fmu
+from rigtwin.commands.fmus import build_rotor_for_the_rig
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.oscilloscope import Oscilloscope, file_name, record_lines, write_record
 from rigtwin.sim.session import FmuSession
@@ -27,7 +27,7 @@ def main(out: Path) -> int:
     out.mkdir(parents=True, exist_ok=True)
     (out / "plan.toml").write_text(scope.plan(NODES), encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
-        fmu = build_rotor_fmu(load_rig("nit-rourkela"), Path(folder))
+        fmu = build_rotor_for_the_rig(load_rig("nit-rourkela"), Path(folder))
         with FmuSession(fmu) as session:
             for support in ("rigid", "bearing"):
                 (out / support).mkdir(exist_ok=True)

@@ -106,15 +106,16 @@ def detect_at(samples: FloatArray, cycles_per_sample: float) -> Phasors:
     array([2., 0., 0.])
     """
     basis, N = _real_basis(len(samples), cycles_per_sample), len(samples)
-    if N <= basis.shape[1]:
-        raise ValueError(f"{N} samples are too few for {basis.shape[1]} unknowns")
+    unknowns = basis.shape[1]
+    if unknowns >= N:
+        raise ValueError(f"{N} samples are too few for {unknowns} unknowns")
     information = basis.T @ basis
     fitted = np.linalg.solve(information, basis.T @ samples)  # (1 + 2 n_orders, n_channels)
     amplitude = np.zeros((len(HARMONICS), samples.shape[1]), dtype=complex)
     orders = (len(fitted) - 1) // 2
     amplitude[:orders] = fitted[1::2] - 1j * fitted[2::2]
     residual = samples - basis @ fitted
-    variance = np.sum(residual**2, axis=0) / (N - basis.shape[1])
+    variance = np.sum(residual**2, axis=0) / (N - unknowns)
     covariance = np.linalg.inv(information)
     spread = covariance[1, 1] + covariance[2, 2]  # of real and imaginary part of the fundamental
     return Phasors(amplitude, np.sqrt(spread * np.maximum(variance, _noise_round(residual, cycles_per_sample))))
@@ -159,29 +160,34 @@ def find_frequency(samples: FloatArray) -> tuple[float, float]:
     N = len(samples)
     found = _highest_line(samples)
     for _ in range(_STEPS):
-        basis = _real_basis(N, found)
-        fitted = np.linalg.lstsq(basis, samples, rcond=None)[0]
-        orders = np.arange(1, (len(fitted) - 1) // 2 + 1)
-        phi = 2 * np.pi * found * np.outer(np.arange(N), orders)
-        slope = -np.sin(phi) * fitted[1::2] + np.cos(phi) * fitted[2::2]  # (N, n_orders) of each harmonic's phase
-        by_frequency = 2 * np.pi * np.arange(N) * (slope @ orders)
-        whole = np.column_stack([basis, by_frequency])
-        solution = np.linalg.lstsq(whole, samples, rcond=None)[0]
-        step = float(solution[-1])
+        basis, by_frequency = _linearised(samples, found)
+        step = float(np.linalg.lstsq(np.column_stack([basis, by_frequency]), samples, rcond=None)[0][-1])
         if not 0 < found + step < 0.5 or abs(step) > 2 / N:
             raise NoSineError("no steady sine stands out")
         found += step
         if abs(step) < _FOUND * found:
             break
-    residual = samples - whole @ solution
+    basis, by_frequency = _linearised(samples, found)
+    residual = _less_what_fits(samples, basis)
     if np.var(residual) > 0.5 * np.var(samples):
         raise NoSineError("no sine stands out: more than half of the signal is something else")
     if N * found < 2:
         raise NoSineError(f"only {N * found:.2g} periods; record two or more")
-    # The frequency's column less what the others can do in its place.
-    own = by_frequency - basis @ np.linalg.lstsq(basis, by_frequency, rcond=None)[0]
-    variance = np.sum(residual**2) / max(N - whole.shape[1], 1)
-    return found, math.sqrt(variance / np.sum(own**2))
+    variance = np.sum(residual**2) / max(N - basis.shape[1] - 1, 1)
+    return found, math.sqrt(variance / np.sum(_less_what_fits(by_frequency, basis) ** 2))
+
+
+def _linearised(samples: FloatArray, cycles_per_sample: float) -> tuple[FloatArray, FloatArray]:
+    """The basis of a fit at a frequency (N, n), and (N,) how the fitted sine and its harmonics change with it."""
+    N, basis = len(samples), _real_basis(len(samples), cycles_per_sample)
+    fitted = np.linalg.lstsq(basis, samples, rcond=None)[0]
+    by_phase = basis[:, 1::2] * fitted[2::2] - basis[:, 2::2] * fitted[1::2]  # (N, n_orders) of each harmonic
+    return basis, 2 * np.pi * np.arange(N) * (by_phase @ np.arange(1, by_phase.shape[1] + 1))
+
+
+def _less_what_fits(values: FloatArray, basis: FloatArray) -> FloatArray:
+    """(N,) residual of a least-squares fit."""
+    return values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
 
 
 def _highest_line(samples: FloatArray) -> float:
@@ -196,18 +202,18 @@ def _highest_line(samples: FloatArray) -> float:
     return (top + (0.5 * (below - above) / curvature if curvature else 0.0)) / N
 
 
-# Root-mean-square error of the fundamental of a sine of amplitude A by steps q of a converter is this times q sqrt(q/A).
+# The root-mean-square error of a sine's fundamental by the steps of a converter, see ``quantisation_error``.
 _STEP_ERROR = math.sqrt(1.2020569 / math.pi**4)
 
 
 def quantisation_error(amplitude: FloatArray, step: FloatArray, std: FloatArray, N: int) -> FloatArray:
     """(n_channels,) standard error of phasors by the steps of a converter, beside the residual's ``std``.
 
-    The error of rounding to steps q is (q/pi) sum_k (-1)^k sin(2 pi k x/q)/k. Of a sine of amplitude A it has the
-    fundamental (2q/pi) sum_k (-1)^k J_1(2 pi k A/q) cos(2 pi k d/q)/k, with d the place of zero between two steps. Its
-    mean square over d and A is zeta(3) q^3/(pi^4 A), as J_1(z)^2 is 1/(pi z) on average. Repeating from period to period,
-    it does not become smaller with time. Noise of standard deviation s smooths the steps, by exp(-2 (pi s/q)^2). What is
-    left of a signal always has at least the variance q^2/12 of rounding.
+    Rounding to steps q has the error (q/pi) sum_k (-1)^k sin(2 pi k x/q)/k. Its fundamental for a sine of amplitude A is
+    (2q/pi) sum_k (-1)^k J_1(2 pi k A/q) cos(2 pi k d/q)/k, with d the place of zero between two steps. Its mean square
+    over d and A is zeta(3) q^3/(pi^4 A), as J_1(z)^2 is 1/(pi z) on average. It repeats from period to period, so that
+    a longer record does not make it smaller. Noise of standard deviation s smooths the steps, by exp(-2 (pi s/q)^2).
+    The residual has at least the variance q^2/12 of rounding.
 
     Parameters
     ----------

@@ -39,13 +39,14 @@ class Oscilloscope:
         return knob(self.periods / frequency_hz / self.samples)
 
     def digitise(self, volts: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """(n, n_channels) with noise, in steps of the converter; the peak fills the screen as far as the knob allows."""
+        """(n, n_channels) with noise and the converter's steps; the peak fills the screen as far as the knob allows."""
         peak = np.abs(volts).max(axis=0)
         noisy = volts + self.noise * peak * rng.standard_normal(volts.shape)
-        division = np.array([knob(reach / (_DIVISIONS / 2)) for reach in np.abs(noisy).max(axis=0)])
+        last = 2 ** (self.bits - 1) - 1  # upwards there is one step less than downwards
+        filled = np.abs(noisy).max(axis=0) * (last + 1) / last
+        division = np.array([knob(reach / (_DIVISIONS / 2)) for reach in filled])
         step = division * _DIVISIONS / 2**self.bits
-        last = 2 ** (self.bits - 1)
-        return np.clip(np.round(noisy / step), -last, last - 1) * step
+        return np.clip(np.round(noisy / step), -last - 1, last) * step
 
     def plan(self, nodes: Sequence[int]) -> str:
         """The plan of a reduction of its records, as TOML."""

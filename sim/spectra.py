@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import signal
+from scipy.signal import csd, get_window, welch
 
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
@@ -90,9 +90,11 @@ def _of_noise(records: Sequence[Signals], plan: ReductionPlan) -> tuple[_Spectra
     n = round(plan.block_s * rate) if plan.block_s else 2 * longest // (_BLOCKS + 1)
     if n > min(len(each.samples) for each in records):
         shortest = min(each.samples.shape[0] for each in records) / rate
-        raise MeasurementError(f"block_s: {n / rate:g} s is longer than the shortest record, {shortest:g} s; shorten it")
+        raise MeasurementError(
+            f"block_s: {n / rate:g} s is longer than the shortest record, {shortest:g} s; shorten it"
+        )
     remarks = _clipped_records(records)
-    window = signal.windows.hann(n, sym=False)
+    window = np.asarray(get_window("hann", n), dtype=float)
     parts, blocks = [], []
     for each in records:
         parts.append(_densities(each.samples, rate, window, overlap=n // 2, detrend="constant"))
@@ -107,8 +109,8 @@ def _clipped_records(records: Sequence[Signals]) -> list[str]:
         for source, values in zip(each.sources, each.samples.T, strict=True):
             if share := clipped_share(values):
                 raise MeasurementError(
-                    f"{each.name}: channel {source.name} is clipped, {100 * share:.2g} % of its samples are at the end of "
-                    "the range; record it again with a larger range, or move the file out of the folder"
+                    f"{each.name}: channel {source.name} is clipped, {100 * share:.2g} % of its samples are at the end "
+                    "of the range; record it again with a larger range, or move the file out of the folder"
                 )
     return []
 
@@ -116,7 +118,7 @@ def _clipped_records(records: Sequence[Signals]) -> list[str]:
 def _independent(window: FloatArray, step: int, blocks: int) -> float:
     """How many independent blocks have the variance of so many overlapping ones (Welch 1967).
 
-    >>> round(_independent(signal.windows.hann(64, sym=False), step=32, blocks=100), 1)
+    >>> round(_independent(get_window("hann", 64), step=32, blocks=100), 1)
     94.8
     """
     total = 1.0
@@ -233,8 +235,8 @@ def _windowed(
     if ringing.any():
         share = float(np.max(end[ringing] / begin[ringing]))
         remarks.append(
-            f"{where}: the response is still at {100 * share:.2g} % when its block ends, which blurs the resonances; take "
-            "longer blocks, or an exponential window (exponential_s), which adds damping"
+            f"{where}: the response is still at {100 * share:.2g} % when its block ends, which blurs the resonances; "
+            "take longer blocks, or an exponential window (exponential_s), which adds damping"
         )
     return block
 
@@ -248,10 +250,10 @@ def _densities(
     """Frequencies (n_freq,), Gxx, Gyy and Gxy of responses (n, n_channels) and the force behind them."""
     options = {"fs": rate, "window": window, "nperseg": len(window), "noverlap": overlap, "detrend": detrend}
     force, responses = samples[:, -1], samples[:, :-1]
-    frequency_hz, Gxx = signal.welch(force, **options)
-    _, Gyy = signal.welch(responses, axis=0, **options)
-    _, Gxy = signal.csd(force[:, None], responses, axis=0, **options)
-    return frequency_hz, Gxx, Gyy, Gxy
+    frequency_hz, Gxx = welch(force, **options)
+    _, Gyy = welch(responses, axis=0, **options)
+    _, Gxy = csd(force[:, None], responses, axis=0, **options)
+    return frequency_hz, Gxx, Gyy, np.asarray(Gxy, dtype=complex)
 
 
 def _mean(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,21 +12,16 @@ import numpy as np
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER, Quantity
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel, MeasurementError, Run
-from rigtwin.sim.detection import (
-    NoSineError,
-    Phasors,
-    detect,
-    detect_at,
-    find_frequency,
-    per_force,
-    quantisation_error,
-)
+from rigtwin.sim.detection import NoSineError, Phasors, detect, detect_at, find_frequency, per_force, quantisation_error
 from rigtwin.sim.formats.reduction_plan import FORCE
 from rigtwin.sim.signals import Signals, clipped_share
 
 # A change from the first to the last part that is so many standard errors large is no noise: once in 8,000 lines by
 # chance, as |error|^2/std^2 is exponential.
 _SEEN = 3.0
+
+# A sine of which this share of the samples sticks to an end of the range has lost 0.05 % of its peak there.
+_CLIPPED = 0.01
 
 # A channel's change is judged beside its own size, or beside this share of the largest channel.
 _SHARE = 0.1
@@ -61,7 +57,7 @@ def line_of(signals: Signals, largest_change: float) -> RecordedLine:
 
     Parameters
     ----------
-    largest_change : of the response between the first and the last part of the record, beyond which the line is not used
+    largest_change : of the response from the first to the last part of the record; a line that changes more is left out
 
     Raises
     ------
@@ -120,10 +116,11 @@ def run_of_lines(lines: Sequence[RecordedLine], channels: Sequence[Channel], lea
     used = [line for line in lines if line.usable]
     if not used:
         raise MeasurementError(f"no record is usable; of the first, {lines[0].record}: {'; '.join(lines[0].remarks)}")
-    for before, after in zip(lines, lines[1:], strict=False):
+    for before, after in itertools.pairwise(lines):
         if after.frequency_hz <= before.frequency_hz:
             raise MeasurementError(
-                f"{before.record} and {after.record}: both are of {after.frequency_hz:.6g} Hz; move one out of the folder"
+                f"{before.record} and {after.record}: both are of {after.frequency_hz:.6g} Hz; move one "
+                "out of the folder"
             )
     quantity: Quantity = "accelerance" if lead == FORCE else "acceleration"
     force = np.array([line.force_N for line in used])
@@ -182,12 +179,14 @@ def _per_lead(signals: Signals, phasors: Phasors) -> tuple[ComplexArray, FloatAr
 
 
 def _change(signals: Signals, cycles_per_sample: float) -> tuple[float, FloatArray]:
-    """Changes from the first part of the record to the last beyond noise: the largest, relative; (n_channels,) of all."""
+    """Change from the first part of the record to the last beyond noise: largest, relative; and (n_channels,)."""
     N, periods = len(signals.samples), len(signals.samples) * cycles_per_sample
     length = N // 3 if periods >= _THIRDS else N // 2
     if length * cycles_per_sample < _PART * 0.999:
         return 0.0, np.zeros(len(signals.channels))
-    ends = [_per_lead(signals, _phasors(signals, cycles_per_sample, part)) for part in (slice(length), slice(-length, None))]
+    ends = [
+        _per_lead(signals, _phasors(signals, cycles_per_sample, part)) for part in (slice(length), slice(-length, None))
+    ]
     (first, first_std, _), (last, last_std, _) = ends
     if not _has_lead(signals):
         first, last = np.abs(first), np.abs(last)
@@ -210,7 +209,7 @@ def _clipped(signals: Signals) -> list[str]:
         for source, values in zip(signals.sources, signals.samples.T, strict=True)
         if source.channel or source.name == FORCE
     }
-    found = [f"{name} ({100 * share:.2g} % of its samples)" for name, share in shares.items() if share]
+    found = [f"{name} ({100 * share:.2g} % of its samples)" for name, share in shares.items() if share > _CLIPPED]
     return [f"clipped: {', '.join(found)} at the end of the range"] if found else []
 
 

@@ -100,7 +100,7 @@ def _of_lines(paths: Sequence[Path], plan: ReductionPlan) -> _Result:
     channels = [source.channel for source in plan.sources if source.channel]
     run = run_of_lines(lines, channels, None if last.channel else last.name)
     used = sum(line.usable for line in lines)
-    assert run.std is not None  # noqa: S101 - for the type checker
+    assert run.std is not None
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.nanmedian(np.where(run.H != 0, run.std / np.abs(run.H), np.nan))
     how = {

@@ -85,8 +85,8 @@ def _check_numbers(path: Path, samples: FloatArray, names: Sequence[str]) -> Non
         value = float(samples[row, column])
         why = "out of the instrument's range" if np.isfinite(value) or np.isinf(value) else "not a number"
         raise MeasurementError(
-            f"{path}: sample {row + 1} of {names[column]} is {value:g}, {why}, and {np.count_nonzero(wrong)} are in all; "
-            "record it again, or move the file out of the folder"
+            f"{path}: sample {row + 1} of {names[column]} is {value:g}, {why} ({np.count_nonzero(wrong)} in "
+            "all); record it again, or move the file out of the folder"
         )
 
 
@@ -103,7 +103,7 @@ def _rate_of(path: Path, time_s: FloatArray) -> float:
         place = int(np.argmax(np.abs(np.diff(time_s) - step)))
         raise MeasurementError(
             f"{path}: the times are not evenly spaced: from sample {place + 1} to {place + 2} they step by "
-            f"{time_s[place + 1] - time_s[place]:.6g} s, on the whole by {step:.6g} s; samples are missing, or the times "
-            "are rounded too much: then give the sampling rate with --sample-rate"
+            f"{time_s[place + 1] - time_s[place]:.6g} s, on the whole by {step:.6g} s; samples are missing, or the "
+            "times are rounded too much: then give the sampling rate with --sample-rate"
         )
     return 1 / step

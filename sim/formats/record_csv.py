@@ -16,7 +16,21 @@ from rigtwin.sim.formats.record import Record, record_of
 from rigtwin.sim.formats.units import kind_of
 
 # Names of the column that holds the time, and units of it, in small letters and without brackets.
-_TIMES = ("t", "time", "times", "time axis", "x", "x-axis", "x axis", "zeit", "temps", "tiempo", "tempo", "second", "in s")
+_TIMES = (
+    "t",
+    "time",
+    "times",
+    "time axis",
+    "x",
+    "x-axis",
+    "x axis",
+    "zeit",
+    "temps",
+    "tiempo",
+    "tempo",
+    "second",
+    "in s",
+)
 _SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _IN_NAME = re.compile(r"(.+?)\s*[\[(]\s*([^\[\]()]+(?:\([^()]*\)[^\[\]()]*)?)\s*[\])]|(.+?)\s+in\s+(\S+)")
 _STEP = ("increment", "sample interval", "sampling interval", "t interval", "horizontal interval", "delta t", "dt")
@@ -43,7 +57,9 @@ def read(path: Path, sample_rate_hz: float | None) -> Record:
     at = _time_column(table, names, units, numbers)
     time_s = None
     if at is not None:
-        time_s = numbers[:, at] * (increment if increment and _counts(numbers[:, at]) else _seconds(names[at], units[at]))
+        time_s = numbers[:, at] * (
+            increment if increment and _counts(numbers[:, at]) else _seconds(names[at], units[at])
+        )
     elif increment and sample_rate_hz is None:
         sample_rate_hz = 1 / increment
     kept = [k for k in range(len(names)) if k != at]
@@ -146,7 +162,8 @@ def _first_problem(path: Path, table: _Table) -> MeasurementError:
     if len(set(counts.values())) > 1:
         told = ", ".join(f"column {k + 1} {count}" for k, count in counts.items())
         return MeasurementError(
-            f"{path}, {problem or 'a line'}; channels of different lengths ({told} samples); save them again, all as long"
+            f"{path}, {problem or 'a line'}; channels of different lengths ({told} samples); save "
+            "them again, all as long"
         )
     return MeasurementError(f"{path}, {problem or 'a line cannot be read'}; correct it, or record it again")
 

@@ -123,7 +123,9 @@ class Source:
             example = "22.4 mV/N" if self.name == FORCE else "100 mV/g"
             raise ValueError(f'{known}; give its sensitivity, for example sensitivity = "{example}"')
         if kind and kind != self.sensitivity.signal:
-            raise ValueError(f"the file says it is in {said}, which does not go with a sensitivity of a {self._signal()}")
+            raise ValueError(
+                f"the file says it is in {said}, which does not go with a sensitivity of a {self._signal()}"
+            )
         return self.sign * factor / self.sensitivity.value
 
     def _signal(self) -> str:

@@ -60,7 +60,7 @@ def _plain(label: str) -> str:
 
 # What a measuring channel gives before it is a force or a motion: volts, or counts of a converter.
 _VOLTS = {"v": 1.0, "mv": 1e-3, "uv": 1e-6, "kv": 1e3, "volt": 1.0, "volts": 1.0, "vdc": 1.0, "vac": 1.0}
-_COUNTS = dict.fromkeys(("count", "counts", "digit", "digits", "lsb"), 1.0)
+_COUNTS: dict[str, float] = {name: 1.0 for name in ("count", "counts", "digit", "digits", "lsb")}
 _ORDERS = ("displacement", "velocity", "acceleration")
 
 
@@ -106,9 +106,13 @@ def sensitivity(text: str) -> Sensitivity:
     match = _SENSITIVITY.fullmatch(re.sub(r"(?<=\d),(?=\d)", ".", text))
     given, per = (kind_of(match[2]), kind_of(match[3])) if match else (None, None)
     if match is None or given is None or per is None or given[0] not in ("voltage", "counts"):
-        raise ValueError(f"{text!r} is no sensitivity; write one like 22.4 mV/N, 100 mV/g, 10 mV/(m/s^2) or 1200 counts/N")
+        raise ValueError(
+            f"{text!r} is no sensitivity; write one like 22.4 mV/N, 100 mV/g, 10 mV/(m/s^2) or 1200 counts/N"
+        )
     if per[0] in ("voltage", "counts"):
-        raise ValueError(f"{text!r} is no sensitivity of a sensor; the unit after the stroke is one of a force or motion")
+        raise ValueError(
+            f"{text!r} is no sensitivity of a sensor; the unit after the stroke is one of a force or motion"
+        )
     value = float(match[1]) * given[1] / per[1]
     if not (math.isfinite(value) and value != 0):
         raise ValueError(f"{text!r} is no sensitivity; it must not be zero")

@@ -60,6 +60,15 @@ class _Spectra:
     averages: float
 
 
+@dataclass(frozen=True)
+class _Hit:
+    """A blow: its record, its first sample there, and samples since the blow before."""
+
+    signals: Signals
+    place: int
+    since_last: float
+
+
 def reduce_spectra(records: Sequence[Signals], plan: ReductionPlan) -> Reduction:
     """A run from hammer or random records.
 
@@ -134,18 +143,20 @@ def _independent(window: FloatArray, step: int, blocks: int) -> float:
 def _of_hits(records: Sequence[Signals], plan: ReductionPlan) -> tuple[_Spectra, list[str]]:
     """One block from each blow that is usable, without overlap."""
     rate = records[0].sample_rate_hz
-    hits = [(each, place) for each in records for place in find_hits(each.samples[:, -1], plan.trigger)]
+    hits = [hit for each in records for hit in _hits_of(each, plan.trigger)]
     if not hits:
         raise MeasurementError("no blow is in the records; is the force the right channel?")
     n = round(plan.block_s * rate) if plan.block_s else _shortest(records, plan.trigger)
     before = max(4, round(_BEFORE * n))
     blocks, remarks = [], []
-    for number, (each, place) in enumerate(hits, start=1):
-        block = each.samples[max(place - before, 0) : place - before + n]
-        where = f"{each.name}: blow {number} at {place / rate:.4g} s"
-        if place < before or len(block) < n:
+    for number, hit in enumerate(hits, start=1):
+        block = hit.signals.samples[max(hit.place - before, 0) : hit.place - before + n]
+        where = f"{hit.signals.name}: blow {number} at {hit.place / rate:.4g} s"
+        if hit.place < before or len(block) < n:
             remarks.append(f"{where}: the record does not hold its whole block of {n / rate:.3g} s; left out")
-        elif problem := _wrong_blow(block, before, each):
+        elif hit.since_last < n - before:
+            remarks.append(f"{where}: the motion of the blow before is still in it; left out")
+        elif problem := _wrong_blow(block, before, hit.signals):
             remarks.append(f"{where}: {problem}; left out")
         else:
             blocks.append(_windowed(block, before, rate, plan.exponential_s, remarks, where))
@@ -159,6 +170,12 @@ def _of_hits(records: Sequence[Signals], plan: ReductionPlan) -> tuple[_Spectra,
     joined = np.concatenate(blocks)
     spectra = _densities(joined, rate, np.ones(n), overlap=0, detrend=False)
     return _mean([spectra], [len(blocks)], float(len(blocks))), remarks
+
+
+def _hits_of(signals: Signals, trigger: float) -> list[_Hit]:
+    places = find_hits(signals.samples[:, -1], trigger)
+    since = [math.inf, *np.diff(places).tolist()]
+    return [_Hit(signals, place, last) for place, last in zip(places, since, strict=False)]
 
 
 def find_hits(force: FloatArray, trigger: float) -> list[int]:

@@ -67,7 +67,9 @@ def test_settings_beside_the_samples_leave_columns_by_number(tmp_path):
 
 def test_text_without_a_time_needs_a_rate(tmp_path):
     np.savetxt(tmp_path / "r.txt", VOLTS)
-    with pytest.raises(MeasurementError, match=r"r\.txt: says neither times nor a sampling rate; give it with --sample"):
+    with pytest.raises(
+        MeasurementError, match=r"r\.txt: says neither times nor a sampling rate; give it with --sample"
+    ):
         read_record(tmp_path / "r.txt")
     assert_allclose(read_record(tmp_path / "r.txt", 500.0).samples, VOLTS)
 
@@ -128,7 +130,10 @@ FAULTS = {
     "not a number": (changed(9, "0.007,nan,1"), "sample 8 of CH1 is nan, not a number"),
     "out of range": (changed(9, "0.007,9.9e37,1"), "sample 8 of CH1 is 9.9e\\+37, out of the instrument's range"),
     "a word": (changed(9, "0.007,****,1"), "line 9, column 2: '\\*\\*\\*\\*' is not a number"),
-    "different lengths": (changed(41, "0.039,0.5,"), r"column 3 39\) samples|different lengths \(.*column 3 39 samples\)"),
+    "different lengths": (
+        changed(41, "0.039,0.5,"),
+        r"column 3 39\) samples|different lengths \(.*column 3 39 samples\)",
+    ),
     "a sample is missing": (changed(20, None), "not evenly spaced: from sample 18 to 19 they step by 0.002 s"),
     "times that stand still": (changed(2, "0.039,1,0"), "the times do not increase"),
     "two columns of one name": ("time,CH1,CH1\n" + rows(), "two columns have the same name"),

@@ -16,6 +16,9 @@ from rigtwin.sim.formats.reduction_plan import Source
 # of a sine has: there at most 2.4 times as many fall on the highest step as on the next.
 _STUCK, _MORE_THAN_NEXT = 4, 4.0
 
+# An end of the range is further from the middle than this share of the other end: the force of a hammer rests near it.
+_NO_END = 0.25
+
 # Levels closer together than this share of the range are one level that was written with rounded digits.
 _SAME_LEVEL = 1e-9
 
@@ -84,13 +87,13 @@ def converter_step(values: FloatArray) -> float:
 def clipped_share(values: FloatArray) -> float:
     """Share of the samples (n,) that stick to the end of the range; zero where no end of the range is seen.
 
-    An end that is near the middle is none: the force of a hammer rests there between blows.
+    An end that is near the median is none: the force of a hammer rests there between blows.
     """
     step, middle = converter_step(values), float(np.median(values))
     stuck = 0
     for towards in (1.0, -1.0):
         reach = towards * (values - middle)
-        if reach.max() < 0.5 * np.abs(values - middle).max():
+        if reach.max() < _NO_END * np.abs(values - middle).max():
             continue
         below = reach.max() - reach
         at_end = np.count_nonzero(below < 0.5 * step)

@@ -41,8 +41,11 @@ class ReduceRequest:
 
 
 @dataclass(frozen=True)
-class _Result:
+class Reduced:
+    """What the records of a request hold."""
+
     run: Run
+    records: int
     remarks: list[str]
     how: dict[str, Any]  # what a machine may want to know beside the run
 
@@ -53,14 +56,12 @@ def run_reduce(request: ReduceRequest) -> None:
     Raises MeasurementError where a record or the plan cannot be used, UserError for a wrong option.
     """
     settings = _settings(request)
-    plan = read_plan(request.plan, request.told, request.channels)
-    paths = record_paths(list(request.records))
-    result = _of_lines(paths, plan) if plan.method == "sine" else _of_spectra(paths, plan)
+    result = reduce_records(request)
     run = replace(result.run, **settings)
     write_run(run, request.out)
     table = run_table(request.out, run, settings, said="support" in settings)
     if request.as_json:
-        print_json(_record(request, run, result, len(paths)) | {"campaign_toml": table})
+        print_json(_record(request, run, result) | {"campaign_toml": table})
         return
     band = f"{run.frequency_hz[0]:.6g} to {run.frequency_hz[-1]:.6g} Hz"
     say(f"{request.out} written: {run.quantity} in {UNITS[run.quantity]}, {len(run.frequency_hz)} lines, {band}")
@@ -72,6 +73,13 @@ def run_reduce(request: ReduceRequest) -> None:
         say(f"  odd  and {len(result.remarks) - _REMARKS} more remarks; --json lists them")
     say("\nFor campaign.toml:\n")
     say(table)
+
+
+def reduce_records(request: ReduceRequest) -> Reduced:
+    """Read and reduce; nothing is written. Raises MeasurementError where a record or the plan cannot be used."""
+    plan = read_plan(request.plan, request.told, request.channels)
+    paths = record_paths(list(request.records))
+    return _of_lines(paths, plan) if plan.method == "sine" else _of_spectra(paths, plan)
 
 
 def _settings(request: ReduceRequest) -> RunSettings:
@@ -89,7 +97,7 @@ def _settings(request: ReduceRequest) -> RunSettings:
     return settings
 
 
-def _of_lines(paths: Sequence[Path], plan: ReductionPlan) -> _Result:
+def _of_lines(paths: Sequence[Path], plan: ReductionPlan) -> Reduced:
     """Each record a line."""
     lines = []
     with progress("records", len(paths)) as count:
@@ -109,10 +117,10 @@ def _of_lines(paths: Sequence[Path], plan: ReductionPlan) -> _Result:
         "median_relative_error": float(relative),
     }
     remarks = [f"{line.record}: {words}" for line in lines for words in line.remarks]
-    return _Result(run, remarks, how)
+    return Reduced(run, len(paths), remarks, how)
 
 
-def _of_spectra(paths: Sequence[Path], plan: ReductionPlan) -> _Result:
+def _of_spectra(paths: Sequence[Path], plan: ReductionPlan) -> Reduced:
     """All records together."""
     with progress("records", len(paths)) as count:
         records = []
@@ -125,18 +133,18 @@ def _of_spectra(paths: Sequence[Path], plan: ReductionPlan) -> _Result:
         "independent_averages": reduced.averages,
         "median_coherence": float(np.median(reduced.coherence)),
     }
-    return _Result(reduced.run, list(reduced.remarks), how)
+    return Reduced(reduced.run, len(paths), list(reduced.remarks), how)
 
 
 def _signals(path: Path, plan: ReductionPlan) -> Signals:
     return signals_of(read_record(path, plan.sample_rate_Hz), plan.sources, path)
 
 
-def _record(request: ReduceRequest, run: Run, result: _Result, records: int) -> dict[str, Any]:
+def _record(request: ReduceRequest, run: Run, result: Reduced) -> dict[str, Any]:
     """All there is to say, in JSON types."""
     return {
         "file": str(request.out),
-        "records": records,
+        "records": result.records,
         "quantity": run.quantity,
         "unit": UNITS[run.quantity],
         "lines": len(run.frequency_hz),

@@ -289,7 +289,7 @@ def test_lines_are_sorted_and_those_left_out_were_swept():
     assert_allclose(run.swept_hz, [80.1, 100.2, 120.3])
     assert run.force_N is not None
     assert_allclose(run.force_N, 1.5)
-    with pytest.raises(MeasurementError, match="both are of 80.1 Hz"):
+    with pytest.raises(MeasurementError, match=r"both are of 80\.1 Hz"):
         run_of_lines([lines[1], lines[1]], (Channel(2),), "force")
     with pytest.raises(MeasurementError, match="no record is usable"):
         run_of_lines([replace(lines[1], usable=False)], (Channel(2),), "force")

@@ -1,7 +1,7 @@
 """k_b from an oscilloscope's records and from the sweep itself: ``python -m benchmarks.oscilloscope_records``; minutes.
 
-The virtual rig measures the shipped rotor on both supports. Then every line is recorded by a virtual oscilloscope with 8
-bits and 2 % of noise, and ``rigtwin reduce`` makes runs of the files. Both ways end in the shipped estimator.
+The virtual rig measures the shipped rotor on both supports. Then a virtual oscilloscope with 8 bits and 2 % of noise
+records every line, and ``rigtwin reduce`` makes runs of the files. Both ways end in the shipped estimator.
 """
 
 from __future__ import annotations

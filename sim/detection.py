@@ -210,10 +210,10 @@ def quantisation_error(amplitude: FloatArray, step: FloatArray, std: FloatArray,
     """(n_channels,) standard error of phasors by the steps of a converter, beside the residual's ``std``.
 
     Rounding to steps q has the error (q/pi) sum_k (-1)^k sin(2 pi k x/q)/k. Of a sine of amplitude A its fundamental
-    is (2q/pi) sum_k (-1)^k J_1(2 pi k A/q) cos(2 pi k d/q)/k, with d the place of zero between two steps. Its mean square
-    over d and A is zeta(3) q^3/(pi^4 A), as J_1(z)^2 is 1/(pi z) on average. It repeats from period to period, so that
-    a longer record does not make it smaller. Noise of standard deviation s smooths the steps, by exp(-2 (pi s/q)^2).
-    The residual has at least the variance q^2/12 of rounding.
+    is (2q/pi) sum_k (-1)^k J_1(2 pi k A/q) cos(2 pi k d/q)/k, with d the place of zero between two steps. Its mean
+    square over d and A is zeta(3) q^3/(pi^4 A), as J_1(z)^2 is 1/(pi z) on average. It repeats from period to period,
+    so that a longer record does not make it smaller. Noise of standard deviation s smooths the steps, by
+    exp(-2 (pi s/q)^2). The residual has at least the variance q^2/12 of rounding.
 
     Parameters
     ----------

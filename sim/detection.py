@@ -174,7 +174,7 @@ def find_frequency(samples: FloatArray) -> tuple[float, float]:
     if N * found < 2:
         raise NoSineError(f"only {N * found:.2g} periods; record two or more")
     variance = np.sum(residual**2) / max(N - basis.shape[1] - 1, 1)
-    return found, math.sqrt(variance / np.sum(_less_what_fits(by_frequency, basis) ** 2))
+    return float(found), math.sqrt(variance / np.sum(_less_what_fits(by_frequency, basis) ** 2))
 
 
 def _linearised(samples: FloatArray, cycles_per_sample: float) -> tuple[FloatArray, FloatArray]:
@@ -197,7 +197,7 @@ def _highest_line(samples: FloatArray) -> float:
         raise NoSineError("every sample is the same")
     size = np.abs(np.fft.rfft(np.hanning(N) * (samples - samples.mean())))
     top = int(np.argmax(size[1:-1])) + 1
-    below, here, above = np.log(np.maximum(size[top - 1 : top + 2], 1e-300 + 1e-15 * size[top]))
+    below, here, above = np.log(np.maximum(size[top - 1 : top + 2], 1e-15 * size[top])).tolist()
     curvature = below - 2 * here + above
     return (top + (0.5 * (below - above) / curvature if curvature else 0.0)) / N
 

@@ -132,7 +132,7 @@ def _independent(window: FloatArray, step: int, blocks: int) -> float:
     """
     total = 1.0
     for k in range(1, min(blocks, math.ceil(len(window) / step))):
-        shifted = np.sum(window[k * step :] * window[: len(window) - k * step]) / np.sum(window**2)
+        shifted = float(np.sum(window[k * step :] * window[: len(window) - k * step]) / np.sum(window**2))
         total += 2 * (1 - k / blocks) * shifted**2
     return blocks / total
 

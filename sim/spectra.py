@@ -181,8 +181,10 @@ def _hits_of(signals: Signals, trigger: float) -> list[_Hit]:
 def find_hits(force: FloatArray, trigger: float) -> list[int]:
     """Samples at which the force (n,) rises through a share of its largest value; a pulse counts once.
 
-    >>> find_hits(np.array([0.0, 0, 0, 1, 5, 1, 0, 0, 0, 0, 4, 0, 0]), trigger=0.1)
-    [3, 10]
+    >>> force = np.zeros(40)
+    >>> force[[3, 4, 30]] = 1.0, 5.0, 4.0
+    >>> find_hits(force, trigger=0.1)
+    [3, 30]
     """
     reach = np.abs(force - np.median(force))
     above = reach > trigger * reach.max()

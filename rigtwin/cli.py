@@ -60,6 +60,7 @@ class Quantity(StrEnum):
 
 RIG = "nit-rourkela"
 JSON = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+RECORDS = ".csv, .txt, .wav, .mat, .h5 or .tdms."
 RUN_SETTING = typer.Option(
     "--set", metavar="KEY=VALUE", help="Key of a [[run]] in campaign.toml, such as support=rigid or unit=g/N; repeat."
 )
@@ -502,6 +503,44 @@ def convert(
     from rigtwin.commands.files import convert_file
 
     convert_file(source, target, settings or (), quantity)
+
+
+@app.command(name="reduce", short_help="A run from time records of an oscilloscope or logger.")
+def reduce_command(
+    records: Annotated[list[Path], typer.Argument(help="Records, or folders of them: " + RECORDS)],
+    out: Annotated[Path, typer.Option(help="The run file: .csv, .uff, .unv, .h5 or .mat.")],
+    plan: Annotated[Path | None, typer.Option(help="TOML that says which channel is what; see docs/reduce.md.")] = None,
+    channels: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--channel", metavar="NAME=COLUMN,SENSITIVITY", help='As "force=CH1, 22.4 mV/N" or "node2=CH2, g"; repeat.'
+        ),
+    ] = None,
+    method: Annotated[
+        Literal["sine", "hammer", "random"] | None, typer.Option(help="How the rotor was excited; default sine.")
+    ] = None,
+    estimator: Annotated[
+        Literal["h1", "h2"] | None, typer.Option(help="Of hammer and random records; default h1.")
+    ] = None,
+    sample_rate: Annotated[float | None, typer.Option(help="Samples a second; wins over the files [Hz].")] = None,
+    settings: Annotated[list[str] | None, RUN_SETTING] = None,
+    as_json: JSON = False,
+) -> None:
+    """Time records become frequency lines with standard errors, and the lines to write into campaign.toml."""
+    from rigtwin.commands.reduce import ReduceRequest, run_reduce
+
+    told = {"method": method, "estimator": estimator, "sample_rate_Hz": sample_rate}
+    run_reduce(
+        ReduceRequest(
+            records=tuple(records),
+            out=out,
+            plan=plan,
+            channels=tuple(channels or ()),
+            told={key: value for key, value in told.items() if value is not None},
+            settings=tuple(settings or ()),
+            as_json=as_json,
+        )
+    )
 
 
 @app.command(short_help="One HTML page of measured runs.")

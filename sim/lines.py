@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from rigtwin.rotor.effects.effect import SWITCH
 from rigtwin.rotor.frequency.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel
-from rigtwin.sim.detection import HARMONICS, Phasors, detect, harmonics
+from rigtwin.sim.detection import HARMONICS, detect, harmonics, per_force
 from rigtwin.sim.session import FmuSession, SavedState
 from rigtwin.sim.setup import Rig, SetupError, SweepPlan
 
@@ -366,13 +366,6 @@ def _fundamental(period: FloatArray) -> ComplexArray:
     """(n_channels,) of the samples (n, n_channels + 1) of one period, per newton; the force is the last channel."""
     found = harmonics(period, len(period))[0]
     return found[:-1] / found[-1]
-
-
-def per_force(phasors: Phasors) -> Phasors:
-    """Response phasors referred to the force in the last channel, harmonics to its k-th power's phase."""
-    force = phasors.amplitude[0, -1]
-    turn = np.array([abs(force) * (force / abs(force)) ** k for k in HARMONICS])
-    return replace(phasors, amplitude=phasors.amplitude[:, :-1] / turn[:, None], std=phasors.std[:-1] / abs(force))
 
 
 def remaining_transient(windows: Sequence[ComplexArray], *, time_stepped: bool = False) -> float:

@@ -142,11 +142,11 @@ def _record(path: Path, run: Run, settings: RunSettings, *, said: bool) -> dict[
         "excitation_node": int(run.excitation_node),
         "excitation_plane": run.excitation_plane,
         "support": run.support if said else None,
-        "campaign_toml": _toml(path, run, settings, said=said),
+        "campaign_toml": run_table(path, run, settings, said=said),
     }
 
 
-def _toml(path: Path, run: Run, settings: RunSettings, *, said: bool) -> str:
+def run_table(path: Path, run: Run, settings: RunSettings, *, said: bool) -> str:
     """The table of a run in ``campaign.toml``."""
     lines = ["[[run]]", f"file = {json.dumps(path.name)}"]
     lines.append(

@@ -14,8 +14,10 @@ import typer
 from typer.core import TyperCommand
 
 from rigtwin.exits import GATE_FAILED, CommandGroup, UserError
+from rigtwin.interrupt import end_at_the_second
 from rigtwin.interrupt import install as install_interrupt
 from rigtwin.scale_out import ONE_THREAD, ExecutorOption
+from rigtwin.scratch import sweep_leftovers
 
 app = typer.Typer(
     name="rigtwin",
@@ -60,6 +62,9 @@ class Quantity(StrEnum):
 
 RIG = "nit-rourkela"
 JSON = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+TRUST = Annotated[
+    bool, typer.Option("--trust", help="Run an FMU that was built elsewhere; it runs with all your rights.")
+]
 RUN_SETTING = typer.Option(
     "--set", metavar="KEY=VALUE", help="Key of a [[run]] in campaign.toml, such as support=rigid or unit=g/N; repeat."
 )
@@ -81,6 +86,8 @@ def start(
         print(version_of("rigtwin"))
     elif context.invoked_subcommand is None:
         print(context.get_help())
+    else:
+        sweep_leftovers()
 
 
 @app.command(short_help="Everything from nothing to the result page.")
@@ -146,6 +153,7 @@ def sweep(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .unv, .h5 or .mat.")] = None,
     executor: ExecutorOption = None,
+    trust: TRUST = False,
     as_json: JSON = False,
 ) -> None:
     """Measure stepped-sine runs on the virtual rig, with effects, and fit their modes."""
@@ -169,6 +177,7 @@ def sweep(
             out=out,
             as_json=as_json,
             executor=executor,
+            trust=trust,
         )
     )
 
@@ -211,6 +220,7 @@ def estimate(
     ] = None,
     quantity: Annotated[Quantity | None, typer.Option(help="What the files hold, where they do not say.")] = None,
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
+    trust: TRUST = False,
     as_json: JSON = False,
 ) -> None:
     """Bearing stiffness from two measured runs, a campaign folder, or numbers."""
@@ -219,7 +229,7 @@ def estimate(
 
     numbers = Numbers(delta_f1, delta_f2, amplitude_ratio, delta_f1_std, delta_f2_std, amplitude_ratio_std)
     settings = run_settings(excitation_node, quantity.value if quantity else None)
-    print_answers(answer(paths or [], numbers, settings, estimator), as_json=as_json)
+    print_answers(answer(paths or [], numbers, settings, estimator, trust=trust), as_json=as_json)
 
 
 @app.command(short_help="Gate for CI: compliance, replay, known stiffness.")
@@ -380,11 +390,12 @@ def report(
     bearing: Annotated[list[Path] | None, typer.Option(help="A run on bearings; repeat.")] = None,
     out: Annotated[Path, typer.Option(help="The page.")] = Path("page.html"),
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
+    trust: TRUST = False,
 ) -> None:
     """One HTML page of measured runs: responses, fitted modes, and k_b where both supports are there."""
     from rigtwin.commands.report import Sources, write_report
 
-    write_report(Sources(tuple(paths or ()), tuple(rigid or ()), tuple(bearing or ())), out, estimator)
+    write_report(Sources(tuple(paths or ()), tuple(rigid or ()), tuple(bearing or ())), out, estimator, trust=trust)
 
 
 def main() -> None:
@@ -392,6 +403,7 @@ def main() -> None:
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
     install_interrupt()
+    end_at_the_second()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "±" must not stop a command

@@ -9,20 +9,22 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from fmpy.model_description import ModelDescription
 
-from rigtwin.commands.fmus import excitation_node, rotor_fmu
+from rigtwin.commands.fmus import Host, excitation_node, host_of, rotor_fmu
 from rigtwin.console import note, print_json, progress, say, table
 from rigtwin.estimator.dataset import noisy
 from rigtwin.exits import UserError
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
 from rigtwin.scale_out import executor
+from rigtwin.sim.archive import describe
 from rigtwin.sim.campaign import Plane, Run, SupportKind, SweepDirection
 from rigtwin.sim.formats import SUFFIXES, write_run
 from rigtwin.sim.formats.atomic import check_writable
 from rigtwin.sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
-from rigtwin.sim.runs import sweep_all
-from rigtwin.sim.session import FmuSession
-from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan, sweep
+from rigtwin.sim.runs import sweep_all, sweep_one
+from rigtwin.sim.session import kind_of
+from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan
 from rigtwin.wording import with_error
 
 # Settings with an option of their own: the run's record must say the same as the FMU does.
@@ -60,6 +62,7 @@ class SweepRequest:
     out: Path | None
     as_json: bool
     executor: str | None = None  # "dask://host:port"; default processes here
+    trust: bool = False  # an FMU that was built elsewhere
 
 
 def run_sweep(request: SweepRequest) -> None:
@@ -70,10 +73,10 @@ def run_sweep(request: SweepRequest) -> None:
     plan = noisy(request.plan, request.noise, request.seed) if request.noise else request.plan
     plans = [replace(plan, force_amplitude=level) for level in request.levels or (plan.force_amplitude,)]
     results: dict[int, Sweep] = {}
-    with rotor_fmu(request.source) as fmu:
-        with FmuSession(fmu) as session:
-            rig, guid = _rig(session, request), str(session.description.guid)
-        for place, result in _measure(fmu.resolve(), rig, plans, request.executor):
+    with rotor_fmu(request.source) as fmu, host_of(fmu, trust=request.trust) as run:
+        description = describe(fmu)
+        rig, guid = _rig(description, request), str(description.guid)
+        for place, result in _measure(run, fmu.resolve(), rig, plans, request.executor):
             results[place] = result
             if out := _file_of(request, plans[place]):
                 write_run(result.run, out)
@@ -88,12 +91,14 @@ def run_sweep(request: SweepRequest) -> None:
         print_json({"runs": summaries} if request.levels else summaries[0])
 
 
-def _measure(fmu: Path, rig: Rig, plans: Sequence[SweepPlan], where: str | None) -> Iterator[tuple[int, Sweep]]:
+def _measure(
+    run: Host, fmu: Path, rig: Rig, plans: Sequence[SweepPlan], where: str | None
+) -> Iterator[tuple[int, Sweep]]:
     """A run for each plan, with its place, as it is done; several at once, one for each core, or on a cluster."""
     if len(plans) == 1 and not where:
         words = f"{rig.support} support, {plans[0].force_amplitude:g} N"
-        with FmuSession(fmu) as session, progress(words, rig.carry_out(plans[0]).n_lines) as count:
-            yield 0, sweep(session, rig, plans[0], count)
+        with progress(words, rig.carry_out(plans[0]).n_lines) as count:
+            yield 0, run(sweep_one, fmu, rig, plans[0], progress=count)
         return
     with executor(where) as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
         runs = sweep_all(fmu, [(rig, plan) for plan in plans], pool)
@@ -119,14 +124,14 @@ def _check_output(out: Path | None) -> None:
         check_writable(out)
 
 
-def _rig(session: FmuSession, request: SweepRequest) -> Rig:
+def _rig(description: ModelDescription, request: SweepRequest) -> Rig:
     effects, settings = parse_effects(request.effects, request.settings)
     return Rig(
         support=request.support,
-        excitation_node=request.excitation_node or excitation_node(session),
+        excitation_node=request.excitation_node or excitation_node(description),
         excitation_plane=request.plane,
         spin_rpm=request.spin_rpm,
-        parameters=parse_settings(session, settings),
+        parameters=parse_settings(description, settings),
         effects=effects,
         quantity=request.quantity,
         sensor_planes=(request.plane, "z" if request.plane == "y" else "y") if request.across else (),
@@ -168,9 +173,9 @@ def _effect_value(setting: str, effect: type[Effect], parameter: str) -> float |
     return _value(setting, setting.partition("=")[2], "Integer" if whole else "Real")
 
 
-def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, float | int | bool]:
+def parse_settings(description: ModelDescription, settings: tuple[str, ...]) -> dict[str, float | int | bool]:
     """Parameters from "name=value" texts, each of the type its FMU variable has. Raises UserError."""
-    variables = {v.name: v for v in session.description.modelVariables if v.causality in ("parameter", "input")}
+    variables = {v.name: v for v in description.modelVariables if v.causality in ("parameter", "input")}
     parameters = {}
     for setting in settings:
         name, equals, text = setting.partition("=")
@@ -181,7 +186,7 @@ def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, 
         if name not in variables:
             known = ", ".join(known for known in variables if "." not in known)
             raise UserError(f"--set {setting}: the FMU has no parameter {name}; it has {known}, and those of --effect")
-        parameters[name] = _value(setting, text, session.kind(name))
+        parameters[name] = _value(setting, text, kind_of(variables[name]))
     return parameters
 
 

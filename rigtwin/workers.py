@@ -64,7 +64,8 @@ class Pool(ProcessPoolExecutor):
     def kill(self) -> None:
         """End all workers, whatever they are at."""
         for process in self._context.started:
-            process.kill()
+            if process.pid is not None:
+                process.kill()
 
     def run(self, function: Callable[..., Any], *arguments: Any, progress: Callable[[int], None] | None = None) -> Any:
         """What a function returns in a worker.
@@ -91,9 +92,10 @@ class Pool(ProcessPoolExecutor):
 
     def how_it_ended(self) -> str:
         """How the first worker ended that did so by itself."""
-        for process in self._context.started:
+        begun = [process for process in self._context.started if process.pid is not None]
+        for process in begun:
             process.join(1.0)
-        codes = [process.exitcode for process in self._context.started if process.exitcode is not None]
+        codes = [process.exitcode for process in begun if process.exitcode is not None]
         own = [code for code in codes if code != -signal.SIGTERM] or codes  # the pool terminates the others
         return _words(own[0]) if own else "without a word"
 

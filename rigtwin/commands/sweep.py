@@ -21,6 +21,7 @@ from rigtwin.sim.archive import describe
 from rigtwin.sim.campaign import Plane, Run, SupportKind, SweepDirection
 from rigtwin.sim.formats import SUFFIXES, write_run
 from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.sim.lines import HOW_TO_SETTLE, NotSettledError
 from rigtwin.sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
 from rigtwin.sim.runs import sweep_all, sweep_one
 from rigtwin.sim.session import kind_of
@@ -37,6 +38,9 @@ _OPTIONS = {
     "force_frequency": "--f-min and --f-max",
 }
 
+
+# HOW_TO_SETTLE in the words of the command line.
+_HOW_TO_SETTLE = "raise --settle-time, or the damping (--set shaft_damping_ratio=VALUE) if it is too low"
 
 # Remarks on single lines that are printed; the others are counted.
 _REMARKS = 3
@@ -67,6 +71,13 @@ class SweepRequest:
 
 def run_sweep(request: SweepRequest) -> None:
     """Measure, write the files, print what was found."""
+    try:
+        _run_sweep(request)
+    except NotSettledError as error:
+        raise UserError(str(error).replace(HOW_TO_SETTLE, _HOW_TO_SETTLE)) from error
+
+
+def _run_sweep(request: SweepRequest) -> None:
     _check_output(request.out)
     if request.executor and not request.source.lower().endswith(".fmu"):
         raise UserError(f"--executor: give an FMU that all workers see in place of the rig {request.source}")
@@ -279,7 +290,14 @@ def _print(rig: Rig, result: Sweep, modes: tuple[Mode, ...], why_none: str, out:
         say(f"written to {out}")
 
 
-def plan_of(f_min: float, f_max: float, lines: int, force: float, direction: SweepDirection) -> SweepPlan:
+def plan_of(
+    f_min: float,
+    f_max: float,
+    lines: int,
+    force: float,
+    direction: SweepDirection,
+    settle_time: float = SweepPlan.settle_time,
+) -> SweepPlan:
     """A sweep plan from the command line's numbers. Raises UserError."""
     if not 0 < f_min < f_max:
         raise UserError(f"--f-min {f_min:g} --f-max {f_max:g}: need 0 < f-min < f-max")
@@ -287,7 +305,16 @@ def plan_of(f_min: float, f_max: float, lines: int, force: float, direction: Swe
         raise UserError(f"--lines {lines}: at least 8 are needed to find a resonance")
     if not 0 < force < math.inf:
         raise UserError(f"--force {force:g}: the force must be positive")
-    return SweepPlan(f_min_hz=f_min, f_max_hz=f_max, n_lines=lines, force_amplitude=force, direction=direction)
+    if not 0 < settle_time < math.inf:
+        raise UserError(f"--settle-time {settle_time:g}: give a positive number of seconds")
+    return SweepPlan(
+        f_min_hz=f_min,
+        f_max_hz=f_max,
+        n_lines=lines,
+        force_amplitude=force,
+        direction=direction,
+        settle_time=settle_time,
+    )
 
 
 def levels_of(text: str | None) -> tuple[float, ...]:

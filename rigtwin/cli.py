@@ -285,8 +285,7 @@ def diagnose(
         bool, typer.Option("--no-fmu", help="Build no FMU: the shrink is the fitting model's own.")
     ] = False,
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=MOST_WORKERS, help="Processes for the fits; default one for each core."),
+        int | None, typer.Option(min=1, max=MOST_WORKERS, help="Processes for the fits; default one for each core.")
     ] = None,
     as_json: JSON = False,
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -84,9 +85,11 @@ def _run_sweep(request: SweepRequest) -> None:
     plan = noisy(request.plan, request.noise, request.seed) if request.noise else request.plan
     plans = [replace(plan, force_amplitude=level) for level in request.levels or (plan.force_amplitude,)]
     results: dict[int, Sweep] = {}
-    with rotor_fmu(request.source) as fmu, host_of(fmu, trust=request.trust) as run:
+    with ExitStack() as stack:
+        fmu = stack.enter_context(rotor_fmu(request.source))
         description = describe(fmu)
         rig, guid = _rig(description, request), str(description.guid)
+        run = stack.enter_context(host_of(fmu, trust=request.trust))
         for place, result in _measure(run, fmu.resolve(), rig, plans, request.executor):
             results[place] = result
             if out := _file_of(request, plans[place]):

@@ -16,7 +16,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
@@ -39,6 +38,7 @@ from rigtwin.fmu_src.beside import (
     terminals_and_icon,
 )
 from rigtwin.fmu_src.compiling import LINUX, CompileError, Target, can_compile, compile_library, reachable_targets
+from rigtwin.fmu_src.built_here import record
 from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages
 from rigtwin.fmu_src.estimator_variables import (
     ESTIMATOR_MEANING,
@@ -59,6 +59,7 @@ from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure, to_arrays
 from rigtwin.rotor.time.exciter import highest_frequency, recommended_step
 from rigtwin.rotor.time.nonlinear_stepper import FORCE_ERROR
+from rigtwin.scratch import replacing, scratch_folder
 
 ROTOR_FMU = "RotorRig.fmu"
 SHIPPED_RIG = "nit-rourkela"
@@ -280,10 +281,9 @@ def _build_native(
     model = replace(blank, sources=c_files(without_guid))
     model = replace(model, guid=guid(digest(without_guid | _described(model, fmi, facts, data))))
     manifest = {"guid": model.guid, "version": model.version, **facts}
-    with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
-        unpacked = Path(scratch)
-        written = unpacked / "sources"
-        written.mkdir()
+    with scratch_folder("build_") as scratch:
+        unpacked = _folder(scratch, "fmu")
+        written = _folder(unpacked, "sources")
         for name, text in sources(model).items():
             (written / name).write_text(text, encoding="utf-8")
         for header in sorted(FMI_HEADERS.glob(f"fmi{fmi[0]}*.h")):
@@ -344,9 +344,9 @@ def _write_all(folder: Path, contents: dict[str, bytes]) -> None:
 def _build(bundle: Bundle, facts: dict, pages: dict[str, bytes], target: Path) -> Path:
     """Stage, build, complete, validate, put in place."""
     manifest = json.dumps({"guid": bundle.guid, "version": version("rigtwin"), **facts}, indent=1)
-    with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
-        stock = _run_pythonfmu(stage(bundle, manifest, _folder(scratch, "stage")), Path(scratch))
-        unpacked = Path(scratch) / "fmu"
+    with scratch_folder("build_") as scratch:
+        stock = _run_pythonfmu(stage(bundle, manifest, _folder(scratch, "stage")), scratch)
+        unpacked = scratch / "fmu"
         with zipfile.ZipFile(stock) as archive:
             archive.extractall(unpacked)
         hide_pythonfmu(unpacked / "resources", bundle)
@@ -371,8 +371,7 @@ def _decode_uris(folder: Path, digest: str) -> None:
     if glue.count(_GLUE) != 1 or glue.count(_DECODED) != 1:  # another version of pythonfmu
         return
     name = f"libpythonfmu-{digest[:6]}.so"
-    with tempfile.TemporaryDirectory(prefix="rigtwin_uri_") as scratch:
-        sources = Path(scratch)
+    with scratch_folder("uri_") as sources:
         patched = glue.replace(_GLUE, name.encode() + b"\0").replace(_DECODED, b"\0\1\1\1\0")
         (sources / name).write_bytes(patched)
         for file in (NATIVE / "uri.c", *FMI_HEADERS.glob("fmi2*.h")):
@@ -385,15 +384,12 @@ def _decode_uris(folder: Path, digest: str) -> None:
 def _pack(unpacked: Path, target: Path) -> None:
     """Zip beside the target, validate, put in place. Raises BuildError."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    complete = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
+    with replacing(target) as complete:
         _zip(unpacked, complete)
         problems = validate_fmu(str(complete))
         if problems:
             raise BuildError(f"{target.name} is not a valid FMU: " + "; ".join(problems))
-        os.replace(complete, target)
-    finally:
-        complete.unlink(missing_ok=True)
+        record(complete)
 
 
 def _run_pythonfmu(script: Path, scratch: Path) -> Path:
@@ -401,7 +397,8 @@ def _run_pythonfmu(script: Path, scratch: Path) -> Path:
     project_files = [str(p) for p in script.parent.iterdir() if p != script]
     command = [sys.executable, "-m", "pythonfmu", "build", "-f", str(script), "-d", str(_folder(scratch, "stock"))]
     command += ["--handle-state", "--serialize-state", *project_files]
-    finished = subprocess.run(command, capture_output=True, text=True, cwd=scratch, check=False)
+    own = os.environ | {"TMPDIR": str(scratch)}  # which goes with the scratch folder, however this ends
+    finished = subprocess.run(command, capture_output=True, text=True, cwd=scratch, check=False, env=own)
     built = list((scratch / "stock").glob("*.fmu"))
     if finished.returncode or len(built) != 1:
         raise BuildError(f"pythonfmu could not build {script.name}:\n{finished.stderr.strip()}")

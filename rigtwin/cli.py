@@ -14,8 +14,10 @@ import typer
 from typer.core import TyperCommand
 
 from rigtwin.exits import GATE_FAILED, CommandGroup, UserError
+from rigtwin.interrupt import end_at_the_second
 from rigtwin.interrupt import install as install_interrupt
 from rigtwin.scale_out import ONE_THREAD, ExecutorOption
+from rigtwin.scratch import sweep_leftovers
 
 app = typer.Typer(
     name="rigtwin",
@@ -59,8 +61,14 @@ class Quantity(StrEnum):
 
 
 RIG = "nit-rourkela"
+
+# Upper limits: beyond them a command asks for more memory, time or processes than any machine has for it.
+MOST_LINES, MOST_RIGS, MOST_CAMPAIGNS, MOST_WORKERS, MOST_NODES = 100_000, 100_000, 10_000, 1_000, 10_000
 JSON = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 RECORDS = ".csv, .txt, .wav, .mat, .h5 or .tdms."
+TRUST = Annotated[
+    bool, typer.Option("--trust", help="Run an FMU that was built elsewhere; it runs with all your rights.")
+]
 RUN_SETTING = typer.Option(
     "--set", metavar="KEY=VALUE", help="Key of a [[run]] in campaign.toml, such as support=rigid or unit=g/N; repeat."
 )
@@ -101,6 +109,8 @@ def start(
         print(version_of("rigtwin"))
     elif context.invoked_subcommand is None:
         print(context.get_help())
+    else:
+        sweep_leftovers()
 
 
 @app.command(short_help="Everything from nothing to the result page.")
@@ -149,13 +159,18 @@ def sweep(
     ] = None,
     f_min: Annotated[float, typer.Option(help="Lowest frequency [Hz].")] = 20.0,
     f_max: Annotated[float, typer.Option(help="Highest frequency [Hz].")] = 400.0,
-    lines: Annotated[int, typer.Option(help="Evenly spaced lines; more are added at resonances.")] = 201,
+    lines: Annotated[
+        int, typer.Option(max=MOST_LINES, help="Evenly spaced lines; more are added at resonances.")
+    ] = 201,
     force: Annotated[float, typer.Option(help="Force amplitude [N], peak.")] = 1.0,
     levels: Annotated[
         str | None, typer.Option(metavar="F1,F2,...", help="Force amplitudes in place of --force, a run each [N].")
     ] = None,
+    settle_time: Annotated[float, typer.Option(help="Pause between two looks whether a line has settled [s].")] = 30.0,
     direction: Annotated[Direction, typer.Option(help="Order of the lines.")] = Direction.up,
-    excitation_node: Annotated[int | None, typer.Option(min=1, help="Node of the force; default the rig's.")] = None,
+    excitation_node: Annotated[
+        int | None, typer.Option(min=1, max=MOST_NODES, help="Node of the force; default the rig's.")
+    ] = None,
     plane: Annotated[Plane, typer.Option(help="Plane of the force.")] = Plane.y,
     across: Annotated[bool, typer.Option("--across", help="Accelerometers across the force, too.")] = False,
     quantity: Annotated[
@@ -166,6 +181,7 @@ def sweep(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .unv, .h5 or .mat.")] = None,
     executor: ExecutorOption = None,
+    trust: TRUST = False,
     as_json: JSON = False,
 ) -> None:
     """Measure stepped-sine runs on the virtual rig, with effects, and fit their modes."""
@@ -177,7 +193,7 @@ def sweep(
             support=support.value,
             effects=tuple(effects or ()),
             settings=tuple(settings or ()),
-            plan=plan_of(f_min, f_max, lines, force, direction.value),
+            plan=plan_of(f_min, f_max, lines, force, direction.value, settle_time),
             levels=levels_of(levels),
             noise=noise,
             seed=seed,
@@ -189,6 +205,7 @@ def sweep(
             out=out,
             as_json=as_json,
             executor=executor,
+            trust=trust,
         )
     )
 
@@ -196,8 +213,8 @@ def sweep(
 @app.command(short_help="Measure rigs through the FMU, train the estimator.")
 def train(
     rig: Annotated[str, typer.Option(help="A rig TOML, or the name of a shipped rig.")] = RIG,
-    rigs: Annotated[int, typer.Option(help="Number of training rigs.")] = 512,
-    calibration_rigs: Annotated[int, typer.Option(help="Number of calibration rigs.")] = 128,
+    rigs: Annotated[int, typer.Option(max=MOST_RIGS, help="Number of training rigs.")] = 512,
+    calibration_rigs: Annotated[int, typer.Option(max=MOST_RIGS, help="Number of calibration rigs.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the training rigs.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for data, network and FMUs.")] = Path("runs/train"),
     from_data: Annotated[bool, typer.Option("--from-data", help="Measure nothing: train on the shipped data.")] = False,
@@ -227,10 +244,11 @@ def estimate(
     delta_f2_std: Annotated[float | None, typer.Option(help="Standard error [Hz].")] = None,
     amplitude_ratio_std: Annotated[float | None, typer.Option(help="Standard error [-].")] = None,
     excitation_node: Annotated[
-        int | None, typer.Option(min=1, help="Node of the force, where files do not say.")
+        int | None, typer.Option(min=1, max=MOST_NODES, help="Node of the force, where files do not say.")
     ] = None,
     quantity: Annotated[Quantity | None, typer.Option(help="What the files hold, where they do not say.")] = None,
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
+    trust: TRUST = False,
     as_json: JSON = False,
 ) -> None:
     """Bearing stiffness from two measured runs, a campaign folder, or numbers."""
@@ -239,7 +257,7 @@ def estimate(
 
     numbers = Numbers(delta_f1, delta_f2, amplitude_ratio, delta_f1_std, delta_f2_std, amplitude_ratio_std)
     settings = run_settings(excitation_node, quantity.value if quantity else None)
-    print_answers(answer(paths or [], numbers, settings, estimator), as_json=as_json)
+    print_answers(answer(paths or [], numbers, settings, estimator, trust=trust), as_json=as_json)
 
 
 @app.command(short_help="Gate for CI: compliance, replay, known stiffness.")
@@ -287,7 +305,7 @@ def diagnose(
         bool, typer.Option("--no-fmu", help="Build no FMU: the shrink is the fitting model's own.")
     ] = False,
     workers: Annotated[
-        int | None, typer.Option(help="Processes that share the fits; default one for each core.", min=1)
+        int | None, typer.Option(min=1, max=MOST_WORKERS, help="Processes for the fits; default one for each core.")
     ] = None,
     as_json: JSON = False,
 ) -> None:
@@ -315,9 +333,9 @@ def blind(
     sets: Annotated[list[str] | None, typer.Argument(metavar="[SET...]", help="W1 to W9; default all.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for campaigns, answers and blind.md.")] = Path("runs/blind"),
     split: Annotated[str, typer.Option(help="tuning or report.")] = "tuning",
-    count: Annotated[int, typer.Option(help="Campaigns of each set.", min=1)] = 20,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 1,
-    workers: Annotated[int, typer.Option(help="Processes.", min=1)] = 2,
+    count: Annotated[int, typer.Option(min=1, max=MOST_CAMPAIGNS, help="Campaigns of each set.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the draws.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, max=MOST_WORKERS, help="Processes.")] = 2,
     executor: ExecutorOption = None,
     page: Annotated[
         Path | None, typer.Option(help="The page, its results beside it as JSON; default blind.md in the folder.")
@@ -552,11 +570,12 @@ def report(
     bearing: Annotated[list[Path] | None, typer.Option(help="A run on bearings; repeat.")] = None,
     out: Annotated[Path, typer.Option(help="The page.")] = Path("page.html"),
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
+    trust: TRUST = False,
 ) -> None:
     """One HTML page of measured runs: responses, fitted modes, and k_b where both supports are there."""
     from rigtwin.commands.report import Sources, write_report
 
-    write_report(Sources(tuple(paths or ()), tuple(rigid or ()), tuple(bearing or ())), out, estimator)
+    write_report(Sources(tuple(paths or ()), tuple(rigid or ()), tuple(bearing or ())), out, estimator, trust=trust)
 
 
 def main() -> None:
@@ -564,6 +583,7 @@ def main() -> None:
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
     install_interrupt()
+    end_at_the_second()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "±" must not stop a command

@@ -15,6 +15,9 @@ from typing import Any
 from typer.core import TyperGroup
 from typer.exceptions import Abort, TyperException
 
+# Characters of a message, and of those the first where some in the middle are left out.
+_LONGEST, _BEGINNING = 493, 340
+
 OUR_FAULT, WRONG_INPUT, GATE_FAILED, INTERRUPTED = 1, 2, 3, 130
 
 # Errors that say in a sentence what is wrong with the input. An exception of one of these classes
@@ -61,9 +64,19 @@ class CommandGroup(TyperGroup):
 
 
 def complain(message: str, code: int) -> int:
-    """Print one message on stderr; returns the exit code."""
-    print(f"rigtwin: {message}", file=sys.stderr)
+    """Print one message on stderr, of a length that is read; returns the exit code."""
+    print(f"rigtwin: {readable(message)}", file=sys.stderr)
     return code
+
+
+def readable(message: str) -> str:
+    """A message without what only a terminal reads; of a long one the beginning and the end, which say what and how.
+
+    >>> readable("a" * 300 + "b" * 300 + "c" * 100) == "a" * 300 + "b" * 40 + " … " + "b" * 50 + "c" * 100
+    True
+    """
+    text = "".join(letter if letter.isprintable() else " " for letter in message)
+    return text if len(text) <= _LONGEST else f"{text[:_BEGINNING]} … {text[_BEGINNING + 3 - _LONGEST :]}"
 
 
 def in_a_sentence(error: Exception) -> str:

@@ -36,6 +36,9 @@ PERIODIC, _ALIKE = 1e-3, 1e-4
 # near multiples of the number of samples is missed by this test; contacts have content at all frequencies.
 _UNFOLDED = 1e-6
 
+# What to do about a line that does not settle.
+HOW_TO_SETTLE = "raise settle_time, or the damping if it is too low"
+
 # Run-in [s], at most a period, after which a rotor that is stepped in time follows the spacing of the samples.
 _RUN_IN = 5e-3
 
@@ -153,7 +156,7 @@ class LineReader:
                 return windows[-1]
         raise NotSettledError(
             f"the motion by unbalance does not settle within {len(windows) * self._plan.settle_time:.0f} s; "
-            "raise settle_time, or the damping if it is too low",
+            + HOW_TO_SETTLE,
             frequency_hz=self._spin_hz,
             estimate=remaining_transient(windows),
         )
@@ -240,9 +243,7 @@ class LineReader:
         if plan.accept_nonperiodic:
             return _Settled(windows, last, estimate, waited.format("still changes from window to window"))
         raise NotSettledError(
-            waited.format("is still transient") + "; raise settle_time, or the damping if it is too low",
-            frequency_hz=frequency_hz,
-            estimate=estimate,
+            waited.format("is still transient") + f"; {HOW_TO_SETTLE}", frequency_hz=frequency_hz, estimate=estimate
         )
 
     def _waiting_samples(self, at: float) -> int:

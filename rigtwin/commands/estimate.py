@@ -57,7 +57,9 @@ class Answer:
         return {"test": self.test, **asdict(self.features), **asdict(self.estimate), "why_not_valid": self.objections}
 
 
-def estimate(paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any], estimator: Path | None) -> list[Answer]:
+def estimate(
+    paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any], estimator: Path | None, *, trust: bool = False
+) -> list[Answer]:
     """Answer every test that the arguments hold.
 
     Parameters
@@ -66,12 +68,13 @@ def estimate(paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any], 
     numbers : what was given in numbers
     settings : how the two runs were measured, where their files do not say it
     estimator : StiffnessEstimator.fmu or ONNX file, default the shipped network
+    trust : whether an FMU may run that was built elsewhere
 
     Raises
     ------
     UserError, MeasurementError : nothing can be estimated from this
     """
-    with open_estimator(estimator) as (ask, card):
+    with open_estimator(estimator, trust=trust) as (ask, card):
         return [
             Answer(test, features, answer, objections(features, answer, card))
             for test, features in _tests(paths, numbers, settings, card)
@@ -79,9 +82,9 @@ def estimate(paths: Sequence[Path], numbers: Numbers, settings: dict[str, Any], 
         ]
 
 
-def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None) -> list[Answer]:
+def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None, *, trust: bool = False) -> list[Answer]:
     """Answer every rigid and bearing pair among some runs."""
-    with open_estimator(estimator) as (ask, card):
+    with open_estimator(estimator, trust=trust) as (ask, card):
         _check_rig(rig, card)
         return [
             Answer(test, features, answer, objections(features, answer, card))

@@ -37,7 +37,7 @@ class Sources:
     bearing: tuple[Path, ...]
 
 
-def write_report(sources: Sources, out: Path, estimator: Path | None) -> None:
+def write_report(sources: Sources, out: Path, estimator: Path | None, *, trust: bool = False) -> None:
     """Read, fit, estimate, write the page."""
     check_writable(out)
     campaign = _read(sources)
@@ -45,7 +45,7 @@ def write_report(sources: Sources, out: Path, estimator: Path | None) -> None:
     for run in campaign.runs:
         run.check_nodes(len(rig.nodes_m))
     modes, unfitted = _modes(campaign.runs)
-    answers, why_none = _estimate(campaign, estimator)
+    answers, why_none = _estimate(campaign, estimator, trust)
     write_page(
         "report.html",
         out,
@@ -101,12 +101,12 @@ def _modes(runs: Sequence[Run]) -> tuple[list[tuple[str, ...]], list[str]]:
     return rows, unfitted
 
 
-def _estimate(campaign: Campaign, estimator: Path | None) -> tuple[list[Answer], str]:
+def _estimate(campaign: Campaign, estimator: Path | None, trust: bool) -> tuple[list[Answer], str]:
     """Answers, or none and the reason."""
     if {run.support for run in campaign.runs} != {"rigid", "bearing"}:
         return [], "an estimate needs a run on rigid supports and one on bearings"
     try:
-        return answers_of_runs(campaign.runs, campaign.rig, estimator), ""
+        return answers_of_runs(campaign.runs, campaign.rig, estimator, trust=trust), ""
     except MeasurementError as error:
         return [], str(error)
     except UserError as error:

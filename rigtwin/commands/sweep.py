@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from fmpy.model_description import ModelDescription
 
-from rigtwin.commands.fmus import excitation_node, rotor_fmu
+from rigtwin.commands.fmus import Host, excitation_node, host_of, rotor_fmu
 from rigtwin.commands.settings import parse_effects, value_of
 from rigtwin.console import note, print_json, progress, say, table
 from rigtwin.estimator.dataset import noisy
 from rigtwin.exits import UserError
 from rigtwin.scale_out import executor
+from rigtwin.sim.archive import describe
 from rigtwin.sim.campaign import Plane, Run, SupportKind, SweepDirection
 from rigtwin.sim.formats import SUFFIXES, write_run
 from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.sim.lines import HOW_TO_SETTLE, NotSettledError
 from rigtwin.sim.modal_fit import ModalFitError, Mode, driving_point, fit_modes
-from rigtwin.sim.runs import sweep_all
-from rigtwin.sim.session import FmuSession
-from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan, sweep
+from rigtwin.sim.runs import sweep_all, sweep_one
+from rigtwin.sim.session import kind_of
+from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan
 from rigtwin.wording import with_error
 
 # Settings with an option of their own: the run's record must say the same as the FMU does.
@@ -35,6 +39,9 @@ _OPTIONS = {
     "force_frequency": "--f-min and --f-max",
 }
 
+
+# HOW_TO_SETTLE in the words of the command line.
+_HOW_TO_SETTLE = "raise --settle-time, or the damping (--set shaft_damping_ratio=VALUE) if it is too low"
 
 # Remarks on single lines that are printed; the others are counted.
 _REMARKS = 3
@@ -60,20 +67,30 @@ class SweepRequest:
     out: Path | None
     as_json: bool
     executor: str | None = None  # "dask://host:port"; default processes here
+    trust: bool = False  # an FMU that was built elsewhere
 
 
 def run_sweep(request: SweepRequest) -> None:
     """Measure, write the files, print what was found."""
+    try:
+        _run_sweep(request)
+    except NotSettledError as error:
+        raise UserError(str(error).replace(HOW_TO_SETTLE, _HOW_TO_SETTLE)) from error
+
+
+def _run_sweep(request: SweepRequest) -> None:
     _check_output(request.out)
     if request.executor and not request.source.lower().endswith(".fmu"):
         raise UserError(f"--executor: give an FMU that all workers see in place of the rig {request.source}")
     plan = noisy(request.plan, request.noise, request.seed) if request.noise else request.plan
     plans = [replace(plan, force_amplitude=level) for level in request.levels or (plan.force_amplitude,)]
     results: dict[int, Sweep] = {}
-    with rotor_fmu(request.source) as fmu:
-        with FmuSession(fmu) as session:
-            rig, guid = _rig(session, request), str(session.description.guid)
-        for place, result in _measure(fmu.resolve(), rig, plans, request.executor):
+    with ExitStack() as stack:
+        fmu = stack.enter_context(rotor_fmu(request.source))
+        description = describe(fmu)
+        rig, guid = _rig(description, request), str(description.guid)
+        run = stack.enter_context(host_of(fmu, trust=request.trust))
+        for place, result in _measure(run, fmu.resolve(), rig, plans, request.executor):
             results[place] = result
             if out := _file_of(request, plans[place]):
                 write_run(result.run, out)
@@ -88,12 +105,14 @@ def run_sweep(request: SweepRequest) -> None:
         print_json({"runs": summaries} if request.levels else summaries[0])
 
 
-def _measure(fmu: Path, rig: Rig, plans: Sequence[SweepPlan], where: str | None) -> Iterator[tuple[int, Sweep]]:
+def _measure(
+    run: Host, fmu: Path, rig: Rig, plans: Sequence[SweepPlan], where: str | None
+) -> Iterator[tuple[int, Sweep]]:
     """A run for each plan, with its place, as it is done; several at once, one for each core, or on a cluster."""
     if len(plans) == 1 and not where:
         words = f"{rig.support} support, {plans[0].force_amplitude:g} N"
-        with FmuSession(fmu) as session, progress(words, rig.carry_out(plans[0]).n_lines) as count:
-            yield 0, sweep(session, rig, plans[0], count)
+        with progress(words, rig.carry_out(plans[0]).n_lines) as count:
+            yield 0, run(sweep_one, fmu, rig, plans[0], progress=count)
         return
     with executor(where) as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
         runs = sweep_all(fmu, [(rig, plan) for plan in plans], pool)
@@ -119,23 +138,23 @@ def _check_output(out: Path | None) -> None:
         check_writable(out)
 
 
-def _rig(session: FmuSession, request: SweepRequest) -> Rig:
+def _rig(description: ModelDescription, request: SweepRequest) -> Rig:
     effects, settings = parse_effects(request.effects, request.settings)
     return Rig(
         support=request.support,
-        excitation_node=request.excitation_node or excitation_node(session),
+        excitation_node=request.excitation_node or excitation_node(description),
         excitation_plane=request.plane,
         spin_rpm=request.spin_rpm,
-        parameters=parse_settings(session, settings),
+        parameters=parse_settings(description, settings),
         effects=effects,
         quantity=request.quantity,
         sensor_planes=(request.plane, "z" if request.plane == "y" else "y") if request.across else (),
     )
 
 
-def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, float | int | bool]:
+def parse_settings(description: ModelDescription, settings: tuple[str, ...]) -> dict[str, float | int | bool]:
     """Parameters from "name=value" texts, each of the type its FMU variable has. Raises UserError."""
-    variables = {v.name: v for v in session.description.modelVariables if v.causality in ("parameter", "input")}
+    variables = {v.name: v for v in description.modelVariables if v.causality in ("parameter", "input")}
     parameters = {}
     for setting in settings:
         name, equals, text = setting.partition("=")
@@ -146,7 +165,7 @@ def parse_settings(session: FmuSession, settings: tuple[str, ...]) -> dict[str, 
         if name not in variables:
             known = ", ".join(known for known in variables if "." not in known)
             raise UserError(f"--set {setting}: the FMU has no parameter {name}; it has {known}, and those of --effect")
-        parameters[name] = value_of(setting, text, session.kind(name))
+        parameters[name] = value_of(setting, text, kind_of(variables[name]))
     return parameters
 
 
@@ -230,7 +249,14 @@ def _print(rig: Rig, result: Sweep, modes: tuple[Mode, ...], why_none: str, out:
         say(f"written to {out}")
 
 
-def plan_of(f_min: float, f_max: float, lines: int, force: float, direction: SweepDirection) -> SweepPlan:
+def plan_of(
+    f_min: float,
+    f_max: float,
+    lines: int,
+    force: float,
+    direction: SweepDirection,
+    settle_time: float = SweepPlan.settle_time,
+) -> SweepPlan:
     """A sweep plan from the command line's numbers. Raises UserError."""
     if not 0 < f_min < f_max:
         raise UserError(f"--f-min {f_min:g} --f-max {f_max:g}: need 0 < f-min < f-max")
@@ -238,7 +264,16 @@ def plan_of(f_min: float, f_max: float, lines: int, force: float, direction: Swe
         raise UserError(f"--lines {lines}: at least 8 are needed to find a resonance")
     if not 0 < force < math.inf:
         raise UserError(f"--force {force:g}: the force must be positive")
-    return SweepPlan(f_min_hz=f_min, f_max_hz=f_max, n_lines=lines, force_amplitude=force, direction=direction)
+    if not 0 < settle_time < math.inf:
+        raise UserError(f"--settle-time {settle_time:g}: give a positive number of seconds")
+    return SweepPlan(
+        f_min_hz=f_min,
+        f_max_hz=f_max,
+        n_lines=lines,
+        force_amplitude=force,
+        direction=direction,
+        settle_time=settle_time,
+    )
 
 
 def levels_of(text: str | None) -> tuple[float, ...]:

@@ -37,8 +37,8 @@ from rigtwin.fmu_src.beside import (
     sha256,
     terminals_and_icon,
 )
-from rigtwin.fmu_src.compiling import LINUX, CompileError, Target, can_compile, compile_library, reachable_targets
 from rigtwin.fmu_src.built_here import record
+from rigtwin.fmu_src.compiling import LINUX, CompileError, Target, can_compile, compile_library, reachable_targets
 from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages
 from rigtwin.fmu_src.estimator_variables import (
     ESTIMATOR_MEANING,

@@ -230,6 +230,8 @@ class TableSlave(Fmi2Slave):
     def _check_settable(self, variable: Variable, value: Any) -> None:
         if variable.causality == "output":
             self.refuse(f"{variable.name} is an output and cannot be set")
+        if self._phase == _ENDED:
+            self.refuse(f"{variable.name} cannot be set after the end of the simulation")
         if self._phase != _SET_UP and variability(variable) == "fixed":
             self.refuse(f"{variable.name} can only be set before the simulation starts")
         reason = variable.refusal(value)

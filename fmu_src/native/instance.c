@@ -208,6 +208,8 @@ static const char *check_settable(Instance *s, const Variable *v, double value)
 {
     if (v->role == OUTPUT)
         return refuse(s, "%s is an output and cannot be set", v->name);
+    if (s->phase == ENDED)
+        return refuse(s, "%s cannot be set after the end of the simulation", v->name);
     if (v->role == FIXED && s->phase > INITIALIZING)
         return refuse(s, "%s can only be set before the simulation starts", v->name);
     return check_value(s, v, value);

@@ -19,6 +19,7 @@ module                   what it holds
 ``compiling``            C sources to shared libraries
 ``ssp``                  both FMUs wired into one system
 ``build``                builds the FMUs: stage, compile, complete, validate
+``built_here``           which FMUs this installation has built, by their hashes
 ``print_laws``           the force laws as Python and as C
 =======================  ====================================================================================
 

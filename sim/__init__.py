@@ -6,6 +6,7 @@ module               what it holds                                           sta
 ``campaign``         the types: a run (one stepped sine), a campaign         ``Run``, ``Campaign``
 ``formats``          campaign CSV, UFF 58, HDF5, MAT                         ``read_run``, ``write_run``
 ``campaign_folder``  ``campaign.toml`` and its data files                    ``load_campaign``
+``archive``          an FMU's file, read within limits                       ``describe``, ``unpack``
 ``session``          one FMU instance from unzip to free                     ``FmuSession``
 ``instances``        fmpy's instances, FMI 2.0 and 3.0, by one set of names  ``instance``
 ``detection``        synchronous detection                                   ``detect``

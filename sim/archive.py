@@ -57,7 +57,7 @@ def read_member(fmu: str | Path, name: str, most_bytes: int = MOST_BYTES) -> byt
         if name not in archive.namelist():
             return None
         if (size := archive.getinfo(name).file_size) > most_bytes:
-            raise ArchiveError(fmu, f"{name} has {size:.1e} bytes, the limit is {most_bytes:.1e}")
+            raise ArchiveError(fmu, f"{name} has {size / 1e6:.0f} MB, the limit is {most_bytes / 1e6:.0f} MB")
         return archive.read(name)
 
 
@@ -98,7 +98,7 @@ def _opened(fmu: str | Path) -> Iterator[zipfile.ZipFile]:
             if len(infos) > MOST_FILES:
                 raise ArchiveError(fmu, f"it holds {len(infos)} files, the limit is {MOST_FILES}")
             if (total := sum(info.file_size for info in infos)) > MOST_BYTES:
-                raise ArchiveError(fmu, f"unpacked it has {total:.1e} bytes, the limit is {MOST_BYTES:.1e}")
+                raise ArchiveError(fmu, f"unpacked it has {total / 1e6:.0f} MB, the limit is {MOST_BYTES / 1e6:.0f} MB")
             if any(info.flag_bits & 1 for info in infos):
                 raise ArchiveError(fmu, "it is encrypted")
             yield archive

@@ -43,8 +43,8 @@ def each(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[
         yield from map(function, items)
         return
     with scratch_folder("search_") as folder:
-        packed = folder / "function"
-        packed.write_bytes(pickle.dumps(function))  # here and now: what it refers to may change while helpers work
+        # Here and now: what the function refers to may change while helpers work.
+        (packed := folder / "function").write_bytes(pickle.dumps(function))
         futures = [helpers.submit(_unpacked, packed, item) for item in reversed(items)][::-1]
         try:
             for item, future in zip(items, futures, strict=True):

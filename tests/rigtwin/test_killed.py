@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -36,20 +38,17 @@ if __name__ == "__main__":
 """
 
 
-def begin(script: str, temporary: Path, *arguments: object) -> tuple[subprocess.Popen, str]:
-    """A program, and the first line that it prints."""
+@contextmanager
+def begun(script: str, temporary: Path, *arguments: object) -> Iterator[tuple[subprocess.Popen, str]]:
+    """A program, and the first line that it prints; it is killed in the end."""
     program = temporary.parent / "program.py"
     program.write_text(script, encoding="utf-8")
-    process = subprocess.Popen(
-        [sys.executable, str(program), *map(str, arguments)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"TMPDIR": str(temporary)},
-    )
-    assert process.stdout
-    return process, process.stdout.readline()
+    command = [sys.executable, str(program), *map(str, arguments)]
+    streams = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, text=True, env=os.environ | {"TMPDIR": str(temporary)}, **streams) as process:
+        assert process.stdout
+        yield process, process.stdout.readline()
+        process.kill()
 
 
 @pytest.fixture
@@ -76,37 +75,38 @@ def read(pid: int) -> bytes:
 def test_folders_of_a_killed_program_are_removed_by_the_next_one_and_those_in_use_are_not(temporary, tmp_path):
     target = tmp_path / "result.txt"
     target.write_text("before")
-    killed, _ = begin(OWNER, temporary, target)
-    killed.kill()
-    killed.wait()
-    running, _ = begin(OWNER, temporary, target)
-    assert len(list(temporary.iterdir())) == 1, "the second removed the first one's and made its own"
-    with scratch_folder(), replacing(target) as beside:
-        beside.write_text("after")
-        assert len(list(temporary.iterdir())) == 2
-    assert target.read_text() == "after"
-    running.communicate("")
-    assert running.returncode == 0
-    assert list(temporary.iterdir()) == []
+    with begun(OWNER, temporary, target) as (killed, _):
+        killed.kill()
+        killed.wait()
+    assert [len(list(temporary.iterdir())), len(list(tmp_path.glob(".result.txt.*")))] == [1, 1]
+    with begun(OWNER, temporary, target) as (running, _):
+        assert len(list(temporary.iterdir())) == 1, "the second removed the first one's and made its own"
+        with scratch_folder(), replacing(target) as beside:
+            beside.write_text("after")
+            assert len(list(temporary.iterdir())) == 2
+        assert target.read_text() == "after"
+        running.communicate("")
+        assert running.returncode == 0
     assert target.read_text() == "half"
-    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+    assert list(temporary.iterdir()) == []
+    assert list(tmp_path.glob(".result.txt.*")) == []
 
 
 def test_workers_end_with_a_program_that_is_killed(temporary):
-    process, line = begin(POOL, temporary)
-    workers = [int(word) for word in line.split()]
-    assert are_there(workers) == [True, True]
-    time.sleep(3)  # they are at work
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    wait_for(lambda: not any(are_there(workers)), 20.0)
+    with begun(POOL, temporary) as (process, line):
+        workers = [int(word) for word in line.split()]
+        assert are_there(workers) == [True, True]
+        time.sleep(3)  # they are at work
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        wait_for(lambda: not any(are_there(workers)), 20.0)
 
 
 def test_an_interrupt_ends_workers_at_once(temporary):
-    process, line = begin(POOL, temporary)
-    began = time.monotonic()
-    process.send_signal(signal.SIGINT)
-    process.wait(30)
-    assert time.monotonic() - began < 15
+    with begun(POOL, temporary) as (process, line):
+        began = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+        assert time.monotonic() - began < 15
     assert are_there([int(word) for word in line.split()]) == [False, False]
     assert list(temporary.iterdir()) == []

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
+import logging
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import astuple, dataclass, replace
@@ -24,6 +26,8 @@ from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.sensors import SensorNoise
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep
+
+logger = logging.getLogger(__name__)
 
 RIG_NAMES = ("k_b", "shaft_damping_ratio", "bearing_damping")
 
@@ -112,15 +116,34 @@ def _part(rigs: Rigs, start: int) -> Rigs:
 def _measure_chunk(task: _Task) -> np.ndarray:
     """(n, 6) features, from the store or from the rig."""
     kept = task.kept()
-    if kept and kept.exists():
-        return np.load(kept)
+    if kept and (rows := _read_kept(kept)) is not None:
+        return rows
     with FmuSession(task.bench.fmu) as session:
         rows = np.array([_measure_one(session, task, i) for i in range(len(task.rigs))])
     if kept:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(kept) as beside, beside.open("wb") as file:
-            np.save(file, rows)
+        with replacing(kept) as beside:
+            beside.write_bytes(_with_digest(rows))
     return rows
+
+
+def _with_digest(rows: np.ndarray) -> bytes:
+    """An array as .npy, and the SHA-256 of it, which readers of .npy do not see."""
+    buffer = io.BytesIO()
+    np.save(buffer, rows)
+    return buffer.getvalue() + hashlib.sha256(buffer.getvalue()).digest()
+
+
+def _read_kept(path: Path) -> np.ndarray | None:
+    """What ``_with_digest`` made of an array; None where there is no such file or it is damaged."""
+    if not path.exists():
+        return None
+    content = path.read_bytes()
+    size = len(content) - hashlib.sha256().digest_size
+    if hashlib.sha256(content[: max(size, 0)]).digest() == content[size:]:
+        return np.load(io.BytesIO(content), allow_pickle=False)
+    logger.warning("%s is damaged; its rigs are measured again", path)
+    return None
 
 
 def _measure_one(session: FmuSession, task: _Task, i: int) -> np.ndarray:

@@ -13,6 +13,10 @@ from rigtwin.sim.modal_fit import Mode, driving_point, fit_modes
 FEATURE_NAMES = ("delta_f1", "delta_f2", "amplitude_ratio", "delta_f1_std", "delta_f2_std", "amplitude_ratio_std")
 
 
+# Standard errors of a shift beyond which its sign is not noise.
+_CERTAIN = 5.0
+
+
 @dataclass(frozen=True)
 class Features:
     """Shifts are rigid minus bearing support [Hz]; the ratio is A1/A0, bearing over rigid [-].
@@ -38,7 +42,7 @@ def features_of_runs(rigid: Run, bearing: Run) -> Features:
 
     Raises
     ------
-    MeasurementError : the supports are mixed up, the runs were driven differently, the driving
+    MeasurementError : the supports are mixed up or exchanged, the runs were driven differently, the driving
         point was not measured, or a run does not show two resonances
     """
     _check_supports(rigid, bearing, "run")
@@ -57,12 +61,20 @@ def features_of_runs(rigid: Run, bearing: Run) -> Features:
             raise MeasurementError(
                 f"node {run.excitation_node} does not move in mode 1 on {held}: there is no amplitude ratio"
             )
+    shifts = [r.frequency_hz - b.frequency_hz for r, b in ((r1, b1), (r2, b2))]
+    stds = [float(np.hypot(r.frequency_std_hz, b.frequency_std_hz)) for r, b in ((r1, b1), (r2, b2))]
+    if all(shift < -_CERTAIN * std for shift, std in zip(shifts, stds, strict=True)):
+        raise MeasurementError(
+            f"{rigid.name} resonates at {r1.frequency_hz:.4g} and {r2.frequency_hz:.4g} Hz, {bearing.name} at "
+            f"{b1.frequency_hz:.4g} and {b2.frequency_hz:.4g} Hz: no rotor is stiffer on bearings than on rigid "
+            "supports, so the two seem to be exchanged; give the run on rigid supports first"
+        )
     return Features(
-        delta_f1=r1.frequency_hz - b1.frequency_hz,
-        delta_f2=r2.frequency_hz - b2.frequency_hz,
+        delta_f1=shifts[0],
+        delta_f2=shifts[1],
         amplitude_ratio=a1 / a0,
-        delta_f1_std=float(np.hypot(r1.frequency_std_hz, b1.frequency_std_hz)),
-        delta_f2_std=float(np.hypot(r2.frequency_std_hz, b2.frequency_std_hz)),
+        delta_f1_std=stds[0],
+        delta_f2_std=stds[1],
         amplitude_ratio_std=a1 / a0 * float(np.hypot(a0_std / a0, a1_std / a1)),
     )
 

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+# onnxruntime reads this when it is imported, and else keeps a device id and a list of events in the user's cache, and
+# sends them. What the user has set stands.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
 import onnxruntime
 
 CARD_KEY = "rigtwin.card"

@@ -12,11 +12,14 @@ module                   what it holds
 ``estimator_slave``      StiffnessEstimator, the network as a co-simulation FMU
 ``staging``              bundles sources under names no host can own
 ``documentation``        the FMU's picture and its HTML page
+``beside``               licences, terminals, a reference run and facts inside each FMU
+``reference_runs``       the runs whose results each FMU holds
 ``native_sources``       C sources of an FMU without Python inside: ``native/`` and what is printed for a rig
 ``network_code``         C code of a small ONNX network
 ``compiling``            C sources to shared libraries
 ``ssp``                  both FMUs wired into one system
 ``build``                builds the FMUs: stage, compile, complete, validate
+``built_here``           which FMUs this installation has built, by their hashes
 ``print_laws``           the force laws as Python and as C
 =======================  ====================================================================================
 

@@ -16,7 +16,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
@@ -29,16 +28,38 @@ import fmpy
 import numpy as np
 from fmpy.validation import validate_fmu
 
-from rigtwin.fmu_src.compiling import CompileError, Target, compile_library, reachable_targets
+from rigtwin.fmu_src.beside import (
+    external_dependencies,
+    licences,
+    metadata,
+    node_terminals,
+    references,
+    sha256,
+    terminals_and_icon,
+)
+from rigtwin.fmu_src.built_here import record
+from rigtwin.fmu_src.compiling import LINUX, CompileError, Target, can_compile, compile_library, reachable_targets
 from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages
-from rigtwin.fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
+from rigtwin.fmu_src.estimator_variables import (
+    ESTIMATOR_MEANING,
+    ESTIMATOR_STEP,
+    ESTIMATOR_TOLERANCE,
+    estimator_variables,
+)
 from rigtwin.fmu_src.model_description import Model, build_description, fmi2, fmi3
-from rigtwin.fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources
-from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, accelerations_array, rotor_variables
+from rigtwin.fmu_src.native_sources import NATIVE, c_files, digest, estimator_sources, rotor_sources
+from rigtwin.fmu_src.reference_runs import estimator_run, rotor_run
+from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, RotorFacts, accelerations_array, rotor_variables
 from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, modules_of, stage
+from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, RigError, load_rig
-from rigtwin.rotor.model.structure import to_arrays
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.structure import Structure, to_arrays
+from rigtwin.rotor.time.exciter import highest_frequency, recommended_step
+from rigtwin.rotor.time.nonlinear_stepper import FORCE_ERROR
+from rigtwin.scratch import replacing, scratch_folder
 
 ROTOR_FMU = "RotorRig.fmu"
 SHIPPED_RIG = "nit-rourkela"
@@ -75,16 +96,74 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
     Path of the FMU. Raises BuildError; an older file is then left as it was.
     """
     structure = assemble(rig, elements_between_nodes=elements_between_nodes)
-    facts = _facts(rig)
+    facts = rotor_facts(rig, structure)
     bundle = Bundle(
         script="rigtwin.fmu_src.rotor_slave",
         modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.rotor_variables", *modules_of(_ROTOR_PACKAGES)),
-        data={"structure.npz": _npz(to_arrays(structure)), "rig.json": rig.model_dump_json(indent=1).encode()},
+        data={"structure.npz": _npz(to_arrays(structure)), "rig.json": _rig_json(rig)},
     )
-    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, rotor_pages(rig, facts), folder / ROTOR_FMU)
+    files = rotor_pages(rig, facts) | _beside_python(("numpy", "scipy")) | _rotor_extra(rig, structure, facts)
+    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / ROTOR_FMU)
 
 
-def _facts(rig: Rig) -> RotorFacts:
+def _beside_python(packages: Sequence[str]) -> dict[str, bytes]:
+    """Licences and needs of an FMU on the host's Python."""
+    return licences(("pythonfmu",)) | external_dependencies(packages)
+
+
+def _beside_native(fmi: str) -> dict[str, bytes]:
+    """Licences and needs of a compiled FMU."""
+    headers = (FMI_HEADERS / f"fmi{fmi[0]}Functions.h").read_text(encoding="utf-8")
+    return licences((), headers) | external_dependencies(())
+
+
+def _rotor_extra(rig: Rig, structure: Structure, facts: RotorFacts) -> dict[str, bytes]:
+    """A reference run of the rotor, and what it is the model of."""
+    rigid, bearing = (
+        elastic_frequencies_hz(build_system(structure, Condition(k_b=facts.k_b_start, rigid_support=support)), plane=1)
+        for support in (True, False)
+    )
+    described = {
+        "model": "RotorRig",
+        "rigtwin": version("rigtwin"),
+        "rig": {"name": rig.name, "title": rig.title, "sha256": sha256(_rig_json(rig))},
+        "resonances_Hz": {"rigid": rigid[:2].tolist(), "bearing": bearing[:2].tolist()},
+        "validity": {
+            "k_b_N_per_m": [facts.k_b_min, facts.k_b_max],
+            "force_signal_Hz": [0.0, highest_frequency(facts.step)],
+            "communication_step_s": facts.step,
+            "motion": "small lateral vibration of the shaft at a constant spin speed",
+        },
+    }
+    return references(rotor_run(structure, facts)) | metadata(described)
+
+
+def _estimator_extra(model: Path) -> dict[str, bytes]:
+    """A reference run of the estimator, and what it was trained for."""
+    from rigtwin.estimator.runtime import StiffnessEstimator
+
+    described = {
+        "model": "StiffnessEstimator",
+        "rigtwin": version("rigtwin"),
+        "rig": {"name": SHIPPED_RIG, "sha256": sha256(_rig_json(load_rig(SHIPPED_RIG)))},
+        "network": {"sha256": sha256(model.read_bytes())},
+        "validity": StiffnessEstimator(model).card["training_range"],
+    }
+    return references(estimator_run(model)) | metadata(described)
+
+
+def _rig_json(rig: Rig) -> bytes:
+    """The rig as it lies in the FMU."""
+    return rig.model_dump_json(indent=1).encode()
+
+
+# Highest frequency that the recommended step is made for, over the second resonance on rigid supports.
+_BAND = 1.2
+
+
+def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
+    """What the variable table needs to know of a rig."""
+    system = build_system(structure, Condition(rigid_support=True))
     return RotorFacts(
         n_nodes=len(rig.nodes_m),
         excitation_node=rig.excitation_node,
@@ -94,6 +173,7 @@ def _facts(rig: Rig) -> RotorFacts:
         k_b_min=rig.k_b.min_N_per_m,
         k_b_max=rig.k_b.max_N_per_m,
         length=rig.length,
+        step=recommended_step(_BAND * float(elastic_frequencies_hz(system, plane=1)[1])),
     )
 
 
@@ -107,7 +187,8 @@ def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
         modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.estimator_variables", "rigtwin.estimator.runtime"),
         data={"estimator.onnx": model.read_bytes()},
     )
-    return _build(bundle, {}, estimator_pages(model), folder / ESTIMATOR_FMU)
+    files = estimator_pages(model) | _beside_python(("numpy", "onnxruntime")) | _estimator_extra(model)
+    return _build(bundle, {}, files, folder / ESTIMATOR_FMU)
 
 
 def build_native_rotor_fmu(
@@ -132,15 +213,28 @@ def build_native_rotor_fmu(
     -------
     Path of the FMU. Raises BuildError and CompileError; an older file is then left as it was.
     """
-    structure, facts = assemble(rig, elements_between_nodes=elements_between_nodes), _facts(rig)
+    structure = assemble(rig, elements_between_nodes=elements_between_nodes)
+    facts = rotor_facts(rig, structure)
     arrays = (accelerations_array(facts),) if array_output else ()
-    blank = Model("RotorRig", "", version("rigtwin"), ROTOR_MEANING, ROTOR_STEP, rotor_variables(facts), arrays)
+    blank = Model(
+        "RotorRig",
+        "",
+        version("rigtwin"),
+        ROTOR_MEANING,
+        facts.step,
+        rotor_variables(facts),
+        arrays,
+        takes_derivatives=True,
+        tolerance=FORCE_ERROR,
+    )
 
     def sources(model: Model) -> dict[str, str]:
         return rotor_sources(model, structure, fmi)
 
-    data = {"rig.json": rig.model_dump_json(indent=1).encode()}
-    pages = rotor_pages(rig, facts, needs_python=False)
+    data = {"rig.json": _rig_json(rig)}
+    pages = rotor_pages(rig, facts, needs_python=False) | _beside_native(fmi) | _rotor_extra(rig, structure, facts)
+    if fmi == "3.0":
+        pages |= terminals_and_icon(node_terminals(blank), pages["model.png"])
     return _build_native(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / ROTOR_FMU)
 
 
@@ -152,12 +246,23 @@ def build_native_estimator_fmu(
 
     model = model or shipped_model()
     table = estimator_variables(StiffnessEstimator(model).card["example_inputs"])
-    blank = Model("StiffnessEstimator", "", version("rigtwin"), ESTIMATOR_MEANING, ESTIMATOR_STEP, table)
+    blank = Model(
+        "StiffnessEstimator",
+        "",
+        version("rigtwin"),
+        ESTIMATOR_MEANING,
+        ESTIMATOR_STEP,
+        table,
+        tolerance=ESTIMATOR_TOLERANCE,
+    )
 
     def sources(described: Model) -> dict[str, str]:
         return estimator_sources(described, model, fmi)
 
-    data, pages = {"estimator.onnx": model.read_bytes()}, estimator_pages(model, needs_python=False)
+    data = {"estimator.onnx": model.read_bytes()}
+    pages = estimator_pages(model, needs_python=False) | _beside_native(fmi) | _estimator_extra(model)
+    if fmi == "3.0":
+        pages |= terminals_and_icon((), pages["model.png"])
     return _build_native(blank, sources, fmi, targets, {}, data, pages, folder / ESTIMATOR_FMU)
 
 
@@ -176,14 +281,13 @@ def _build_native(
     model = replace(blank, sources=c_files(without_guid))
     model = replace(model, guid=guid(digest(without_guid | _described(model, fmi, facts, data))))
     manifest = {"guid": model.guid, "version": model.version, **facts}
-    with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
-        unpacked = Path(scratch)
-        written = unpacked / "sources"
-        written.mkdir()
+    with scratch_folder("build_") as scratch:
+        unpacked = _folder(scratch, "fmu")
+        written = _folder(unpacked, "sources")
         for name, text in sources(model).items():
             (written / name).write_text(text, encoding="utf-8")
         for header in sorted(FMI_HEADERS.glob(f"fmi{fmi[0]}*.h")):
-            shutil.copy2(header, written)
+            (written / header.name).write_text(with_prefix(header.read_text(encoding="utf-8")), encoding="utf-8")
         for platform in targets or reachable_targets():
             library = unpacked / "binaries" / platform.folder(fmi) / f"{model.name}{platform.suffix}"
             compile_library(written, model.sources, platform, library)
@@ -194,6 +298,25 @@ def _build_native(
         _write_all(unpacked, pages | {f"resources/{name}": content for name, content in resources.items()})
         _pack(unpacked, target)
     return target
+
+
+_NO_PREFIX = "#define fmi2FullName(name) name\n"
+_PREFIX = """#ifdef FMI2_FUNCTION_PREFIX
+#define fmi2Join(prefix, name) prefix##name
+#define fmi2Joined(prefix, name) fmi2Join(prefix, name)
+#define fmi2FullName(name) fmi2Joined(FMI2_FUNCTION_PREFIX, name)
+#else
+#define fmi2FullName(name) name
+#endif
+"""
+
+
+def with_prefix(header: str) -> str:
+    """A header of FMI with the prefix that the standard gives its functions in programs that hold several FMUs.
+
+    fmpy's headers of FMI 2.0 leave it out; those of FMI 3.0 have it.
+    """
+    return header if "defined(FMI2_FUNCTION_PREFIX)" in header else header.replace(_NO_PREFIX, _PREFIX)
 
 
 def _description(model: Model, fmi: str) -> Element:
@@ -221,29 +344,52 @@ def _write_all(folder: Path, contents: dict[str, bytes]) -> None:
 def _build(bundle: Bundle, facts: dict, pages: dict[str, bytes], target: Path) -> Path:
     """Stage, build, complete, validate, put in place."""
     manifest = json.dumps({"guid": bundle.guid, "version": version("rigtwin"), **facts}, indent=1)
-    with tempfile.TemporaryDirectory(prefix="rigtwin_build_") as scratch:
-        stock = _run_pythonfmu(stage(bundle, manifest, _folder(scratch, "stage")), Path(scratch))
-        unpacked = Path(scratch) / "fmu"
+    with scratch_folder("build_") as scratch:
+        stock = _run_pythonfmu(stage(bundle, manifest, _folder(scratch, "stage")), scratch)
+        unpacked = scratch / "fmu"
         with zipfile.ZipFile(stock) as archive:
             archive.extractall(unpacked)
         hide_pythonfmu(unpacked / "resources", bundle)
+        if can_compile(LINUX):
+            _decode_uris(unpacked / "binaries" / LINUX.fmi2, bundle.digest)
         _write_all(unpacked, pages)
         _pack(unpacked, target)
     return target
 
 
+# What stands once in pythonfmu's glue library for Linux: its name for the loader, and what it decodes in a URI.
+_GLUE, _DECODED = b"libpythonfmu-export.so\0", b"\0%20\0"
+
+
+def _decode_uris(folder: Path, digest: str) -> None:
+    """Put a library before pythonfmu's that decodes the place of the resources: the glue crashes where it is escaped.
+
+    The glue gets a name of its own, by which the loader keeps those of several FMUs apart, and decodes nothing itself.
+    """
+    (stock,) = folder.glob("*.so")
+    glue = stock.read_bytes()
+    if glue.count(_GLUE) != 1 or glue.count(_DECODED) != 1:  # another version of pythonfmu
+        return
+    name = f"libpythonfmu-{digest[:6]}.so"
+    with scratch_folder("uri_") as sources:
+        patched = glue.replace(_GLUE, name.encode() + b"\0").replace(_DECODED, b"\0\1\1\1\0")
+        (sources / name).write_bytes(patched)
+        for file in (NATIVE / "uri.c", *FMI_HEADERS.glob("fmi2*.h")):
+            shutil.copy2(file, sources)
+        compile_library(sources, ["uri.c"], LINUX, sources / stock.name, needs=[name])
+        for file in (name, stock.name):
+            shutil.copy2(sources / file, folder)
+
+
 def _pack(unpacked: Path, target: Path) -> None:
     """Zip beside the target, validate, put in place. Raises BuildError."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    complete = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
+    with replacing(target) as complete:
         _zip(unpacked, complete)
         problems = validate_fmu(str(complete))
         if problems:
             raise BuildError(f"{target.name} is not a valid FMU: " + "; ".join(problems))
-        os.replace(complete, target)
-    finally:
-        complete.unlink(missing_ok=True)
+        record(complete)
 
 
 def _run_pythonfmu(script: Path, scratch: Path) -> Path:
@@ -251,7 +397,8 @@ def _run_pythonfmu(script: Path, scratch: Path) -> Path:
     project_files = [str(p) for p in script.parent.iterdir() if p != script]
     command = [sys.executable, "-m", "pythonfmu", "build", "-f", str(script), "-d", str(_folder(scratch, "stock"))]
     command += ["--handle-state", "--serialize-state", *project_files]
-    finished = subprocess.run(command, capture_output=True, text=True, cwd=scratch, check=False)
+    own = os.environ | {"TMPDIR": str(scratch)}  # which goes with the scratch folder, however this ends
+    finished = subprocess.run(command, capture_output=True, text=True, cwd=scratch, check=False, env=own)
     built = list((scratch / "stock").glob("*.fmu"))
     if finished.returncode or len(built) != 1:
         raise BuildError(f"pythonfmu could not build {script.name}:\n{finished.stderr.strip()}")

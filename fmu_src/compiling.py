@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import platform
 import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+
+from rigtwin.scratch import replacing, scratch_folder
+
+logger = logging.getLogger(__name__)
+
+# Of each hash in the name of a kept library: as many hexadecimal digits.
+_DIGITS = 32
 
 # No fused operations and no reordering: every platform computes the same digits.
 FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s")
@@ -39,9 +46,12 @@ class Target:
         return self.fmi2 if fmi == "2.0" else self.fmi3
 
 
+# The one that pythonfmu brings a library for, beside Windows.
+LINUX = Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so")
+
 # FMI 2.0 has names for 64-bit x86 only; importers of FMI 2.0 on other machines look for those of FMI 3.0.
 TARGETS = (
-    Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so"),
+    LINUX,
     Target("aarch64-linux", "aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
     Target("x86_64-windows", "win64", "x86_64-windows-gnu", ".dll"),
     Target("x86_64-darwin", "darwin64", "x86_64-macos.11.0", ".dylib"),
@@ -79,15 +89,17 @@ def compiler(target: Target) -> list[str]:
     raise CompileError(f"no C compiler for {target.fmi3}: install one, or ziglang (pip install ziglang)")
 
 
-def can_compile() -> bool:
-    """Whether there is a compiler for this machine."""
+def can_compile(target: Target | None = None) -> bool:
+    """Whether there is a compiler for a target, by default this machine."""
     try:
-        return bool(compiler(this_machine()))
+        return bool(compiler(target or this_machine()))
     except CompileError:
         return False
 
 
-def compile_library(folder: Path, files: Sequence[str], target: Target, library: Path) -> None:
+def compile_library(
+    folder: Path, files: Sequence[str], target: Target, library: Path, *, needs: Sequence[str] = ()
+) -> None:
     """Compile C files of a folder into a shared library. Raises CompileError with what the compiler said.
 
     Parameters
@@ -96,30 +108,79 @@ def compile_library(folder: Path, files: Sequence[str], target: Target, library:
     files : their names
     target : the platform
     library : what is made
+    needs : files of the folder, shared libraries that it looks for beside itself
     """
     position = [] if "windows" in target.fmi3 else ["-fPIC"]
     mathematics = ["-lm"] if "linux" in target.fmi3 else []
-    command = [*compiler(target), *FLAGS, *position, *files]
-    kept = _kept(folder, command, target)
-    with tempfile.TemporaryDirectory(prefix="rigtwin_cc_") as scratch:  # compilers leave more than the library
-        if not kept.is_file():
-            made = Path(scratch) / library.name
-            whole = [*command, "-o", str(made), *mathematics]
-            finished = subprocess.run(whole, capture_output=True, text=True, cwd=folder, check=False)
+    beside = ["-Wl,--no-as-needed", *needs, "-Wl,-rpath,$ORIGIN", "-ldl"] if needs else []
+    command = [*compiler(target), *FLAGS, *position, *files, *beside]
+    kept = _Kept.of(folder, command, target)
+    content = kept.read()
+    if content is None:
+        with scratch_folder("cc_") as scratch:  # compilers leave more than the library
+            made = scratch / library.name
+            whole, own = [*command, "-o", str(made), *mathematics], os.environ | {"TMPDIR": str(scratch)}
+            finished = subprocess.run(whole, capture_output=True, text=True, cwd=folder, check=False, env=own)
             if finished.returncode:
                 raise CompileError(f"the C compiler failed for {target.fmi3}:\n{finished.stderr.strip()}")
-            kept = _keep(made, kept)
-        library.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(kept, library)
+            content = made.read_bytes()
+        kept.write(content)
+    library.parent.mkdir(parents=True, exist_ok=True)
+    library.write_bytes(content)
+    library.chmod(0o755)
 
 
-def _kept(folder: Path, command: Sequence[str], target: Target) -> Path:
-    """Where a library of these sources and this command is kept from one build to the next."""
-    digest = hashlib.sha256(" ".join([*command, *_versions()]).encode())
-    for path in sorted(folder.glob("*.[ch]")):
-        digest.update(path.name.encode() + path.read_bytes())
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return cache / "rigtwin" / f"{digest.hexdigest()}{target.suffix}"
+@dataclass(frozen=True)
+class _Kept:
+    """A library that is kept from one build to the next, in a file whose name says the hash of what it holds."""
+
+    cache: Path | None  # None: nothing is kept
+    key: str  # of sources and command
+    suffix: str
+
+    @classmethod
+    def of(cls, folder: Path, command: Sequence[str], target: Target) -> _Kept:
+        """That of the sources in a folder and of a command that compiles them."""
+        digest = hashlib.sha256(" ".join([*command, *_versions()]).encode())
+        for path in sorted(folder.glob("*.[ch]")):
+            digest.update(path.name.encode() + path.read_bytes())
+        return cls(compile_cache(), digest.hexdigest()[:_DIGITS], target.suffix)
+
+    def read(self) -> bytes | None:
+        """What is kept; None where nothing is, or where it is damaged, which is then removed."""
+        for path in self.cache.glob(f"{self.key}-*{self.suffix}") if self.cache else ():
+            try:
+                content = path.read_bytes()
+            except OSError as error:
+                logger.warning("%s cannot be read (%s); it is compiled again", path, error.strerror)
+                continue
+            if path.name == self._name(content):
+                return content
+            logger.warning("%s is damaged and is compiled again", path)
+            with suppress(OSError):
+                path.unlink()
+        return None
+
+    def write(self, content: bytes) -> None:
+        """Keep a library, where that is possible."""
+        if self.cache is None:
+            return
+        with suppress(OSError):
+            self.cache.mkdir(parents=True, exist_ok=True)
+            with replacing(self.cache / self._name(content)) as beside:
+                beside.write_bytes(content)
+
+    def _name(self, content: bytes) -> str:
+        return f"{self.key}-{hashlib.sha256(content).hexdigest()[:_DIGITS]}{self.suffix}"
+
+
+def compile_cache() -> Path | None:
+    """Folder of what has been compiled, which may be deleted at any time; None where the user has no home folder."""
+    named = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return (Path(named) if named else Path.home() / ".cache") / "rigtwin"
+    except RuntimeError:
+        return None
 
 
 def _versions() -> tuple[str, ...]:
@@ -128,17 +189,3 @@ def _versions() -> tuple[str, ...]:
         return (version("ziglang"),)
     said = subprocess.run([*compiler(this_machine()), "--version"], capture_output=True, text=True, check=False).stdout
     return said, *platform.libc_ver()
-
-
-def _keep(made: Path, kept: Path) -> Path:
-    """Put a library there, beside and renamed; where that is not possible, it stays where it is."""
-    beside = kept.with_name(f".{kept.name}.{os.getpid()}")
-    try:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(made, beside)
-        os.replace(beside, kept)
-    except OSError:
-        with suppress(OSError):
-            beside.unlink(missing_ok=True)
-        return made
-    return kept

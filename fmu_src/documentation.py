@@ -24,6 +24,7 @@ from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.time.exciter import highest_frequency
 
 _PAGES = Environment(
     loader=PackageLoader("rigtwin.fmu_src", "templates"), autoescape=select_autoescape(), undefined=StrictUndefined
@@ -42,6 +43,7 @@ def rotor_pages(rig: Rig, facts: RotorFacts, *, needs_python: bool = True) -> di
         effects=effects_in_fmu(),
         f1=f1,
         settling=_settling_s(f1, facts),
+        highest_hz=highest_frequency(facts.step),
         needs_python=needs_python,
     )
     return {"model.png": rotor_picture(rig), "documentation/index.html": page.encode()}

@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 
 from rigtwin.estimator.runtime import StiffnessEstimator as Network
-from rigtwin.fmu_src.estimator_variables import ESTIMATOR_MEANING, ESTIMATOR_STEP, estimator_variables
+from rigtwin.fmu_src.estimator_variables import (
+    ESTIMATOR_MEANING,
+    ESTIMATOR_STEP,
+    ESTIMATOR_TOLERANCE,
+    estimator_variables,
+)
 from rigtwin.fmu_src.slave import TableSlave
 
 # A reset makes a new instance, and loading the network into each would pile up memory.
@@ -26,6 +31,7 @@ class StiffnessEstimator(TableSlave):
             estimator_variables(self._network.card["example_inputs"]),
             description=ESTIMATOR_MEANING,
             step_size=ESTIMATOR_STEP,
+            tolerance=ESTIMATOR_TOLERANCE,
             **kwargs,
         )
         self._inputs = [v.name for v in self._table if v.causality == "input"]

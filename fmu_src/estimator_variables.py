@@ -6,6 +6,7 @@ from rigtwin.fmu_src.variables import Variable
 
 ESTIMATOR_MEANING = "Bearing stiffness from the frequency shifts and the amplitude ratio of a stepped-sine test"
 ESTIMATOR_STEP = 1.0  # of the default experiment [s]
+ESTIMATOR_TOLERANCE = 1e-6  # the network computes in single precision
 
 
 def estimator_variables(starts: dict[str, float]) -> tuple[Variable, ...]:

@@ -6,11 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
-from rigtwin.fmu_src.variables import UNITS, ArrayOutput, Variable
+from rigtwin.fmu_src.variables import DISPLAY_UNITS, UNITS, ArrayOutput, Variable
 
 _DEFAULT_VARIABILITY = {"Real": "continuous", "Integer": "discrete", "Boolean": "discrete"}
 _FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
-_LOG_CATEGORY = "logStatusError"
+
+# What an FMU tells its host, by log category; pythonfmu's FMUs tell of errors only.
+LOG_CATEGORIES = {
+    "logEvents": "Start, end and reset of a simulation",
+    "logStatusWarning": "What was taken and has no effect",
+    "logStatusError": "Why a call failed",
+}
+_PYTHON_CATEGORIES = ("logStatusError",)
 
 # What every rigtwin FMU can do; the same words in both versions but for the state's.
 _CAN = {"canHandleVariableCommunicationStepSize": "true", "canBeInstantiatedOnlyOncePerProcess": "false"}
@@ -28,6 +35,8 @@ class Model:
     table: tuple[Variable, ...]
     arrays: tuple[ArrayOutput, ...] = ()
     sources: tuple[str, ...] = ()  # C files, in sources/
+    takes_derivatives: bool = False  # of inputs, FMI 2.0
+    tolerance: float | None = None  # relative error of its outputs
 
     def reference(self, name: str) -> int:
         """Value reference of a variable: its place in the table, after which come the arrays, then the time."""
@@ -49,7 +58,7 @@ def fmi2(model: Model, *, needs_execution_tool: bool) -> Element:
         "modelIdentifier": model.name,
         "needsExecutionTool": str(needs_execution_tool).lower(),
         **_CAN,
-        "canInterpolateInputs": "false",
+        "canInterpolateInputs": str(model.takes_derivatives).lower(),
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
@@ -59,7 +68,7 @@ def fmi2(model: Model, *, needs_execution_tool: bool) -> Element:
         files = SubElement(element, "SourceFiles")
         for name in model.sources:
             SubElement(files, "File", {"name": name})
-    _add_frame(root, model)
+    _add_frame(root, model, _PYTHON_CATEGORIES if needs_execution_tool else tuple(LOG_CATEGORIES))
     variables = SubElement(root, "ModelVariables")
     for number, variable in enumerate(model.table):
         attributes = {"name": variable.name, "valueReference": str(number), **_said(variable)}
@@ -89,7 +98,7 @@ def fmi3(model: Model) -> Element:
         "canSerializeFMUState": "true",
     }
     SubElement(root, "CoSimulation", co_simulation)
-    _add_frame(root, model)
+    _add_frame(root, model, tuple(LOG_CATEGORIES))
     variables = SubElement(root, "ModelVariables")
     for number, variable in enumerate(model.table):
         attributes = {"name": variable.name, "valueReference": str(number), **_said(variable), **_type_of(variable)}
@@ -135,7 +144,7 @@ def _root(model: Model, version: str, **identity: str) -> Element:
     return Element("fmiModelDescription", attributes)
 
 
-def _add_frame(root: Element, model: Model) -> None:
+def _add_frame(root: Element, model: Model, log_categories: Sequence[str]) -> None:
     """What stands between the interface and the variables: units, log categories, default experiment."""
     definitions = SubElement(root, "UnitDefinitions")
     used = {v.unit for v in model.table} | ({"s"} if root.get("fmiVersion") == "3.0" else set())
@@ -143,9 +152,15 @@ def _add_frame(root: Element, model: Model) -> None:
         if name in used:
             unit = SubElement(definitions, "Unit", {"name": name})
             SubElement(unit, "BaseUnit", {base: str(power) for base, power in exponents.items()})
+            if name in DISPLAY_UNITS:
+                shown, factor = DISPLAY_UNITS[name]
+                SubElement(unit, "DisplayUnit", {"name": shown, "factor": _number(factor)})
     categories = SubElement(root, "LogCategories")
-    SubElement(categories, "Category", {"name": _LOG_CATEGORY, "description": "Why a call failed"})
+    for name in log_categories:
+        SubElement(categories, "Category", {"name": name, "description": LOG_CATEGORIES[name]})
     experiment = {"startTime": "0.0", "stopTime": "1.0", "stepSize": str(model.step_size)}
+    if model.tolerance is not None:
+        experiment["tolerance"] = _number(model.tolerance)
     SubElement(root, "DefaultExperiment", experiment)
 
 
@@ -157,6 +172,8 @@ def _type_of(variable: Variable) -> dict[str, str]:
     attributes = {}
     if variable.unit:
         attributes["unit"] = variable.unit
+        if variable.unit in DISPLAY_UNITS:
+            attributes["displayUnit"] = DISPLAY_UNITS[variable.unit][0]
     for name, limit in (("min", variable.minimum), ("max", variable.maximum)):
         if limit is not None:
             attributes[name] = _number(limit)

@@ -19,23 +19,26 @@ import numpy as np
 
 from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmu_src.model_description import Model, variability
-from rigtwin.fmu_src.rotor_variables import effects_in_fmu
+from rigtwin.fmu_src.rotor_variables import HELD_FORCE, effects_in_fmu
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model import design, system
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import Structure, to_arrays
-from rigtwin.rotor.time import nonlinear_stepper, simulator, stepper
+from rigtwin.rotor.time import exciter, nonlinear_stepper, simulator, stepper
 
 NATIVE = Path(__file__).with_name("native")
 
 # What every FMU has, what the rotor adds, and the shell of each FMI version.
 INSTANCE = ("instance",)
-ROTOR_CORE = ("laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
+ROTOR_CORE = ("exciter", "laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
+# Files that declare a function of another file themselves.
+_DECLARE_THEMSELVES = ("estimator_model.c",)
+
 # Numbers that decide what the core computes stand in these modules and in the effects'; C leaves their underscore out.
-_MODULES_WITH_CONSTANTS = (design, system, stepper, simulator, nonlinear_stepper)
+_MODULES_WITH_CONSTANTS = (design, system, stepper, simulator, nonlinear_stepper, exciter)
 
 _PRINTED = "/* Printed when the FMU was built; do not edit. */\n"
 
@@ -44,15 +47,35 @@ def rotor_sources(model: Model, structure: Structure, fmi: str) -> dict[str, str
     """C sources of ``RotorRig`` by file name, headers among them; those of FMI come from elsewhere."""
     written = _written((*INSTANCE, *ROTOR_CORE, SHELLS[fmi], "rotor_model"))
     check_core_reads_every_effect("".join(written.values()))
-    return {**written, **core_code(model), "variables.c": variables_code(model), "rig.c": rig_code(model, structure)}
+    printed = {"variables.c": variables_code(model), "rig.c": rig_code(model, structure)}
+    return _with_names(model, {**written, **core_code(model), **printed})
 
 
 def estimator_sources(model: Model, onnx_file: Path, fmi: str) -> dict[str, str]:
     """The same of ``StiffnessEstimator``. Raises ImportError without the package onnx."""
     from rigtwin.fmu_src.network_code import network_code
 
-    printed = {"variables.c": variables_code(model), "network.c": _PRINTED + network_code(onnx_file, "network")}
-    return {**_written((*INSTANCE, SHELLS[fmi], "estimator_model")), **printed}
+    network = f'{_PRINTED}#include "names.h"\n\n{network_code(onnx_file, "network")}'
+    printed = {"variables.c": variables_code(model), "network.c": network}
+    return _with_names(model, {**_written((*INSTANCE, SHELLS[fmi], "estimator_model")), **printed})
+
+
+def _with_names(model: Model, sources: dict[str, str]) -> dict[str, str]:
+    """The sources with ``names.h``, by which several FMUs can be linked into one program."""
+    declared = "".join(text for name, text in sources.items() if name.endswith(".h") or name in _DECLARE_THEMSELVES)
+    lines = [f"#define {name} {model.name}_{name}\n" for name in shared_names(declared)]
+    return {**sources, "names.h": _PRINTED + "".join(lines)}
+
+
+def shared_names(declarations: str) -> list[str]:
+    """Names of the functions and constants that C declarations make known to other files, sorted.
+
+    >>> shared_names("int la_lu(int n);\\nextern const int FIRST, ROWS[];\\nstatic inline int one(void)\\n{\\n}")
+    ['FIRST', 'ROWS', 'la_lu']
+    """
+    functions = re.findall(r"^(?!static|extern|typedef)[A-Za-z][\w ]* \*?(\w+)\([^{]*?\);$", declarations, re.MULTILINE)
+    constants = ", ".join(re.findall(r"^extern const \w+ ([^;]*);", declarations, re.MULTILINE))
+    return sorted({*functions, *re.findall(r"\w+(?=\[|,|$)", constants)})
 
 
 def digest(sources: Mapping[str, str]) -> str:
@@ -82,7 +105,13 @@ def check_core_reads_every_effect(core: str) -> None:
 
 def core_code(model: Model) -> dict[str, str]:
     """What the hand-written core of a rotor needs to be compiled, by file name."""
-    return {"constants.h": _constants_code(), "design.h": _design_header(model), "design.c": _design_code(model)}
+    names = {"names.h": _PRINTED}
+    return {
+        **names,
+        "constants.h": _constants_code(),
+        "design.h": _design_header(model),
+        "design.c": _design_code(model),
+    }
 
 
 def _constants_code() -> str:
@@ -105,6 +134,8 @@ def _design_header(model: Model) -> str:
     members = "".join(f"    {effect.__name__} {effect.id};\n" for effect in effects)
     return f"""{_PRINTED}#ifndef RIGTWIN_DESIGN_H
 #define RIGTWIN_DESIGN_H
+
+#include "names.h"
 
 {"".join(structs)}/* The rotor with its effects. The numbers of an effect that is off change nothing. */
 typedef struct {{
@@ -214,8 +245,8 @@ def rig_code(model: Model, structure: Structure) -> str:
     counts |= {"n_joints": "joint_node"}
     members = [f"    .{count} = {len(arrays[name])},\n" for count, name in counts.items()]
     members += [f"    .{name} = {name.upper()},\n" for name in arrays]
-    exciter = ("force", "force_amplitude", "force_frequency")
-    places = ", ".join(f"{name.upper()} = {model.reference(name)}" for name in exciter)
+    driven = ("force", "force_amplitude", "force_frequency", HELD_FORCE)
+    places = ", ".join(f"{name.split('.')[0].upper()} = {model.reference(name)}" for name in driven)
     return f"""{_PRINTED}#include "rotor_model.h"
 
 #include <math.h>

@@ -107,6 +107,8 @@ def print_c_header() -> str:
 #ifndef RIGTWIN_LAWS_H
 #define RIGTWIN_LAWS_H
 
+#include "names.h"
+
 enum {{ {numbers}, N_LAWS }};
 
 typedef struct {{

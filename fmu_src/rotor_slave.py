@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, ROTOR_STEP, RotorFacts, effects_in_fmu, rotor_variables
+from rigtwin.fmu_src.rotor_variables import HELD_FORCE, ROTOR_MEANING, RotorFacts, effects_in_fmu, rotor_variables
 from rigtwin.fmu_src.slave import TableSlave, read_manifest
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import from_arrays
+from rigtwin.rotor.time.nonlinear_stepper import FORCE_ERROR
 from rigtwin.rotor.time.simulator import RotorSimulator
 
 _CONDITION = tuple(f.name for f in fields(Condition))
-_FORCE = ("force", "force_amplitude", "force_frequency")
+_SINE = ("force_amplitude", "force_frequency")
+_FORCE = ("force", *_SINE, HELD_FORCE)
 
 
 class RotorRig(TableSlave):
@@ -29,7 +31,9 @@ class RotorRig(TableSlave):
         with np.load(resources / "structure.npz", allow_pickle=False) as arrays:
             structure = from_arrays(arrays)
         facts = RotorFacts(**read_manifest(resources)["facts"])
-        super().__init__(rotor_variables(facts), description=ROTOR_MEANING, step_size=ROTOR_STEP, **kwargs)
+        super().__init__(
+            rotor_variables(facts), description=ROTOR_MEANING, step_size=facts.step, tolerance=FORCE_ERROR, **kwargs
+        )
         self._simulator = RotorSimulator(structure, self._condition(), self._effects())
         self.accept_settings(self._table)
 
@@ -37,7 +41,8 @@ class RotorRig(TableSlave):
         """Hand everything to the rotor; it rebuilds its equations only where they changed."""
         if any(v.name not in _FORCE for v in changed):
             self._simulator.configure(self._condition(), self._effects())
-        self._simulator.drive(**{name: self.value(name) for name in _FORCE})
+        held = self.value(HELD_FORCE)
+        self._simulator.drive(force=self.value("force"), hold_force=held, **{name: self.value(name) for name in _SINE})
 
     def start_at(self, time: float) -> None:
         """Set the clock."""

@@ -10,7 +10,10 @@ from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING
 
 ROTOR_MEANING = "Finite-element rotor on its bearings: sine force in, node accelerations out"
-ROTOR_STEP = 1e-4  # of the default experiment [s]
+
+# Switch by which the input ``force`` is held over a step.
+HELD_FORCE = "held_force.enabled"
+_HELD = "Switch on: force is a staircase, held over each communication step; otherwise it is continued smoothly"
 
 
 @dataclass(frozen=True)
@@ -25,20 +28,29 @@ class RotorFacts:
     k_b_min: float
     k_b_max: float
     length: float  # of the shaft [m]
+    step: float = 2e-5  # that the FMU recommends [s]
 
 
 def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
     """Variables of ``RotorRig.fmu`` for a rig with these numbers."""
     inputs = (
-        Variable("force", "input", "Force at the excitation node, held over a communication step", "N", 0.0, -1e9, 1e9),
+        Variable(
+            "force",
+            "input",
+            "Force at the excitation node; continued smoothly between communication points",
+            "N",
+            0.0,
+            -1e9,
+            1e9,
+        ),
         Variable("force_amplitude", "input", "Amplitude (peak) of the built-in sine force", "N", 0.0, 0.0, 1e9),
         Variable(
             "force_frequency",
             "input",
-            "Frequency of the built-in sine force; its phase stays continuous when this changes",
+            "Frequency of the built-in sine force; its phase stays continuous when this changes, and stands still at 0",
             "Hz",
             100.0,
-            1e-3,
+            0.0,
             1e6,
         ),
         Variable("spin_speed", "input", "Spin speed about +x", "rad/s", 0.0, -1e5, 1e5),
@@ -80,7 +92,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
         ),
         Variable("excitation_plane", "parameter", "Plane the force acts in: 1 = y, 2 = z", None, 1, 1, 2, "fixed"),
     )
-    effects = effect_variables(rig)
+    effects = (*effect_variables(rig), Variable(HELD_FORCE, "parameter", _HELD, start=False))
     at_rest = ("force", "spin_speed", "rigid_support", "excitation_node", "excitation_plane", *_acting_at_once())
     accelerations = tuple(
         Variable(
@@ -88,7 +100,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
             "output",
             f"Acceleration of node {node} in {plane}",
             "m/s2",
-            depends_on=("force", "force_amplitude", "spin_speed"),
+            depends_on=("force_amplitude", "spin_speed"),
             initially_depends_on=at_rest,
         )
         for plane in "yz"
@@ -97,9 +109,9 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
     force_applied = Variable(
         "force_applied",
         "output",
-        "Force on the rotor at this instant: input plus built-in sine; the phase reference",
+        "Force on the rotor at this instant: that of the input plus the built-in sine; the phase reference",
         "N",
-        depends_on=("force", "force_amplitude"),
+        depends_on=("force_amplitude",),
         initially_depends_on=("force",),
     )
     return (*inputs, *parameters, *effects, *accelerations, force_applied)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import ctypes
 import json
+import math
 import os
 import sys
 from abc import abstractmethod
@@ -26,6 +27,9 @@ from rigtwin.fmu_src.variables import Variable
 
 # Phases of an instance, in the words of a refusal.
 _SET_UP, _RUNNING, _ENDED = "before the simulation", "during the simulation", "after the end of the simulation"
+
+# Largest excess of a step's end over the stop time: in steps, and relative to the time.
+_SAME_STEP, _SAME_STOP = 1e-6, 1e-9
 
 _KINDS = ("Real", "Integer", "Boolean", "String")
 
@@ -70,7 +74,9 @@ class TableSlave(Fmi2Slave):
     failure pythonfmu can return from a set call), and the instance keeps its last good values.
     """
 
-    def __init__(self, variables: Sequence[Variable], description: str, step_size: float, **kwargs: Any):
+    def __init__(
+        self, variables: Sequence[Variable], description: str, step_size: float, tolerance: float, **kwargs: Any
+    ):
         super().__init__(**kwargs)
         manifest = read_manifest(Path(kwargs["resources"]))
         self.guid = UUID(manifest["guid"])
@@ -78,13 +84,14 @@ class TableSlave(Fmi2Slave):
         self.description = description
         self._table = tuple(variables)
         name, described = type(self).__name__, (manifest["guid"], manifest["version"], description, step_size)
-        self._description = Model(name, *described, self._table)
+        self._description = Model(name, *described, self._table, tolerance=tolerance)
         self._number = {v.name: number for number, v in enumerate(self._table)}
         self._references = {
             kind: frozenset(number for number, v in enumerate(self._table) if v.kind == kind) for kind in _KINDS
         }
         self._values: list[Any] = [_start_value(v) for v in self._table]
         self._phase = _SET_UP
+        self._stop = math.inf
         self._stale = True
         _end_glue_early(Path(kwargs["resources"]).parent / "binaries" / "linux64" / f"{self.modelName}.so")
 
@@ -123,9 +130,14 @@ class TableSlave(Fmi2Slave):
     # -- FMI life cycle ------------------------------------------------------------------------
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
-        """Set the clock."""
+        """Set the clock, and the time beyond which no step goes."""
         self._only(_SET_UP, "setting the start time")
+        if stop_time is not None and not stop_time >= start_time:
+            self.refuse(
+                f"the stop time must not lie before the start time of {start_time:.9g} s, got {stop_time:.9g} s"
+            )
         self.start_at(start_time)
+        self._stop = math.inf if stop_time is None else stop_time
 
     def exit_initialization_mode(self) -> None:
         """From here on fixed parameters are refused."""
@@ -135,6 +147,9 @@ class TableSlave(Fmi2Slave):
     def do_step(self, current_time: float, step_size: float) -> bool:
         """One communication step of any length."""
         self._only(_RUNNING, "a step")
+        end, excess = current_time + step_size, _SAME_STEP * abs(step_size) + _SAME_STOP * max(1.0, abs(self._stop))
+        if end - self._stop > excess:
+            self.refuse(f"a step to {end:.9g} s goes beyond the stop time of {self._stop:.9g} s")
         self.advance(current_time, step_size)
         self._stale = True
         return True
@@ -215,6 +230,8 @@ class TableSlave(Fmi2Slave):
     def _check_settable(self, variable: Variable, value: Any) -> None:
         if variable.causality == "output":
             self.refuse(f"{variable.name} is an output and cannot be set")
+        if self._phase == _ENDED:
+            self.refuse(f"{variable.name} cannot be set after the end of the simulation")
         if self._phase != _SET_UP and variability(variable) == "fixed":
             self.refuse(f"{variable.name} can only be set before the simulation starts")
         reason = variable.refusal(value)

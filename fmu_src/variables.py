@@ -6,6 +6,7 @@ The model description, the checks of incoming values and the HTML documentation 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 # FMI 2 unit definitions: exponents of the SI base units.
@@ -24,6 +25,13 @@ UNITS: dict[str, dict[str, int]] = {
     "rad/s": {"rad": 1, "s": -1},
     "m/s2": {"m": 1, "s": -2},
     "1": {},
+}
+
+# Units that people read a quantity in, and how many of them one SI unit is.
+DISPLAY_UNITS: dict[str, tuple[str, float]] = {
+    "N/m": ("MN/m", 1e-6),
+    "rad": ("deg", 180 / math.pi),
+    "rad/s": ("rpm", 30 / math.pi),
 }
 
 

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
+from rigtwin.parsing import parse_json
 from rigtwin.sim.formats.atomic import replacing
 
 SCHEMA = "rigtwin.diagnosis/1"
@@ -250,9 +251,9 @@ class Diagnosis:
     def from_json(cls, text: str) -> Diagnosis:
         """A diagnosis from the file's text; what a file by hand may leave out is empty. Raises DocumentError."""
         try:
-            document = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise DocumentError(f"line {error.lineno}: not valid JSON ({error.msg}); diagnose again") from error
+            document = parse_json(text)
+        except ValueError as error:
+            raise DocumentError(f"{error}; diagnose again") from error
         return cls.from_document(document)
 
     @classmethod

@@ -27,6 +27,9 @@ room           what it holds                                                    
 ``exits``      exit codes, and what a user sees of an error                        ``CommandGroup``
 ``interrupt``  Ctrl-C and SIGTERM                                                  ``install``
 ``console``    tables, progress bars, JSON                                         ``progress``
+``workers``    processes that end with this one                                    ``worker_pool``
+``scratch``    temporary folders, and files that are replaced as a whole           ``replacing``
+``parsing``    TOML and JSON                                                       ``parse_toml``
 ``scale_out``  processes here, or the workers of a dask cluster                    ``executor``
 ``wording``    numbers as they are printed                                         ``with_error``
 =============  ==================================================================  ====================

@@ -15,8 +15,10 @@ from typer.core import TyperCommand
 
 from rigtwin.errors import UserError
 from rigtwin.exits import GATE_FAILED, CommandGroup
+from rigtwin.interrupt import end_at_the_second
 from rigtwin.interrupt import install as install_interrupt
 from rigtwin.scale_out import ONE_THREAD, ExecutorOption
+from rigtwin.scratch import sweep_leftovers
 
 app = typer.Typer(
     name="rigtwin",
@@ -59,10 +61,36 @@ class Quantity(StrEnum):
 
 
 RIG = "nit-rourkela"
+
+# Upper limits: beyond them a command asks for more memory, time or processes than any machine has for it.
+MOST_LINES, MOST_RIGS, MOST_CAMPAIGNS, MOST_WORKERS, MOST_NODES = 100_000, 100_000, 10_000, 1_000, 10_000
 JSON = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+RECORDS = ".csv, .txt, .wav, .mat, .h5 or .tdms."
+TRUST = Annotated[
+    bool, typer.Option("--trust", help="Run an FMU that was built elsewhere; it runs with all your rights.")
+]
 RUN_SETTING = typer.Option(
     "--set", metavar="KEY=VALUE", help="Key of a [[run]] in campaign.toml, such as support=rigid or unit=g/N; repeat."
 )
+
+
+# Options of the commands that are asked about a rotor.
+RIG_ARGUMENT = Annotated[str, typer.Argument(metavar="RIG", help="A rig TOML, or the name of a shipped rig.")]
+K_B = Annotated[float | None, typer.Option(help="Bearing stiffness [N/m]; default the rig file's.")]
+RIGID = Annotated[bool, typer.Option("--rigid", help="Rigid supports in place of the bearings.")]
+BEARING_DAMPING = Annotated[float | None, typer.Option(help="Damping of each bearing [N s/m]; default the rig file's.")]
+SHAFT_DAMPING = Annotated[float | None, typer.Option(help="Damping ratio of the shaft; default the rig file's.")]
+EFFECTS_ON = Annotated[
+    list[str] | None, typer.Option("--effect", metavar="ID", help="Linear effect of the rotor; repeat.")
+]
+EFFECT_SETTINGS = Annotated[
+    list[str] | None, typer.Option("--set", metavar="ID.PARAM=VALUE", help="Parameter of an effect; repeat.")
+]
+PICTURE = Annotated[Path | None, typer.Option(help="Picture: .png, .svg or .pdf.")]
+RPM_MIN = Annotated[float, typer.Option(help="Lowest spin speed [rev/min].")]
+RPM_MAX = Annotated[
+    float | None, typer.Option(help="Highest spin speed [rev/min]; default a fifth above the fourth critical speed.")
+]
 
 
 @app.callback()
@@ -81,6 +109,8 @@ def start(
         print(version_of("rigtwin"))
     elif context.invoked_subcommand is None:
         print(context.get_help())
+    else:
+        sweep_leftovers()
 
 
 @app.command(short_help="Everything from nothing to the result page.")
@@ -129,13 +159,18 @@ def sweep(
     ] = None,
     f_min: Annotated[float, typer.Option(help="Lowest frequency [Hz].")] = 20.0,
     f_max: Annotated[float, typer.Option(help="Highest frequency [Hz].")] = 400.0,
-    lines: Annotated[int, typer.Option(help="Evenly spaced lines; more are added at resonances.")] = 201,
+    lines: Annotated[
+        int, typer.Option(max=MOST_LINES, help="Evenly spaced lines; more are added at resonances.")
+    ] = 201,
     force: Annotated[float, typer.Option(help="Force amplitude [N], peak.")] = 1.0,
     levels: Annotated[
         str | None, typer.Option(metavar="F1,F2,...", help="Force amplitudes in place of --force, a run each [N].")
     ] = None,
+    settle_time: Annotated[float, typer.Option(help="Pause between two looks whether a line has settled [s].")] = 30.0,
     direction: Annotated[Direction, typer.Option(help="Order of the lines.")] = Direction.up,
-    excitation_node: Annotated[int | None, typer.Option(min=1, help="Node of the force; default the rig's.")] = None,
+    excitation_node: Annotated[
+        int | None, typer.Option(min=1, max=MOST_NODES, help="Node of the force; default the rig's.")
+    ] = None,
     plane: Annotated[Plane, typer.Option(help="Plane of the force.")] = Plane.y,
     across: Annotated[bool, typer.Option("--across", help="Accelerometers across the force, too.")] = False,
     quantity: Annotated[
@@ -146,11 +181,13 @@ def sweep(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Run file: .csv, .uff, .unv, .h5 or .mat.")] = None,
     executor: ExecutorOption = None,
+    trust: TRUST = False,
     as_json: JSON = False,
 ) -> None:
     """Measure stepped-sine runs on the virtual rig, with effects, and fit their modes."""
     from rigtwin.api.sweeps import SweepRequest
-    from rigtwin.commands.sweep import Output, levels_of, parse_effects, parse_settings, plan_of, run_sweep
+    from rigtwin.commands.settings import parse_effects
+    from rigtwin.commands.sweep import Output, levels_of, parse_settings, plan_of, run_sweep
 
     chosen, parameters = parse_effects(tuple(effects or ()), tuple(settings or ()))
     request = SweepRequest(
@@ -158,7 +195,7 @@ def sweep(
         support=support.value,
         effects=chosen,
         parameters=parse_settings(parameters),
-        plan=plan_of(f_min, f_max, lines, force, direction.value),
+        plan=plan_of(f_min, f_max, lines, force, direction.value, settle_time),
         levels=levels_of(levels),
         noise=noise,
         seed=seed,
@@ -168,6 +205,7 @@ def sweep(
         quantity=quantity,
         spin_rpm=spin_rpm,
         executor=executor,
+        trust=trust,
     )
     run_sweep(request, Output(out, as_json))
 
@@ -175,8 +213,8 @@ def sweep(
 @app.command(short_help="Measure rigs through the FMU, train the estimator.")
 def train(
     rig: Annotated[str, typer.Option(help="A rig TOML, or the name of a shipped rig.")] = RIG,
-    rigs: Annotated[int, typer.Option(help="Number of training rigs.")] = 512,
-    calibration_rigs: Annotated[int, typer.Option(help="Number of calibration rigs.")] = 128,
+    rigs: Annotated[int, typer.Option(max=MOST_RIGS, help="Number of training rigs.")] = 512,
+    calibration_rigs: Annotated[int, typer.Option(max=MOST_RIGS, help="Number of calibration rigs.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the training rigs.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for data, network and FMUs.")] = Path("runs/train"),
     from_data: Annotated[bool, typer.Option("--from-data", help="Measure nothing: train on the shipped data.")] = False,
@@ -206,13 +244,14 @@ def estimate(
     delta_f2_std: Annotated[float | None, typer.Option(help="Standard error [Hz].")] = None,
     amplitude_ratio_std: Annotated[float | None, typer.Option(help="Standard error [-].")] = None,
     excitation_node: Annotated[
-        int | None, typer.Option(min=1, help="Node of the force, where files do not say.")
+        int | None, typer.Option(min=1, max=MOST_NODES, help="Node of the force, where files do not say.")
     ] = None,
     quantity: Annotated[Quantity | None, typer.Option(help="What the files hold, where they do not say.")] = None,
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
     rig: Annotated[
         str | None, typer.Option(help="The rig of the files, a TOML or a shipped one; default the estimator's.")
     ] = None,
+    trust: TRUST = False,
     as_json: JSON = False,
 ) -> None:
     """Bearing stiffness from two measured runs, a campaign folder, or numbers."""
@@ -233,6 +272,7 @@ def estimate(
         estimator=estimator,
         excitation_node=excitation_node,
         quantity=quantity.value if quantity else None,
+        trust=trust,
         **numbers,
     )
     print_answers(answers, as_json=as_json)
@@ -287,7 +327,7 @@ def diagnose(
         bool, typer.Option("--no-fmu", help="Build no FMU: the shrink is the fitting model's own.")
     ] = False,
     workers: Annotated[
-        int | None, typer.Option(help="Processes that share the fits; default one for each core.", min=1)
+        int | None, typer.Option(min=1, max=MOST_WORKERS, help="Processes for the fits; default one for each core.")
     ] = None,
     as_json: JSON = False,
 ) -> None:
@@ -329,9 +369,9 @@ def blind(
     sets: Annotated[list[str] | None, typer.Argument(metavar="[SET...]", help="W1 to W9; default all.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for campaigns, answers and blind.md.")] = Path("runs/blind"),
     split: Annotated[str, typer.Option(help="tuning or report.")] = "tuning",
-    count: Annotated[int, typer.Option(help="Campaigns of each set.", min=1)] = 20,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 1,
-    workers: Annotated[int, typer.Option(help="Processes.", min=1)] = 2,
+    count: Annotated[int, typer.Option(min=1, max=MOST_CAMPAIGNS, help="Campaigns of each set.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the draws.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, max=MOST_WORKERS, help="Processes.")] = 2,
     executor: ExecutorOption = None,
     page: Annotated[
         Path | None, typer.Option(help="The page, its results beside it as JSON; default blind.md in the folder.")
@@ -375,6 +415,120 @@ def effects(
         print_effect(effect_id, as_json=as_json)
 
 
+@app.command(short_help="Natural frequencies, damping, whirl and mode shapes.")
+def modes(
+    rig: RIG_ARGUMENT = RIG,
+    spin_rpm: Annotated[float, typer.Option(help="Spin [rev/min].")] = 0.0,
+    number: Annotated[int, typer.Option("--modes", min=1, help="How many modes.")] = 6,
+    k_b: K_B = None,
+    rigid: RIGID = False,
+    bearing_damping: BEARING_DAMPING = None,
+    shaft_damping_ratio: SHAFT_DAMPING = None,
+    effects: EFFECTS_ON = None,
+    settings: EFFECT_SETTINGS = None,
+    out: PICTURE = None,
+    as_json: JSON = False,
+) -> None:
+    """Natural frequencies, damping, whirl direction and shapes of a rotor's modes, at rest or at one spin speed."""
+    from rigtwin.commands.asked_rotor import RotorRequest
+    from rigtwin.commands.modes import run_modes
+
+    chosen = tuple(effects or ()), tuple(settings or ())
+    request = RotorRequest(rig, *chosen, k_b, rigid, bearing_damping, shaft_damping_ratio, out, as_json)
+    run_modes(request, spin_rpm, number)
+
+
+@app.command(short_help="Whirl frequencies over spin speed, and critical speeds.")
+def campbell(
+    rig: RIG_ARGUMENT = RIG,
+    rpm_min: RPM_MIN = 0.0,
+    rpm_max: RPM_MAX = None,
+    speeds: Annotated[int, typer.Option(min=3, max=10_000, help="Speeds at which modes are computed.")] = 61,
+    number: Annotated[
+        int, typer.Option("--modes", min=1, help="How many modes, forward and backward whirl apart.")
+    ] = 6,
+    multiple: Annotated[float, typer.Option(help="Order of the line that is crossed: 1 for unbalance.")] = 1.0,
+    k_b: K_B = None,
+    rigid: RIGID = False,
+    bearing_damping: BEARING_DAMPING = None,
+    shaft_damping_ratio: SHAFT_DAMPING = None,
+    effects: EFFECTS_ON = None,
+    settings: EFFECT_SETTINGS = None,
+    out: PICTURE = None,
+    as_json: JSON = False,
+) -> None:
+    """Campbell diagram: frequencies of forward and backward whirl over spin speed, and where they meet its 1x line."""
+    from rigtwin.commands.asked_rotor import RotorRequest
+    from rigtwin.commands.campbell import SpeedRange, run_campbell
+
+    chosen = tuple(effects or ()), tuple(settings or ())
+    request = RotorRequest(rig, *chosen, k_b, rigid, bearing_damping, shaft_damping_ratio, out, as_json)
+    run_campbell(request, SpeedRange(rpm_min, rpm_max, speeds), number, multiple)
+
+
+@app.command(short_help="Undamped critical speeds over bearing stiffness.")
+def critical_speeds(
+    rig: Annotated[
+        str | None, typer.Argument(metavar="RIG", help=f"A rig; default that of --campaign, or {RIG}.")
+    ] = None,
+    k_b_min: Annotated[float | None, typer.Option(help="Lowest stiffness [N/m]; default the rig file's.")] = None,
+    k_b_max: Annotated[float | None, typer.Option(help="Highest stiffness [N/m]; default the rig file's.")] = None,
+    stiffnesses: Annotated[int, typer.Option(min=2, max=10_000, help="Stiffnesses of the map.")] = 81,
+    number: Annotated[int, typer.Option("--modes", min=1, help="How many critical speeds.")] = 6,
+    campaign: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Campaign whose resonances are drawn on the map.")
+    ] = None,
+    effects: EFFECTS_ON = None,
+    settings: EFFECT_SETTINGS = None,
+    out: PICTURE = None,
+    as_json: JSON = False,
+) -> None:
+    """Map of the undamped critical speeds over bearing stiffness, and the stiffness that measured resonances tell."""
+    from rigtwin.commands.asked_rotor import RotorRequest
+    from rigtwin.commands.critical_speeds import StiffnessRange, run_critical_speeds
+
+    request = RotorRequest(rig or "", tuple(effects or ()), tuple(settings or ()), out=out, as_json=as_json)
+    run_critical_speeds(request, StiffnessRange(k_b_min, k_b_max, stiffnesses), number, campaign)
+
+
+@app.command(short_help="Steady response to unbalance over spin speed.")
+def unbalance(
+    rig: RIG_ARGUMENT = RIG,
+    node: Annotated[
+        list[int] | None, typer.Option(help="Node of an unbalance; repeat. Default the heaviest disk's.")
+    ] = None,
+    moment: Annotated[
+        list[float] | None, typer.Option(help="Unbalance [kg m], for all nodes or once for each; default 1e-5.")
+    ] = None,
+    phase_deg: Annotated[
+        list[float] | None, typer.Option(help="Its angle from y towards z [degrees], as --moment; default 0.")
+    ] = None,
+    read: Annotated[list[int] | None, typer.Option(help="Node whose motion is shown; repeat. Default all.")] = None,
+    rpm_min: RPM_MIN = 0.0,
+    rpm_max: RPM_MAX = None,
+    speeds: Annotated[
+        int, typer.Option(min=2, max=100_000, help="Evenly spaced speeds; more are added at critical speeds.")
+    ] = 301,
+    k_b: K_B = None,
+    rigid: RIGID = False,
+    bearing_damping: BEARING_DAMPING = None,
+    shaft_damping_ratio: SHAFT_DAMPING = None,
+    effects: EFFECTS_ON = None,
+    settings: EFFECT_SETTINGS = None,
+    out: PICTURE = None,
+    as_json: JSON = False,
+) -> None:
+    """Amplitude and phase of the steady response to unbalance, over spin speed, at the nodes."""
+    from rigtwin.commands.asked_rotor import RotorRequest
+    from rigtwin.commands.campbell import SpeedRange
+    from rigtwin.commands.unbalance import Weights, run_unbalance
+
+    chosen = tuple(effects or ()), tuple(settings or ())
+    request = RotorRequest(rig, *chosen, k_b, rigid, bearing_damping, shaft_damping_ratio, out, as_json)
+    weights = Weights(tuple(node or ()), tuple(moment or (1e-5,)), tuple(phase_deg or (0.0,)))
+    run_unbalance(request, weights, SpeedRange(rpm_min, rpm_max, speeds), tuple(read or ()))
+
+
 @app.command(name="inspect", short_help="What a data file holds, and what is odd about it.")
 def inspect_command(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="A run: .csv, .uff, .unv, .h5 or .mat.")],
@@ -405,6 +559,44 @@ def convert(
     convert_file(source, target, settings or (), quantity)
 
 
+@app.command(name="reduce", short_help="A run from time records of an oscilloscope or logger.")
+def reduce_command(
+    records: Annotated[list[Path], typer.Argument(help="Records, or folders of them: " + RECORDS)],
+    out: Annotated[Path, typer.Option(help="The run file: .csv, .uff, .unv, .h5 or .mat.")],
+    plan: Annotated[Path | None, typer.Option(help="TOML that says which channel is what; see docs/reduce.md.")] = None,
+    channels: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--channel", metavar="NAME=COLUMN,SENSITIVITY", help='As "force=CH1, 22.4 mV/N" or "node2=CH2, g"; repeat.'
+        ),
+    ] = None,
+    method: Annotated[
+        Literal["sine", "hammer", "random"] | None, typer.Option(help="How the rotor was excited; default sine.")
+    ] = None,
+    estimator: Annotated[
+        Literal["h1", "h2"] | None, typer.Option(help="Of hammer and random records; default h1.")
+    ] = None,
+    sample_rate: Annotated[float | None, typer.Option(help="Samples a second; wins over the files [Hz].")] = None,
+    settings: Annotated[list[str] | None, RUN_SETTING] = None,
+    as_json: JSON = False,
+) -> None:
+    """Time records become frequency lines with standard errors, and the lines to write into campaign.toml."""
+    from rigtwin.commands.reduce import ReduceRequest, run_reduce
+
+    told = {"method": method, "estimator": estimator, "sample_rate_Hz": sample_rate}
+    run_reduce(
+        ReduceRequest(
+            records=tuple(records),
+            out=out,
+            plan=plan,
+            channels=tuple(channels or ()),
+            told={key: value for key, value in told.items() if value is not None},
+            settings=tuple(settings or ()),
+            as_json=as_json,
+        )
+    )
+
+
 @app.command(short_help="One HTML page of measured runs.")
 def report(
     paths: Annotated[
@@ -415,11 +607,14 @@ def report(
     out: Annotated[Path, typer.Option(help="The page.")] = Path("page.html"),
     rig: Annotated[str | None, typer.Option(help="The rig of the files, a TOML or a shipped one.")] = None,
     estimator: Annotated[Path | None, typer.Option(help="FMU or ONNX file; default the shipped network.")] = None,
+    trust: TRUST = False,
 ) -> None:
     """One HTML page of measured runs: responses, fitted modes, and k_b where both supports are there."""
     from rigtwin.commands.report import run_report
 
-    run_report(paths or (), rigid=rigid or (), bearing=bearing or (), out=out, rig=rig, estimator=estimator)
+    run_report(
+        paths or (), rigid=rigid or (), bearing=bearing or (), out=out, rig=rig, estimator=estimator, trust=trust
+    )
 
 
 def main() -> None:
@@ -427,6 +622,7 @@ def main() -> None:
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
     install_interrupt()
+    end_at_the_second()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "±" must not stop a command

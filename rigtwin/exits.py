@@ -19,6 +19,9 @@ from rigtwin.errors import in_a_sentence, wrong_input
 
 __all__ = ["CommandGroup", "UserError", "complain"]
 
+# Characters of a message, and of those the first where some in the middle are left out.
+_LONGEST, _BEGINNING = 493, 340
+
 OUR_FAULT, WRONG_INPUT, GATE_FAILED, INTERRUPTED = 1, 2, 3, 130
 
 
@@ -43,9 +46,19 @@ class CommandGroup(TyperGroup):
 
 
 def complain(message: str, code: int) -> int:
-    """Print one message on stderr; returns the exit code."""
-    print(f"rigtwin: {message}", file=sys.stderr)
+    """Print one message on stderr, of a length that is read; returns the exit code."""
+    print(f"rigtwin: {readable(message)}", file=sys.stderr)
     return code
+
+
+def readable(message: str) -> str:
+    """A message without what only a terminal reads; of a long one the beginning and the end, which say what and how.
+
+    >>> readable("a" * 300 + "b" * 300 + "c" * 100) == "a" * 300 + "b" * 40 + " … " + "b" * 50 + "c" * 100
+    True
+    """
+    text = "".join(letter if letter.isprintable() else " " for letter in message)
+    return text if len(text) <= _LONGEST else f"{text[:_BEGINNING]} … {text[_BEGINNING + 3 - _LONGEST :]}"
 
 
 def _own_fault() -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
@@ -11,7 +10,6 @@ from typing import Annotated
 
 import typer
 
-from rigtwin.console import note
 from rigtwin.errors import UserError
 
 DASK = "dask://"
@@ -47,28 +45,16 @@ def executor(where: str | None = None, workers: int | None = None) -> Iterator[E
 
 @contextmanager
 def _processes(workers: int | None) -> Iterator[Executor]:
-    from concurrent.futures import ProcessPoolExecutor  # no other command needs what this loads
-    from multiprocessing import get_context
+    from rigtwin.workers import worker_pool  # no other command needs what this loads
 
-    with _single_threaded():
-        pool = ProcessPoolExecutor(
-            workers, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_the_parent
-        )
+    with _single_threaded(), worker_pool(workers) as pool:
         try:
             yield pool
-        except KeyboardInterrupt:
-            note("waiting for what is under way")
-            raise
         except BrokenExecutor as error:
             raise UserError(
-                "a worker process died, perhaps for want of memory; the same command goes on from what is on disk"
+                f"a worker process died ({pool.how_it_ended()}), perhaps by the FMU or for want of memory; the same "
+                "command goes on from what is on disk"
             ) from error
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager

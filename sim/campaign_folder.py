@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -25,6 +24,7 @@ from pydantic import (
     with_config,
 )
 
+from rigtwin.parsing import parse_toml
 from rigtwin.rotor.geometry.rig import Rig, load_rig, shipped_rigs
 from rigtwin.sim.campaign import (
     STATED_DAMPING,
@@ -203,13 +203,15 @@ def _read_table(folder: Path) -> _CampaignTable:
     if not path.is_file():
         raise MeasurementError(f"{folder}: holds no {FILE_NAME}; write one (title, rig, a [[run]] for each data file)")
     try:
-        return _CampaignTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
+        table = parse_toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise MeasurementError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise MeasurementError(f"{path}: not a text file in UTF-8 ({error.reason}); save it as UTF-8") from error
-    except tomllib.TOMLDecodeError as error:
-        raise MeasurementError(f"{path}: not valid TOML: {error}") from error
+    except ValueError as error:
+        raise MeasurementError(f"{path}: {error}") from error
+    try:
+        return _CampaignTable.model_validate(table)
     except ValidationError as error:
         raise MeasurementError(f"{path}: {explain(error, _KEYS)}") from error
 

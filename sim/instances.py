@@ -23,6 +23,11 @@ from rigtwin.rotor.model.arrays import FloatArray
 # FMI 2.0's words for the types of FMI 3.0 that have one.
 KINDS = {"Float64": "Real", "Int32": "Integer"}
 
+# Lowest and highest value of every type of whole numbers, of either version.
+INTEGERS = {f"Int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)}
+INTEGERS |= {f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)}
+INTEGERS |= dict.fromkeys(("Integer", "Enumeration"), INTEGERS["Int32"])
+
 # Status of a call, of either version, from which it has failed.
 FAILED = 2
 

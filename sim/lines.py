@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from rigtwin.rotor.effects.effect import SWITCH
 from rigtwin.rotor.frequency.measured import ChannelGroup, at_constant_current, channel_factor, force_factor
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel
-from rigtwin.sim.detection import HARMONICS, Phasors, detect, harmonics
+from rigtwin.sim.detection import HARMONICS, detect, harmonics, per_force
 from rigtwin.sim.session import FmuSession, SavedState
 from rigtwin.sim.setup import Rig, SetupError, SweepPlan
 
@@ -35,6 +35,9 @@ PERIODIC, _ALIKE = 1e-3, 1e-4
 # There are enough samples if the harmonics change by less than this when every other sample is left out. Only content
 # near multiples of the number of samples is missed by this test; contacts have content at all frequencies.
 _UNFOLDED = 1e-6
+
+# What to do about a line that does not settle.
+HOW_TO_SETTLE = "raise settle_time, or the damping if it is too low"
 
 # Run-in [s], at most a period, after which a rotor that is stepped in time follows the spacing of the samples.
 _RUN_IN = 5e-3
@@ -153,7 +156,7 @@ class LineReader:
                 return windows[-1]
         raise NotSettledError(
             f"the motion by unbalance does not settle within {len(windows) * self._plan.settle_time:.0f} s; "
-            "raise settle_time, or the damping if it is too low",
+            + HOW_TO_SETTLE,
             frequency_hz=self._spin_hz,
             estimate=remaining_transient(windows),
         )
@@ -240,9 +243,7 @@ class LineReader:
         if plan.accept_nonperiodic:
             return _Settled(windows, last, estimate, waited.format("still changes from window to window"))
         raise NotSettledError(
-            waited.format("is still transient") + "; raise settle_time, or the damping if it is too low",
-            frequency_hz=frequency_hz,
-            estimate=estimate,
+            waited.format("is still transient") + f"; {HOW_TO_SETTLE}", frequency_hz=frequency_hz, estimate=estimate
         )
 
     def _waiting_samples(self, at: float) -> int:
@@ -366,13 +367,6 @@ def _fundamental(period: FloatArray) -> ComplexArray:
     """(n_channels,) of the samples (n, n_channels + 1) of one period, per newton; the force is the last channel."""
     found = harmonics(period, len(period))[0]
     return found[:-1] / found[-1]
-
-
-def per_force(phasors: Phasors) -> Phasors:
-    """Response phasors referred to the force in the last channel, harmonics to its k-th power's phase."""
-    force = phasors.amplitude[0, -1]
-    turn = np.array([abs(force) * (force / abs(force)) ** k for k in HARMONICS])
-    return replace(phasors, amplitude=phasors.amplitude[:, :-1] / turn[:, None], std=phasors.std[:-1] / abs(force))
 
 
 def remaining_transient(windows: Sequence[ComplexArray], *, time_stepped: bool = False) -> float:

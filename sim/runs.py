@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.setup import Rig, SweepPlan
-from rigtwin.sim.stepped_sine import Sweep, sweep
+from rigtwin.sim.stepped_sine import Progress, Sweep, sweep
 
 
 def sweep_all(fmu: Path, runs: Sequence[tuple[Rig, SweepPlan]], executor: Executor) -> Iterator[tuple[int, Sweep]]:
@@ -29,7 +29,7 @@ def sweep_all(fmu: Path, runs: Sequence[tuple[Rig, SweepPlan]], executor: Execut
     NotSettledError, SetupError : as ``sweep`` does
     """
     longest_first = sorted(range(len(runs)), key=lambda place: _length(*runs[place]), reverse=True)
-    places = {executor.submit(_sweep_one, fmu, *runs[place]): place for place in longest_first}
+    places = {executor.submit(sweep_one, fmu, *runs[place]): place for place in longest_first}
     for done in as_completed(places):
         yield places[done], done.result()
 
@@ -39,6 +39,7 @@ def _length(rig: Rig, plan: SweepPlan) -> tuple[bool, float]:
     return rig.nonlinear, plan.force_amplitude
 
 
-def _sweep_one(fmu: Path, rig: Rig, plan: SweepPlan) -> Sweep:
+def sweep_one(fmu: Path, rig: Rig, plan: SweepPlan, progress: Progress | None = None) -> Sweep:
+    """``sweep`` of an FMU that is opened for it alone. Raises FmuError and what ``sweep`` does."""
     with FmuSession(fmu) as session:
-        return sweep(session, rig, plan)
+        return sweep(session, rig, plan, progress)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import tempfile
-import weakref
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
@@ -16,12 +12,15 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from fmpy import extract, read_model_description
 from fmpy.fmi1 import FMICallException
-from fmpy.model_description import ModelDescription
+from fmpy.model_description import ScalarVariable
 
 from rigtwin.rotor.model.arrays import FloatArray
-from rigtwin.sim.instances import FAILED, KINDS, Instance, instance
+from rigtwin.scratch import Scratch
+from rigtwin.sim.archive import FmuError, describe_unpacked, unpack
+from rigtwin.sim.instances import FAILED, INTEGERS, KINDS, Instance, instance
+
+__all__ = ["FmuError", "FmuSession", "SavedState"]
 
 # pythonfmu's loader reads its resources from a file URI of which it decodes only %20; any other
 # escaped character is a segmentation fault.
@@ -29,10 +28,6 @@ _SAFE_PATH = re.compile(r"[A-Za-z0-9_./\\: ~-]+")
 
 # Messages of an FMU that are kept for the one that goes with an error.
 _MESSAGES = 20
-
-
-class FmuError(RuntimeError):
-    """An FMU call failed; the message carries what the FMU wrote to its log."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +52,11 @@ class FmuSession:
 
     def __init__(self, fmu: str | Path):
         self._log: deque[str] = deque(maxlen=_MESSAGES)
-        self._folder = _new_folder()
-        self._remove_folder = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        scratch = _new_folder()
+        self._folder, self._remove_folder = scratch.path, scratch.close
         try:
-            _unpack(fmu, self._folder)
-            self.description = _describe(fmu, self._folder)
+            unpack(fmu, self._folder)
+            self.description = describe_unpacked(fmu, self._folder)
             self._variables = {v.name: v for v in self.description.modelVariables}
             self._fmu = self._instantiate()
         except BaseException:
@@ -94,9 +89,8 @@ class FmuSession:
         return list(self._variables)
 
     def kind(self, name: str) -> str:
-        """Type of a variable: "Real", "Integer", "Boolean" or "String", of FMI 3.0 any other that it has."""
-        kind = str(self._variable(name).type)
-        return KINDS.get(kind, kind)
+        """Type of a variable, see ``kind_of``."""
+        return kind_of(self._variable(name))
 
     def start(self, values: Mapping[str, float | int | bool] | None = None) -> None:
         """(Re)start at time zero from rest with these start values.
@@ -116,6 +110,7 @@ class FmuSession:
         """Set inputs or parameters by name."""
         for name, value in values.items():
             variable = self._variable(name)
+            check_integer(variable, value)
             setter = getattr(self._fmu, f"set{variable.type}")
             self._call(setter, [variable.valueReference], [value])
 
@@ -196,23 +191,27 @@ class FmuSession:
         return FmuError(f"{error}: {log}" if log else str(error))
 
 
-def _new_folder() -> Path:
-    folder = tempfile.mkdtemp(prefix="rigtwin_fmu_")
-    if not _SAFE_PATH.fullmatch(folder):
-        os.rmdir(folder)
-        raise FmuError(f"the folder for temporary files, {folder}, has characters FMU loaders cannot read; set TMPDIR")
-    return Path(folder)
+def kind_of(variable: ScalarVariable) -> str:
+    """Type of a variable: "Real", "Integer", "Boolean" or "String", of FMI 3.0 any other that it has."""
+    kind = str(variable.type)
+    return KINDS.get(kind, kind)
 
 
-def _unpack(fmu: str | Path, folder: Path) -> None:
-    try:
-        extract(str(fmu), unzipdir=str(folder))
-    except Exception as error:  # fmpy raises whatever zipfile does
-        raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error
+def check_integer(variable: ScalarVariable, value: float | int | bool) -> None:
+    """Raises FmuError for a whole number that the variable's type cannot hold; ctypes would let it wrap."""
+    if (lowest_highest := INTEGERS.get(str(variable.type))) is None:
+        return
+    lowest, highest = lowest_highest
+    if not lowest <= value <= highest:
+        least, most = variable.min or lowest, variable.max or highest
+        raise FmuError(f"{variable.name} = {value} is out of range: it takes {least} to {most}")
 
 
-def _describe(fmu: str | Path, folder: Path) -> ModelDescription:
-    try:
-        return read_model_description(folder)
-    except Exception as error:  # fmpy raises bare Exception, lxml and the operating system their own
-        raise FmuError(f"{fmu} cannot be read as an FMU: {error}") from error
+def _new_folder() -> Scratch:
+    scratch = Scratch("fmu_")
+    if not _SAFE_PATH.fullmatch(str(scratch.path)):
+        scratch.close()
+        raise FmuError(
+            f"the folder for temporary files, {scratch.path}, has characters FMU loaders cannot read; set TMPDIR"
+        )
+    return scratch

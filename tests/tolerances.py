@@ -21,6 +21,9 @@ STEPPER = 1e-9
 # other modes add to it, in the order of zeta^2 and zeta; for the 0.1 % used in these tests.
 LIGHT_DAMPING = 1e-3
 
+# A peak read off speeds a tenth of a half bandwidth apart: (1/20)^2 / 2.
+PEAK_BETWEEN_SPEEDS = 2e-3
+
 # A shaft made a million times lighter than what it carries stands for a massless one.
 NEARLY_MASSLESS = 1e-5
 

@@ -28,7 +28,7 @@ from benchmarks.effect_pages.plots import (
     paper_rotor,
     response,
 )
-from rigtwin.pages.figures import INK
+from rigtwin.pages.palette import INK
 from rigtwin.rotor.effects import (
     AttachedMass,
     AxialLoad,

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from PIL import Image
 
-from rigtwin.pages.figures import BLUE, GREEN, GRID, INK, ORANGE, PURPLE, VERMILION
+from rigtwin.pages.palette import BLUE, GREEN, GRID, INK, ORANGE, PURPLE, VERMILION
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.continuation import trace
 from rigtwin.rotor.frequency.harmonic_balance import Balance

@@ -419,7 +419,7 @@ def rub_by_stepping(test: RubTest) -> ComplexArray:
     state, period, motion = np.zeros(stepper.n_states), 1 / test.frequency_hz, []
     forces = np.array([1j * test.force, -test.force], dtype=complex)  # Im[force e^{i phase}]: cosine and negative sine
     for start, stop in pairwise(2 * np.pi * np.arange(PERIODS * STEPS + 1) / STEPS):
-        drive = Drive(0.0, (Tone(test.omega, start, stop, forces),))
+        drive = Drive(tones=(Tone(test.omega, start, stop, forces),))
         state = stepper.step(state, drive, period / STEPS)
         motion.append(test.read_out @ stepper.motion_of(state)[0])
     last = np.roll(np.array(motion[-STEPS:]), 1, axis=0)  # from phase zero on

@@ -57,12 +57,13 @@ class Order:
         return np.random.default_rng(np.random.SeedSequence(key))
 
 
-def make(order: Order, out: Path) -> dict[str, object]:
+def make(order: Order, out: Path, beside: Path | None = None) -> dict[str, object]:
     """Draw, measure and write one campaign, or take a stored one; its label.
 
-    It is made beside its place: a worker that is given up may still be at it when another begins.
+    It is made beside its place, or in a folder that is given for it: a worker that is given up may still be at it when
+    another begins.
     """
-    beside = out / f".{secrets.token_hex(4)}"
+    beside = (beside or out) / f".{secrets.token_hex(4)}"
     try:
         stored = stored_case(order)
         label = take(stored, order, beside) if stored else draw_and_measure(order, beside)
@@ -137,10 +138,12 @@ def measured_draw(rig: Rig, order: Order, rng: np.random.Generator) -> tuple[Dra
     raise NotFoundError(f"of {REDRAWS} draws {lost} had motions that were not found, {unseen} showed no effect")
 
 
-def make_missing(orders: Sequence[Order], out: Path, executor: Executor) -> Iterator[tuple[Order, str]]:
+def make_missing(
+    orders: Sequence[Order], out: Path, executor: Executor, beside: Path | None = None
+) -> Iterator[tuple[Order, str]]:
     """Make what is not there yet; yields each order as it is done, with an error's text or nothing."""
     missing = [order for order in orders if not (out / order.name / TRUTH / LABEL).exists()]
-    waiting = {executor.submit(make, order, out): order for order in missing}
+    waiting = {executor.submit(make, order, out, beside): order for order in missing}
     for future in as_completed(waiting):
         error = future.exception()
         yield waiting[future], "" if error is None else f"{type(error).__name__}: {error}"
@@ -157,11 +160,11 @@ def seal(out: Path) -> str:
     return digest
 
 
-def make_all(orders: Sequence[Order], out: Path, executor: Executor) -> int:
-    """Make what is missing of a set and seal it; returns how many could not be made."""
+def make_all(orders: Sequence[Order], out: Path, executor: Executor, beside: Path | None = None) -> int:
+    """Make what is missing of a set, in a folder of the same disk, and seal it; returns how many could not be made."""
     out.mkdir(parents=True, exist_ok=True)
     failed = 0
-    for done, (order, error) in enumerate(make_missing(orders, out, executor), start=1):
+    for done, (order, error) in enumerate(make_missing(orders, out, executor, beside), start=1):
         if error:
             failed += 1
             print(f"\ncampaign {order.index} of {order.set}: {error}", file=sys.stderr)

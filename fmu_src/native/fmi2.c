@@ -13,7 +13,8 @@ typedef struct {
 } Slave;
 
 /* The sentence is the format itself, its percent signs doubled: not every host hands on what follows a format. */
-static void say(const fmi2CallbackFunctions *host, const char *name, const char *sentence)
+static void say(const fmi2CallbackFunctions *host, const char *name, fmi2Status status, Category category,
+                const char *sentence)
 {
     char format[2 * sizeof ((Instance *)0)->message];
     size_t used = 0;
@@ -24,14 +25,23 @@ static void say(const fmi2CallbackFunctions *host, const char *name, const char 
     }
     format[used] = 0;
     if (host->logger)
-        host->logger(host->componentEnvironment, name, fmi2Error, "logStatusError", format);
+        host->logger(host->componentEnvironment, name, status, category_name(category), format);
 }
 
 static fmi2Status result(const Slave *s, const char *wrong)
 {
-    if (wrong)
-        say(&s->host, s->instance->name, wrong);
+    if (wrong && s->instance->told[ERRORS])
+        say(&s->host, s->instance->name, fmi2Error, ERRORS, wrong);
     return wrong ? fmi2Error : fmi2OK;
+}
+
+/* The same of a call that begins or ends something. */
+static fmi2Status event(const Slave *s, const char *wrong, const char *what)
+{
+    const char *sentence = wrong ? 0 : instance_event(s->instance, what);
+    if (sentence)
+        say(&s->host, s->instance->name, fmi2OK, EVENTS, sentence);
+    return result(s, wrong);
 }
 
 static fmi2Status refused(fmi2Component c, const char *sentence)
@@ -55,11 +65,11 @@ const char *fmi2GetVersion(void)
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *host, fmi2Boolean visible, fmi2Boolean logging)
 {
-    (void)resources, (void)visible, (void)logging;
+    (void)resources, (void)visible;
     if (!host)
         return 0;
     if (!name || !guid || type != fmi2CoSimulation || strcmp(guid, MODEL_GUID)) {
-        say(host, name ? name : MODEL_NAME,
+        say(host, name ? name : MODEL_NAME, fmi2Error, ERRORS,
             !name                      ? "an instance needs a name"
             : type != fmi2CoSimulation ? "this FMU is for co-simulation only"
                                        : "the GUID is not that of this FMU: its binary and its model description "
@@ -69,11 +79,11 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     Slave *s = calloc(1, sizeof *s);
     if (s) {
         s->host = *host;
-        s->instance = instance_new(name);
+        s->instance = instance_new(name, logging != fmi2False);
         s->converted = calloc((size_t)N_VARIABLES, sizeof *s->converted);
     }
     if (!s || !s->instance || !s->converted) {
-        say(host, name, "there is no memory for an instance, or its start values make no model");
+        say(host, name, fmi2Error, ERRORS, "there is no memory for an instance, or its start values make no model");
         fmi2FreeInstance(s);
         return 0;
     }
@@ -92,16 +102,16 @@ void fmi2FreeInstance(fmi2Component c)
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
-    (void)on, (void)n, (void)categories; /* errors are always said, and there is nothing else to say */
-    return c ? fmi2OK : fmi2Error;
+    Slave *s = c;
+    return s ? result(s, instance_choose_log(s->instance, on != fmi2False, n, categories)) : fmi2Error;
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop)
 {
-    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    (void)tolerance_defined, (void)tolerance;
     Slave *s = c;
-    return s ? result(s, instance_start(s->instance, start)) : fmi2Error;
+    return s ? result(s, instance_start(s->instance, start, stop_defined != fmi2False, stop)) : fmi2Error;
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c)
@@ -113,19 +123,19 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
     Slave *s = c;
-    return s ? result(s, instance_exit_initialization(s->instance)) : fmi2Error;
+    return s ? event(s, instance_exit_initialization(s->instance), "the simulation starts") : fmi2Error;
 }
 
 fmi2Status fmi2Terminate(fmi2Component c)
 {
     Slave *s = c;
-    return s ? result(s, instance_end(s->instance)) : fmi2Error;
+    return s ? event(s, instance_end(s->instance), "the simulation ends") : fmi2Error;
 }
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
     Slave *s = c;
-    return s ? result(s, instance_reset(s->instance)) : fmi2Error;
+    return s ? event(s, instance_reset(s->instance), "everything is reset") : fmi2Error;
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_return)
@@ -263,8 +273,16 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference references[], size_t n,
                                        const fmi2Integer order[], const fmi2Real values[])
 {
-    (void)references, (void)n, (void)order, (void)values;
-    return refused(c, "inputs are held over a step: their derivatives have no meaning");
+    Slave *s = c;
+    const char *ignored;
+    if (!s || (n && (!references || !order || !values)))
+        return refused(c, NULL_ARGUMENT);
+    const char *wrong = instance_give_derivatives(s->instance, references, n, order, values, &ignored);
+    if (wrong || !ignored)
+        return result(s, wrong);
+    if (s->instance->told[WARNINGS])
+        say(&s->host, s->instance->name, fmi2Warning, WARNINGS, instance_held(s->instance, ignored));
+    return fmi2Warning;
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference references[], size_t n,

@@ -13,17 +13,27 @@ typedef struct {
     double *converted; /* values of a set call, as doubles */
 } Slave;
 
-static void say(fmi3LogMessageCallback log, fmi3InstanceEnvironment environment, const char *sentence)
+static void say(fmi3LogMessageCallback log, fmi3InstanceEnvironment environment, fmi3Status status, Category category,
+                const char *sentence)
 {
     if (log)
-        log(environment, fmi3Error, "logStatusError", sentence);
+        log(environment, status, category_name(category), sentence);
 }
 
 static fmi3Status result(const Slave *s, const char *wrong)
 {
-    if (wrong)
-        say(s->log, s->environment, wrong);
+    if (wrong && s->instance->told[ERRORS])
+        say(s->log, s->environment, fmi3Error, ERRORS, wrong);
     return wrong ? fmi3Error : fmi3OK;
+}
+
+/* The same of a call that begins or ends something. */
+static fmi3Status event(const Slave *s, const char *wrong, const char *what)
+{
+    const char *sentence = wrong ? 0 : instance_event(s->instance, what);
+    if (sentence)
+        say(s->log, s->environment, fmi3OK, EVENTS, sentence);
+    return result(s, wrong);
 }
 
 static fmi3Status refused(fmi3Instance instance, const char *sentence)
@@ -53,9 +63,9 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback update)
 {
-    (void)resources, (void)visible, (void)logging, (void)early_return, (void)intermediate, (void)update;
+    (void)resources, (void)visible, (void)early_return, (void)intermediate, (void)update;
     if (!name || !is_token(token) || event_mode || n_intermediate) {
-        say(log, environment,
+        say(log, environment, fmi3Error, ERRORS,
             !name              ? "an instance needs a name"
             : !is_token(token) ? "the instantiation token is not that of this FMU: its binary and its model description "
                                  "come from different builds"
@@ -66,11 +76,11 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     if (s) {
         s->environment = environment;
         s->log = log;
-        s->instance = instance_new(name);
+        s->instance = instance_new(name, logging);
         s->converted = calloc((size_t)N_VARIABLES, sizeof *s->converted);
     }
     if (!s || !s->instance || !s->converted) {
-        say(log, environment, "there is no memory for an instance, or its start values make no model");
+        say(log, environment, fmi3Error, ERRORS, "there is no memory for an instance, or its start values make no model");
         fmi3FreeInstance(s);
         return 0;
     }
@@ -89,37 +99,37 @@ void fmi3FreeInstance(fmi3Instance instance)
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, const fmi3String categories[])
 {
-    (void)on, (void)n, (void)categories; /* errors are always said, and there is nothing else to say */
-    return instance ? fmi3OK : fmi3Error;
+    Slave *s = instance;
+    return s ? result(s, instance_choose_log(s->instance, on, n, categories)) : fmi3Error;
 }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop)
 {
-    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    (void)tolerance_defined, (void)tolerance;
     Slave *s = instance;
     if (!s)
         return fmi3Error;
-    const char *wrong = s->instance->phase == INSTANTIATED ? instance_start(s->instance, start) : 0;
+    const char *wrong = s->instance->phase == INSTANTIATED ? instance_start(s->instance, start, stop_defined, stop) : 0;
     return result(s, wrong ? wrong : instance_enter_initialization(s->instance));
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 {
     Slave *s = instance;
-    return s ? result(s, instance_exit_initialization(s->instance)) : fmi3Error;
+    return s ? event(s, instance_exit_initialization(s->instance), "the simulation starts") : fmi3Error;
 }
 
 fmi3Status fmi3Terminate(fmi3Instance instance)
 {
     Slave *s = instance;
-    return s ? result(s, instance_end(s->instance)) : fmi3Error;
+    return s ? event(s, instance_end(s->instance), "the simulation ends") : fmi3Error;
 }
 
 fmi3Status fmi3Reset(fmi3Instance instance)
 {
     Slave *s = instance;
-    return s ? result(s, instance_reset(s->instance)) : fmi3Error;
+    return s ? event(s, instance_reset(s->instance), "everything is reset") : fmi3Error;
 }
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_return,
@@ -310,7 +320,7 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi
                                           fmi3Boolean logging, fmi3InstanceEnvironment environment,
                                           fmi3LogMessageCallback log)
 {
-    say(log, environment, CO_SIMULATION);
+    say(log, environment, fmi3Error, ERRORS, CO_SIMULATION);
     return 0;
 }
 
@@ -320,7 +330,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
                                                fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
                                                fmi3UnlockPreemptionCallback unlock)
 {
-    say(log, environment, CO_SIMULATION);
+    say(log, environment, fmi3Error, ERRORS, CO_SIMULATION);
     return 0;
 }
 

@@ -8,6 +8,12 @@
 
 #define NO_EFFECT ". The call has no effect; the instance is still usable."
 
+static const char *const CATEGORIES[N_CATEGORIES] = {"logEvents", "logStatusWarning", "logStatusError"};
+
+/* Largest excess of a step's end over the stop time: in steps, and relative to the time. */
+#define SAME_STEP 1e-6
+#define SAME_STOP 1e-9
+
 /* A saved state starts with the GUID and these; the values and the model's state follow. */
 enum { PHASE_AT = 5, TIME_AT, SETTINGS_AT, STATE_AT, HEADER };
 
@@ -36,13 +42,14 @@ static int begin(Instance *s)
     s->model = model_new();
     s->phase = INSTANTIATED;
     s->time = 0;
+    s->stop = INFINITY;
     s->stale = 1;
     for (int i = 0; i < N_VARIABLES; i++)
         s->values[i] = VARIABLES[i].start;
     return s->model && !model_accept(s->model, s->values);
 }
 
-Instance *instance_new(const char *name)
+Instance *instance_new(const char *name, int logging)
 {
     const size_t length = strlen(name) + 1;
     Instance *s = calloc(1, sizeof *s);
@@ -53,6 +60,8 @@ Instance *instance_new(const char *name)
     if (s->name && s->values) {
         memcpy(s->name, name, length);
         s->kept = s->values + N_VARIABLES;
+        s->told[EVENTS] = logging;
+        s->told[WARNINGS] = s->told[ERRORS] = 1;
         if (begin(s))
             return s;
     }
@@ -76,7 +85,7 @@ const char *instance_reset(Instance *s)
     Model *before = s->model;
     memcpy(s->kept, s->values, (size_t)N_VARIABLES * sizeof *s->values);
     const Phase phase = s->phase;
-    const double time = s->time;
+    const double time = s->time, stop = s->stop;
     if (begin(s)) {
         model_free(before);
         return 0;
@@ -85,7 +94,7 @@ const char *instance_reset(Instance *s)
         model_free(s->model);
     s->model = before;
     s->phase = phase;
-    s->time = time;
+    s->time = time, s->stop = stop;
     memcpy(s->values, s->kept, (size_t)N_VARIABLES * sizeof *s->values);
     return refuse(s, "there is no memory for a new start");
 }
@@ -97,14 +106,17 @@ static const char *wrong_moment(Instance *s, const char *what)
     return refuse(s, "%s is not possible %s", what, WHEN[s->phase]);
 }
 
-const char *instance_start(Instance *s, double time)
+const char *instance_start(Instance *s, double time, int stop_defined, double stop)
 {
     if (s->phase > INITIALIZING)
         return wrong_moment(s, "setting the start time");
+    if (stop_defined && !(stop >= time))
+        return refuse(s, "the stop time must not lie before the start time of %.9g s, got %.9g s", time, stop);
     const char *wrong = model_start(s->model, time);
     if (wrong)
         return refuse(s, "%s", wrong);
     s->time = time;
+    s->stop = stop_defined ? stop : INFINITY;
     return 0;
 }
 
@@ -128,6 +140,8 @@ const char *instance_step(Instance *s, double time, double step)
 {
     if (s->phase != RUNNING)
         return wrong_moment(s, "a step");
+    if (time + step - s->stop > SAME_STEP * fabs(step) + SAME_STOP * fmax(1, fabs(s->stop)))
+        return refuse(s, "a step to %.9g s goes beyond the stop time of %.9g s", time + step, s->stop);
     const char *wrong = model_step(s->model, time, step);
     if (wrong)
         return refuse(s, "%s", wrong);
@@ -194,6 +208,8 @@ static const char *check_settable(Instance *s, const Variable *v, double value)
 {
     if (v->role == OUTPUT)
         return refuse(s, "%s is an output and cannot be set", v->name);
+    if (s->phase == ENDED)
+        return refuse(s, "%s cannot be set after the end of the simulation", v->name);
     if (v->role == FIXED && s->phase > INITIALIZING)
         return refuse(s, "%s can only be set before the simulation starts", v->name);
     return check_value(s, v, value);
@@ -219,6 +235,70 @@ const char *instance_write(Instance *s, int kind, const unsigned *references, si
     }
     s->stale = 1;
     return 0;
+}
+
+const char *instance_give_derivatives(Instance *s, const unsigned *references, size_t n, const int *orders,
+                                      const double *values, const char **ignored)
+{
+    *ignored = 0;
+    for (size_t k = 0; k < n; k++) {
+        const char *wrong = check_reference(s, REAL, references[k]);
+        if (wrong)
+            return wrong;
+        const Variable *v = VARIABLES + references[k];
+        if (v->role != INPUT)
+            return refuse(s, "%s is no input: it takes no derivative", v->name);
+        if (orders[k] != 1)
+            return refuse(s, "%s takes its first derivative only, got order %d", v->name, orders[k]);
+        if (!isfinite(values[k]))
+            return refuse(s, "the derivative of %s must be a finite number, got %g", v->name, values[k]);
+    }
+    for (size_t k = 0; k < n; k++)
+        if (!model_give_derivative(s->model, (int)references[k], values[k]) && values[k] != 0)
+            *ignored = VARIABLES[references[k]].name;
+    return 0;
+}
+
+const char *instance_held(Instance *s, const char *input)
+{
+    snprintf(s->message, sizeof s->message, "%.100s: %s is held over a step: its derivative has no effect", s->name, input);
+    return s->message;
+}
+
+/* -- what the host hears ----------------------------------------------------------------------------------------- */
+
+const char *category_name(Category category)
+{
+    return CATEGORIES[category];
+}
+
+const char *instance_choose_log(Instance *s, int on, size_t n, const char *const *categories)
+{
+    if (n && !categories)
+        return refuse(s, NULL_ARGUMENT);
+    for (size_t k = 0; k < n; k++) {
+        int known = 0;
+        for (int c = 0; c < N_CATEGORIES; c++)
+            known |= categories[k] && !strcmp(categories[k], CATEGORIES[c]);
+        if (!known)
+            return refuse(s, "there is no log category %.50s", categories[k] ? categories[k] : "without a name");
+    }
+    for (int c = 0; c < N_CATEGORIES; c++) {
+        int meant = !n;
+        for (size_t k = 0; k < n; k++)
+            meant |= !strcmp(categories[k], CATEGORIES[c]);
+        if (meant)
+            s->told[c] = on;
+    }
+    return 0;
+}
+
+const char *instance_event(Instance *s, const char *what)
+{
+    if (!s->told[EVENTS])
+        return 0;
+    snprintf(s->message, sizeof s->message, "%.100s: %s at %.9g s", s->name, what, s->time);
+    return s->message;
 }
 
 /* -- states ------------------------------------------------------------------------------------------------------ */

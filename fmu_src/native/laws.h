@@ -2,6 +2,8 @@
 #ifndef RIGTWIN_LAWS_H
 #define RIGTWIN_LAWS_H
 
+#include "names.h"
+
 enum { LAW_SPRING, LAW_CUBIC, LAW_CLEARANCE, LAW_HERTZ, LAW_BILINEAR, LAW_CONTACT, LAW_JENKINS, N_LAWS };
 
 typedef struct {

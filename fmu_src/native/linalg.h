@@ -2,6 +2,8 @@
 #ifndef RIGTWIN_LINALG_H
 #define RIGTWIN_LINALG_H
 
+#include "names.h"
+
 /* A = L L' in place, lower triangle. Returns 0, or 1 where A is not positive definite. */
 int la_cholesky(int n, double *A);
 

@@ -3,6 +3,8 @@
 #ifndef RIGTWIN_MODEL_H
 #define RIGTWIN_MODEL_H
 
+#include "names.h"
+
 enum { REAL, INTEGER, BOOLEAN };
 enum { INPUT, TUNABLE, FIXED, OUTPUT };
 
@@ -38,6 +40,9 @@ const char *model_accept(Model *model, const double *values);
 const char *model_start(Model *model, double time);
 
 const char *model_step(Model *model, double time, double step);
+
+/* Take up the rate of a Real input at this instant, for the next step; whether the model has a use for it. */
+int model_give_derivative(Model *model, int variable, double rate);
 
 /* (N_OUTPUTS) */
 void model_outputs(const Model *model, double *outputs);

@@ -259,9 +259,10 @@ void nonlinear_start(Nonlinear *s, double *state, const double *carried)
 
 /* -- parts ------------------------------------------------------------------------------------------------------- */
 
-static int reaches(const Nonlinear *s, int i, double held, const Tone *tones, int n_tones)
+static int reaches(const Nonlinear *s, int i, const Course *signal, const Tone *tones, int n_tones)
 {
-    if (held != 0 && s->B[i * s->n_inputs] != 0)
+    const int pushes = signal && (signal->force != 0 || signal->rate != 0 || signal->curvature != 0);
+    if (pushes && s->B[i * s->n_inputs] != 0)
         return 1;
     for (int k = 0; k < n_tones; k++)
         for (int c = 0; c < s->n_inputs; c++)
@@ -278,13 +279,13 @@ static int ties(const Nonlinear *s, int j, int *y, int *z)
 }
 
 /* The groups that move, or will. */
-static void find_moving(Nonlinear *s, const double *state, double held, const Tone *tones, int n_tones)
+static void find_moving(Nonlinear *s, const double *state, const Course *signal, const Tone *tones, int n_tones)
 {
     int y, z;
     memset(s->moving, 0, (size_t)s->n_groups * sizeof *s->moving);
     for (int i = 0; i < s->n; i++)
         if (!s->moving[s->group[i]])
-            s->moving[s->group[i]] = state[i] != 0 || reaches(s, i, held, tones, n_tones);
+            s->moving[s->group[i]] = state[i] != 0 || reaches(s, i, signal, tones, n_tones);
     for (int j = 0; j < s->J; j++)
         if (s->joint_group[j] >= 0 && state[s->n + j] != 0)
             s->moving[s->joint_group[j]] = 1;
@@ -622,12 +623,14 @@ typedef struct {
 } Run;
 
 /* Coefficients (TAYLOR, inputs) of the forces' series in s / tau about a time after the step's start. */
-static void make_forces(const Nonlinear *s, double *series, double held, const Tone *tones, int n_tones, double time,
-                        double tau)
+static void make_forces(const Nonlinear *s, double *series, const Course *signal, const Tone *tones, int n_tones,
+                        double time, double tau)
 {
     const int k = s->n_inputs;
     memset(series, 0, (size_t)TAYLOR * k * sizeof *series);
-    series[0] = held;
+    series[0] = signal->force + time * (signal->rate + 0.5 * time * signal->curvature);
+    series[k] = tau * (signal->rate + time * signal->curvature);
+    series[2 * k] = tau * tau * signal->curvature;
     for (const Tone *tone = tones; tone < tones + n_tones; tone++) {
         const double phase = tone->start + tone->omega * time, cosine = cos(phase), sine = sin(phase);
         for (int c = 0; c < k; c++) {
@@ -806,14 +809,15 @@ static void finish(Nonlinear *s, Run *run, double *state)
     }
 }
 
-static const char *step_part(Nonlinear *s, int number, double *state, double held, const Tone *tones, int n_tones, double h)
+static const char *step_part(Nonlinear *s, int number, double *state, const Course *signal, const Tone *tones, int n_tones,
+                             double h)
 {
     const Part *part = s->parts + number;
     const int n = part->n, k = TAYLOR * s->n_inputs;
     Run run = {part, number, 0, 0, 0, 0, h, 0, 0, 0};
     begin(s, &run, state, omega_heard(s, part, tones, n_tones));
     while (run.place < 1LL << run.level) {
-        make_forces(s, s->z + n, held, tones, n_tones, (double)run.place * run.p->tau, run.p->tau);
+        make_forces(s, s->z + n, signal, tones, n_tones, (double)run.place * run.p->tau, run.p->tau);
         memcpy(s->z + n + k, s->now.u, 2 * (size_t)part->J * sizeof *s->z);
         propagate(s, &run);
         const int settled = balance(s, part, run.p, s->after + n);
@@ -834,13 +838,13 @@ static const char *step_part(Nonlinear *s, int number, double *state, double hel
     return 0;
 }
 
-const char *nonlinear_step(Nonlinear *s, double *state, double held, const Tone *tones, int n_tones, double h)
+const char *nonlinear_step(Nonlinear *s, double *state, const Course *signal, const Tone *tones, int n_tones, double h)
 {
-    find_moving(s, state, held, tones, n_tones);
+    find_moving(s, state, signal, tones, n_tones);
     if (!is_divided(s))
         divide(s);
     for (int number = 0; number < s->n_parts; number++) {
-        const char *wrong = step_part(s, number, state, held, tones, n_tones, h);
+        const char *wrong = step_part(s, number, state, signal, tones, n_tones, h);
         if (wrong)
             return wrong;
     }

@@ -6,6 +6,7 @@
 #ifndef RIGTWIN_NONLINEAR_H
 #define RIGTWIN_NONLINEAR_H
 
+#include "names.h"
 #include "arena.h"
 #include "states.h"
 #include "stepper.h"
@@ -80,6 +81,6 @@ void nonlinear_build(Nonlinear *s, const System *system, const States *states, i
 void nonlinear_start(Nonlinear *s, double *state, const double *carried);
 
 /* The state (n + 5 J) after h seconds, in place. Returns a sentence where that fails; the state is lost then. */
-const char *nonlinear_step(Nonlinear *s, double *state, double held, const Tone *tones, int n_tones, double h);
+const char *nonlinear_step(Nonlinear *s, double *state, const Course *signal, const Tone *tones, int n_tones, double h);
 
 #endif

@@ -3,6 +3,7 @@
 #ifndef RIGTWIN_ROTOR_H
 #define RIGTWIN_ROTOR_H
 
+#include "names.h"
 #include "design.h"
 
 #define TWO_PI 6.283185307179586

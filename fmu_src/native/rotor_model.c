@@ -32,6 +32,7 @@ void model_free(Model *model)
 
 static void drive(Model *model, const double *values)
 {
+    simulator_hold(model->simulator, values[HELD_FORCE] != 0);
     simulator_drive(model->simulator, values[FORCE], values[FORCE_AMPLITUDE], values[FORCE_FREQUENCY]);
 }
 
@@ -57,6 +58,13 @@ const char *model_start(Model *model, double time)
 const char *model_step(Model *model, double time, double step)
 {
     return simulator_advance(model->simulator, time, step);
+}
+
+int model_give_derivative(Model *model, int variable, double rate)
+{
+    if (variable == FORCE)
+        simulator_give_rate(model->simulator, rate);
+    return variable == FORCE;
 }
 
 void model_outputs(const Model *model, double *outputs)

@@ -2,11 +2,12 @@
 #ifndef RIGTWIN_ROTOR_MODEL_H
 #define RIGTWIN_ROTOR_MODEL_H
 
+#include "names.h"
 #include "rotor.h"
 
 extern const Structure STRUCTURE;
 
 /* Places of the exciter's variables among the values. */
-extern const int FORCE, FORCE_AMPLITUDE, FORCE_FREQUENCY;
+extern const int FORCE, FORCE_AMPLITUDE, FORCE_FREQUENCY, HELD_FORCE;
 
 #endif

@@ -1,6 +1,7 @@
 #include "simulator.h"
 
 #include "constants.h"
+#include "exciter.h"
 #include "laws.h"
 #include "linalg.h"
 #include "nonlinear.h"
@@ -10,8 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SCALARS 6 /* of a snapshot, before the state */
-
+#define N_EXCITER (int)(sizeof(Exciter) / sizeof(double))
+#define SCALARS (5 + N_EXCITER) /* of a snapshot, before the state */
 
 /* Everything that follows from a design. Two of them: one is used while the other is built. */
 typedef struct {
@@ -30,7 +31,8 @@ typedef struct {
 struct Simulator {
     Structure structure;
     int n_out;
-    double ticks, cycles, turns, force, amplitude, frequency;
+    double ticks, cycles, turns, amplitude, frequency;
+    Exciter exciter;
     Rotor rotors[2];
     Rotor *rotor;
     double *x, *after, *q, *v, *carried, *work; /* x: the state */
@@ -246,9 +248,20 @@ const char *simulator_configure(Simulator *s, const Design *design)
 
 /* -- time -------------------------------------------------------------------------------------------------------- */
 
+void simulator_hold(Simulator *s, int hold)
+{
+    s->exciter.hold = hold;
+}
+
 void simulator_drive(Simulator *s, double force, double amplitude, double frequency)
 {
-    s->force = force, s->amplitude = amplitude, s->frequency = frequency;
+    exciter_set(&s->exciter, force);
+    s->amplitude = amplitude, s->frequency = frequency;
+}
+
+void simulator_give_rate(Simulator *s, double rate)
+{
+    exciter_give_rate(&s->exciter, rate);
 }
 
 /* A sentence with the numbers that it is about. */
@@ -309,24 +322,26 @@ const char *simulator_advance(Simulator *s, double time, double step)
     const double h = (end - s->ticks) / TICKS_PER_SECOND;
     const double cycles = advanced(s->cycles, s->frequency, h);
     const double turns = advanced(s->turns, s->rotor->design.condition.spin_speed / TWO_PI, h);
+    const Course course = exciter_course(&s->exciter, h);
     Tone tones[2];
     const int n_tones = make_tones(s, cycles, turns, tones);
     if (s->rotor->n_joints) {
         memcpy(s->after, s->x, (size_t)s->rotor->n_state * sizeof *s->x);
-        const char *wrong = nonlinear_step(&s->rotor->nonlinear, s->after, s->force, tones, n_tones, h);
+        const char *wrong = nonlinear_step(&s->rotor->nonlinear, s->after, &course, tones, n_tones, h);
         if (wrong)
             return wrong;
         memcpy(s->x, s->after, (size_t)s->rotor->n_state * sizeof *s->x);
     } else {
-        stepper_step(&s->rotor->stepper, s->x, s->force, tones, n_tones, h);
+        stepper_step(&s->rotor->stepper, s->x, &course, tones, n_tones, h);
     }
+    exciter_advance(&s->exciter, &course, h);
     s->cycles = cycles, s->turns = turns, s->ticks = end;
     return 0;
 }
 
 double simulator_force(const Simulator *s)
 {
-    return s->force + s->amplitude * sin(TWO_PI * s->cycles);
+    return s->exciter.force + s->amplitude * sin(TWO_PI * s->cycles);
 }
 
 void simulator_accelerations(const Simulator *s, double *accelerations)
@@ -358,8 +373,9 @@ int simulator_snapshot_size(const Simulator *s)
 
 void simulator_save(const Simulator *s, double *snapshot)
 {
-    const double scalars[SCALARS] = {s->ticks, s->cycles, s->turns, s->force, s->amplitude, s->frequency};
+    const double scalars[] = {s->ticks, s->cycles, s->turns, s->amplitude, s->frequency};
     memcpy(snapshot, scalars, sizeof scalars);
+    memcpy(snapshot + SCALARS - N_EXCITER, &s->exciter, sizeof s->exciter);
     memcpy(snapshot + SCALARS, s->x, (size_t)s->rotor->n_state * sizeof *s->x);
 }
 
@@ -376,7 +392,8 @@ const char *simulator_restore(Simulator *s, const Design *design, const double *
         return "this is not a state of this rotor";
     s->rotor = next;
     s->ticks = snapshot[0], s->cycles = snapshot[1], s->turns = snapshot[2];
-    s->force = snapshot[3], s->amplitude = snapshot[4], s->frequency = snapshot[5];
+    s->amplitude = snapshot[3], s->frequency = snapshot[4];
+    memcpy(&s->exciter, snapshot + SCALARS - N_EXCITER, sizeof s->exciter);
     memcpy(s->x, snapshot + SCALARS, (size_t)s->rotor->n_state * sizeof *s->x);
     return 0;
 }

@@ -2,6 +2,7 @@
 #ifndef RIGTWIN_SIMULATOR_H
 #define RIGTWIN_SIMULATOR_H
 
+#include "names.h"
 #include "rotor.h"
 
 typedef struct Simulator Simulator;
@@ -14,8 +15,14 @@ void simulator_free(Simulator *simulator);
    impossible, and nothing is changed then; 0 otherwise. */
 const char *simulator_configure(Simulator *simulator, const Design *design);
 
-/* The held force [N] and the built-in sine [N, Hz]. */
+/* Whether the signal is a staircase; it is not until told. */
+void simulator_hold(Simulator *simulator, int hold);
+
+/* The signal's value [N] and the built-in sine [N, Hz]. */
 void simulator_drive(Simulator *simulator, double force, double amplitude, double frequency);
+
+/* The signal's rate [N/s], for the next step alone. */
+void simulator_give_rate(Simulator *simulator, double rate);
 
 /* The clock [s] of a rotor that has not moved yet. */
 const char *simulator_start_at(Simulator *simulator, double time);

@@ -5,6 +5,7 @@
 #ifndef RIGTWIN_STATES_H
 #define RIGTWIN_STATES_H
 
+#include "names.h"
 #include "rotor.h"
 
 typedef struct {

@@ -12,7 +12,7 @@
 void stepper_memory(int n, int *doubles, int *ints)
 {
     const int wide = WIDE(n);
-    *doubles = REMEMBERED * (n * n + n + 2 * n * MOST_INPUTS) + 8 * wide * wide + 8 * n;
+    *doubles = REMEMBERED * (n * n + POWERS * n + 2 * n * MOST_INPUTS) + 8 * wide * wide + 8 * n;
     *ints = 2 * n + wide;
 }
 
@@ -53,9 +53,9 @@ void stepper_build(Stepper *s, int n, int n_inputs, const double *A, const doubl
     memset(&s->steps, 0, sizeof s->steps);
     memset(&s->frequencies, 0, sizeof s->frequencies);
     for (int k = 0; k < REMEMBERED; k++) {
-        s->propagators[k].free = doubles, s->propagators[k].held = doubles + n * n;
-        s->steady[k].re = doubles + n * n + n, s->steady[k].im = s->steady[k].re + n * MOST_INPUTS;
-        doubles += n * n + n + 2 * n * MOST_INPUTS;
+        s->propagators[k].free = doubles, s->propagators[k].pushed = doubles + n * n;
+        s->steady[k].re = doubles + n * n + POWERS * n, s->steady[k].im = s->steady[k].re + n * MOST_INPUTS;
+        doubles += n * n + POWERS * n + 2 * n * MOST_INPUTS;
     }
     s->work = doubles;
     s->places = ints, s->rows = ints + 2 * n;
@@ -105,7 +105,7 @@ static double *free_of(const Stepper *s, const Propagator *p, int block)
 
 static void propagate(Stepper *s, Propagator *p, int block, double h)
 {
-    const int first = s->first[block], m = s->first[block + 1] - first, wide = m + 1;
+    const int first = s->first[block], m = s->first[block + 1] - first, wide = m + POWERS;
     const int *at = s->places + first;
     double *generator = s->work, *result = generator + wide * wide, *work = result + wide * wide;
     memset(generator, 0, (size_t)wide * wide * sizeof *generator);
@@ -114,11 +114,13 @@ static void propagate(Stepper *s, Propagator *p, int block, double h)
             generator[i * wide + j] = h * s->A[at[i] * s->n + at[j]];
         generator[i * wide + m] = h * s->B[at[i] * s->n_inputs];
     }
+    for (int p = 0; p < POWERS - 1; p++) /* every power is the integral of the one before */
+        generator[(m + p) * wide + m + p + 1] = p + 1;
     la_exponential(wide, generator, result, work, s->rows);
     double *free = free_of(s, p, block);
     for (int i = 0; i < m; i++) {
         memcpy(free + i * m, result + i * wide, (size_t)m * sizeof *free);
-        p->held[first + i] = result[i * wide + m];
+        memcpy(p->pushed + (first + i) * POWERS, result + i * wide + m, POWERS * sizeof *free);
     }
     p->made[block] = 1;
 }
@@ -208,14 +210,16 @@ static void add_steady(const Stepper *s, const Steady *p, int block, const Tone 
     }
 }
 
-static void step_block(Stepper *s, int block, double *x, double held, const Tone *tones, int n_tones, double h, double *after)
+static void step_block(Stepper *s, int block, double *x, const double *share, const Tone *tones, int n_tones, double h,
+                       double *after)
 {
     const int first = s->first[block], m = s->first[block + 1] - first;
     Propagator *p = propagator(s, h);
     if (!p->made[block])
         propagate(s, p, block, h);
     for (int i = 0; i < m; i++)
-        after[i] = p->held[first + i] * held;
+        for (int k = 0; k < POWERS; k++)
+            after[i] = (k ? after[i] : 0) + p->pushed[(first + i) * POWERS + k] * share[k];
     for (const Tone *tone = tones; tone < tones + n_tones; tone++) {
         if (!hears(s, block, tone))
             continue;
@@ -235,22 +239,24 @@ static void step_block(Stepper *s, int block, double *x, double held, const Tone
             after[i] += free[i * m + j] * x[j];
 }
 
-void stepper_step(Stepper *s, double *x, double held, const Tone *tones, int n_tones, double h)
+void stepper_step(Stepper *s, double *x, const Course *signal, const Tone *tones, int n_tones, double h)
 {
     const int wide = WIDE(s->n);
+    const double share[POWERS] = {signal->force, h * signal->rate, 0.5 * h * h * signal->curvature};
+    const int pushes = share[0] != 0 || share[1] != 0 || share[2] != 0;
     double *before = s->work + 8 * wide * wide, *after = before + s->n;
     for (int block = 0; block < s->n_blocks; block++) {
         const int *at = s->places + s->first[block], m = s->first[block + 1] - s->first[block];
         int moves = 0;
         for (int i = 0; i < m; i++) {
             before[i] = x[at[i]];
-            moves |= before[i] != 0 || (held != 0 && s->B[at[i] * s->n_inputs] != 0);
+            moves |= before[i] != 0 || (pushes && s->B[at[i] * s->n_inputs] != 0);
         }
         for (int k = 0; !moves && k < n_tones; k++)
             moves = hears(s, block, tones + k);
         if (!moves)
             continue;
-        step_block(s, block, before, held, tones, n_tones, h, after);
+        step_block(s, block, before, share, tones, n_tones, h, after);
         for (int i = 0; i < m; i++)
             x[at[i]] = after[i];
     }

@@ -1,9 +1,13 @@
-/* Exact time stepping of the linear rotor under tones and a held force. Mirrors rotor/stepper.py. */
+/* Exact time stepping of the linear rotor under tones and the force of a signal. Mirrors rotor/stepper.py. */
 #ifndef RIGTWIN_STEPPER_H
 #define RIGTWIN_STEPPER_H
 
+#include "names.h"
+#include "exciter.h"
+
 #define MOST_INPUTS 3   /* the exciter, an unbalance in y and in z */
 #define MOST_BLOCKS 128 /* groups of states that do not act on each other */
+#define POWERS 3        /* of time in the force of a signal */
 #define REMEMBERED 8    /* propagators, and steady states */
 
 /* Forces (inputs) Im[F e^{i phase}] at omega [rad/s], the phase going from start to stop during the step. */
@@ -17,10 +21,10 @@ typedef struct {
     long long last_used[REMEMBERED], clock; /* 0: never */
 } Memory;
 
-/* e^{hA} and int_0^h e^{sA} ds b of every block that has been asked for. */
+/* e^{hA} and int_0^h e^{(h-s)A} b (s/h)^p ds, (n, POWERS), of every block that has been asked for. */
 typedef struct {
     int made[MOST_BLOCKS];
-    double *free, *held;
+    double *free, *pushed;
 } Propagator;
 
 /* Phasors of the steady state under unit tones; found is -1 where a block has none. */
@@ -48,6 +52,6 @@ void stepper_memory(int n, int *doubles, int *ints);
 void stepper_build(Stepper *stepper, int n, int n_inputs, const double *A, const double *B, double *doubles, int *ints);
 
 /* x (n) after h seconds, in place. */
-void stepper_step(Stepper *stepper, double *x, double held, const Tone *tones, int n_tones, double h);
+void stepper_step(Stepper *stepper, double *x, const Course *signal, const Tone *tones, int n_tones, double h);
 
 #endif

@@ -6,7 +6,6 @@ What a search maps over comes in the order of its items whoever did it, so that 
 from __future__ import annotations
 
 import pickle
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -14,6 +13,8 @@ from contextvars import ContextVar
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
+
+from rigtwin.scratch import scratch_folder
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -41,9 +42,9 @@ def each(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[
     if helpers is None or len(items) < 2:
         yield from map(function, items)
         return
-    with tempfile.TemporaryDirectory(prefix="rigtwin_", ignore_cleanup_errors=True) as folder:
-        packed = Path(folder) / "function"
-        packed.write_bytes(pickle.dumps(function))  # here and now: what it refers to may change while helpers work
+    with scratch_folder("search_") as folder:
+        # Here and now: what the function refers to may change while helpers work.
+        (packed := folder / "function").write_bytes(pickle.dumps(function))
         futures = [helpers.submit(_unpacked, packed, item) for item in reversed(items)][::-1]
         try:
             for item, future in zip(items, futures, strict=True):

@@ -6,6 +6,7 @@ module           what it holds                                         start her
 ``rigs``         rigs, their model, the library of effects             ``load_rig``
 ``runs``         measured data, and the modes of a run                 ``load_campaign``
 ``fmus``         FMUs built, opened, asked                             ``build_fmu``
+``values``       values as the variables of an FMU have them           ``as_kind``
 ``sweeps``       stepped-sine runs on the virtual rig                  ``sweep``
 ``estimates``    bearing stiffness from runs, lists, numbers           ``estimate``
 ``diagnoses``    the diagnosis of a campaign                           ``diagnose``

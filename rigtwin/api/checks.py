@@ -6,17 +6,13 @@ the report is written all the same.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,16 +26,21 @@ from rigtwin.estimator.dataset import FEATURE_PLAN
 from rigtwin.estimator.features import features_of_runs
 from rigtwin.estimator.validity import objections
 from rigtwin.rotor.model import html
+from rigtwin.scratch import scratch_folder
 from rigtwin.sim.campaign import MeasurementError
 from rigtwin.sim.session import FmuError, FmuSession
 from rigtwin.sim.stepped_sine import NotSettledError, Rig, sweep
 from rigtwin.wording import percent, stiffness
+from rigtwin.workers import Pool, worker_pool
 
 ROTOR, ESTIMATOR = "RotorRig", "StiffnessEstimator"
 
 # What sets each kind of FMU in motion; other FMUs are stepped with their start values.
 _DRIVE = {"force_amplitude": 1.0, "force_frequency": 90.0}
 _SAMPLES = 25
+
+# Seconds for another program to start, which are none of the FMU's.
+_STARTS_WITHIN = 30.0
 
 
 @dataclass(frozen=True)
@@ -131,9 +132,9 @@ def run_gates(fmu: Path, expectation: Expectation | None, time_limit: float) -> 
         _gate("model description and archive (fmpy)", lambda: validate(fmu)),
         _gate("FMU Manipulation Toolbox -check", lambda: fmutool(fmu, time_limit)),
     ]
-    with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder, _Apart(time_limit) as apart:
+    with scratch_folder("check_") as folder, _Apart(time_limit) as apart:
         if expectation:
-            expectation = _with_estimator(fmu, expectation, Path(folder))
+            expectation = _with_estimator(fmu, expectation, folder)
         gates += [
             _gate("loads, initialises, steps", lambda: apart(steps, fmu)),
             _gate("a saved state replays exactly", lambda: apart(replays, fmu)),
@@ -162,28 +163,37 @@ class _Apart:
 
     def __init__(self, time_limit: float) -> None:
         self._time_limit = time_limit
-        self._executor: ProcessPoolExecutor | None = None
+        self._pool: Pool | None = None
+        self._open = ExitStack()
 
     def __enter__(self) -> _Apart:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._executor:
-            self._executor.shutdown()
+        if self._pool:
+            self._end(self._pool)
 
     def __call__(self, run: Callable[..., str], *arguments: object) -> str:
-        if self._executor is None:
-            self._executor = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-        process = self._executor.submit(os.getpid).result()
+        if self._pool is None:
+            self._pool = self._open.enter_context(worker_pool(1))
+            self._pool.run(_be_ready)
         try:
-            return self._executor.submit(run, *arguments).result(self._time_limit)
-        except BrokenProcessPool:
-            self._executor = None
+            return self._pool.submit(run, *arguments).result(self._time_limit)
+        except BrokenExecutor:
+            self._end(self._pool)
             raise GateError("the FMU crashed the process that ran it") from None
         except TimeoutError:
-            os.kill(process, signal.SIGTERM)
-            self._executor = None
+            self._end(self._pool)
             raise GateError(_too_slow(self._time_limit)) from None
+
+    def _end(self, pool: Pool) -> None:
+        self._pool = None
+        pool.kill()
+        self._open.close()
+
+
+def _be_ready() -> None:
+    """Nothing; a process that has found this function has imported all that a gate needs."""
 
 
 def _too_slow(time_limit: float) -> str:
@@ -222,11 +232,13 @@ def fmutool(fmu: Path, time_limit: float) -> str:
     if find_spec("fmu_manipulation_toolbox") is None:
         raise NotRun("fmu-manipulation-toolbox is not installed; pip install fmu-manipulation-toolbox")
     command = [sys.executable, "-m", "fmu_manipulation_toolbox", "-input", str(fmu), "-check"]
-    try:
-        finished = subprocess.run(command, capture_output=True, text=True, check=False, timeout=time_limit)
-    except subprocess.TimeoutExpired:
-        raise GateError(_too_slow(time_limit)) from None
-    lines = (finished.stdout + finished.stderr).splitlines()
+    with scratch_folder("fmutool_") as folder:
+        own = {"env": os.environ | {"TMPDIR": str(folder)}, "timeout": time_limit + _STARTS_WITHIN}
+        try:
+            finished = subprocess.run(command, capture_output=True, check=False, **own)
+        except subprocess.TimeoutExpired:
+            raise GateError(_too_slow(time_limit)) from None
+    lines = (finished.stdout + finished.stderr).decode(errors="replace").splitlines()
     problems = [line for line in lines if line.startswith(("ERROR", "CRITICAL", "FATAL"))]
     if finished.returncode or problems:
         raise GateError("; ".join(problems) or f"fmutool stopped with exit code {finished.returncode}")
@@ -300,7 +312,7 @@ def gives_back(fmu: Path, expectation: Expectation) -> str:
         plan = replace(plan, f_min_hz=card["band_hz"][0], f_max_hz=card["band_hz"][1])
     try:
         with FmuSession(fmu) as rig, FmuSession(estimator) as network:
-            node, parameters = excitation_node(rig), {"k_b": expectation.k_b}
+            node, parameters = excitation_node(rig.description), {"k_b": expectation.k_b}
             rigid, bearing = (
                 sweep(rig, Rig(support, node, parameters=parameters), plan).run for support in ("rigid", "bearing")
             )

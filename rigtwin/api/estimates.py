@@ -130,6 +130,7 @@ def estimate(
     estimator: str | Path | None = None,
     excitation_node: int | None = None,
     quantity: Quantity | None = None,
+    trust: bool = False,
     **numbers: float | None,
 ) -> Answers:
     """Bearing stiffness k_b from two measured runs, from a campaign, or from numbers.
@@ -144,6 +145,7 @@ def estimate(
     rig : that was measured, where the source does not say it; default the estimator's
     estimator : StiffnessEstimator.fmu, or an ONNX file of ``rigtwin train``; default the shipped network
     excitation_node, quantity : how the two runs were measured, where their files do not say it
+    trust : whether an FMU may run that this installation has not built; it runs with all your rights
     numbers : delta_f1, delta_f2 [Hz], amplitude_ratio [-], and delta_f1_std, delta_f2_std, amplitude_ratio_std
 
     Returns
@@ -170,7 +172,7 @@ def estimate(
         raise UserError(f"{min(unknown)}: there is no such number; there are {', '.join(asdict(Numbers()))}")
     settings = run_settings(excitation_node, quantity)
     chosen = Path(estimator) if estimator else None
-    return answer_tests([_plain(source) for source in sources], Numbers(**numbers), settings, chosen, rig)
+    return answer_tests([_plain(source) for source in sources], Numbers(**numbers), settings, chosen, rig, trust=trust)
 
 
 def _plain(source: Run | Campaign | str | Path) -> Run | Campaign | Path:
@@ -183,21 +185,23 @@ def answer_tests(
     settings: dict[str, Any],
     estimator: Path | None,
     rig: Rig | str | Path | None = None,
+    *,
+    trust: bool = False,
 ) -> Answers:
     """Answer every test that the arguments hold; see ``estimate``."""
     if len(sources) == 1 and isinstance(sources[0], Path) and not sources[0].is_file():
         sources = [load_campaign(sources[0])]
     known = rig if rig is not None else next((s.rig for s in sources if isinstance(s, Campaign)), None)
-    with _method(known, estimator) as method:
+    with _method(known, estimator, trust) as method:
         tests, remarks = _tests(sources, numbers, settings, method)
         if known is None and sources:
             _check_resonances(sources, settings, method)
         return Answers(tuple(method.answer(test, features) for test, features in tests), tuple(remarks))
 
 
-def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None) -> Answers:
+def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None, *, trust: bool = False) -> Answers:
     """Answer every rigid and bearing pair among some runs."""
-    with _method(rig, estimator) as method:
+    with _method(rig, estimator, trust) as method:
         pairs, remarks = _pairs(runs, method.node)
         return Answers(tuple(method.answer(test, features) for test, features in pairs), tuple(remarks))
 
@@ -221,9 +225,9 @@ class _Method:
 
 
 @contextmanager
-def _method(rig: Rig | str | Path | None, estimator: Path | None) -> Iterator[_Method]:
+def _method(rig: Rig | str | Path | None, estimator: Path | None, trust: bool) -> Iterator[_Method]:
     """The network where it knows the rig, else root finding on the rig's model. Raises UserError."""
-    with open_estimator(estimator) as (ask, card):
+    with open_estimator(estimator, trust=trust) as (ask, card):
         trained = trained_rig(card)
         measured = trained if rig is None or rig == SHIPPED_RIG == trained else as_rig(rig).name
         if measured == trained:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import logging
-import tempfile
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
+
+from fmpy.model_description import ModelDescription
 
 from rigtwin.api.rigs import as_rig
 from rigtwin.errors import UserError, existing, for_users
@@ -25,13 +25,24 @@ from rigtwin.fmu_src.build import (
     build_rotor_fmu,
     is_shipped,
 )
+from rigtwin.fmu_src.built_here import is_built_here
 from rigtwin.fmu_src.compiling import CompileError, can_compile, this_machine
 from rigtwin.rotor.geometry.rig import Rig
-from rigtwin.sim.session import FmuError, FmuSession
+from rigtwin.scratch import scratch_folder
+from rigtwin.sim.archive import DESCRIPTION, ArchiveError, FmuError, read_member
+from rigtwin.sim.session import FmuSession
 
 logger = logging.getLogger(__name__)
 
 Estimator = Callable[[Features], Estimate]
+
+
+class Host(Protocol):
+    """Runs a function that opens an FMU; ``progress`` is the function's last argument where it is given."""
+
+    def __call__(
+        self, function: Callable[..., Any], *arguments: Any, progress: Callable[[int], None] | None = None
+    ) -> Any: ...
 
 
 def build_rotor(rig: Rig, folder: Path, **options: Any) -> Path:
@@ -120,8 +131,8 @@ def rotor_fmu(source: str | Rig, **options: Any) -> Iterator[Path]:
         yield existing(Path(source))
         return
     rig = as_rig(source)
-    with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder:
-        yield build_rotor_for_the_rig(rig, Path(folder), **options)
+    with scratch_folder("rig_") as folder:
+        yield build_rotor_for_the_rig(rig, folder, **options)
 
 
 def manifest(fmu: Path) -> dict[str, Any]:
@@ -130,32 +141,76 @@ def manifest(fmu: Path) -> dict[str, Any]:
     Raises UserError where the file is no FMU at all.
     """
     try:
-        with zipfile.ZipFile(existing(fmu)) as archive:
-            if "modelDescription.xml" not in archive.namelist():
-                raise UserError(f"{fmu}: not an FMU, it holds no modelDescription.xml")
-            facts = json.loads(archive.read("resources/manifest.json"))
-    except zipfile.BadZipFile as error:
-        raise UserError(f"{fmu}: not an FMU ({error})") from error
-    except (KeyError, ValueError):  # no such file, or another tool's
+        if read_member(existing(fmu), DESCRIPTION) is None:
+            raise UserError(f"{fmu}: not an FMU, it holds no {DESCRIPTION}")
+    except ArchiveError as error:
+        raise UserError(f"{fmu}: not an FMU ({error.why})") from error
+    try:
+        facts = json.loads(read_member(fmu, "resources/manifest.json") or "{}")
+    except (ValueError, RecursionError):  # another tool's
         return {}
     return facts if isinstance(facts, dict) else {}
 
 
 @contextmanager
-def open_estimator(path: Path | None = None) -> Iterator[tuple[Estimator, dict[str, Any]]]:
+def host_of(fmu: Path, *, trust: bool) -> Iterator[Host]:
+    """Where functions run that open an FMU: here if this installation has built it, else in a process of its own.
+
+    Parameters
+    ----------
+    trust : whether the user lets an FMU run that was built elsewhere
+
+    Raises
+    ------
+    UserError : the FMU is another's and not trusted, or it ends the process that runs it
+    """
+    if is_built_here(existing(fmu)):
+        yield _here
+        return
+    if not trust:
+        raise UserError(
+            f"{fmu}: this installation has not built it, and an FMU is a program that runs with all your rights; "
+            "if you trust where it comes from, add --trust"
+        )
+    from rigtwin.workers import WorkerDiedError, report, worker_pool  # the FMUs of most commands are our own
+
+    with worker_pool(1) as pool:
+
+        def apart(function: Callable[..., Any], *arguments: Any, progress: Callable[[int], None] | None = None) -> Any:
+            more = (report,) if progress else ()
+            try:
+                return pool.run(function, *arguments, *more, progress=progress)
+            except WorkerDiedError as error:
+                raise UserError(f"{fmu}: the FMU crashed the process that ran it ({error.how})") from error
+
+        yield apart
+
+
+def _here(function: Callable[..., Any], *arguments: Any, progress: Callable[[int], None] | None = None) -> Any:
+    return function(*arguments, progress) if progress else function(*arguments)
+
+
+@contextmanager
+def open_estimator(path: Path | None = None, *, trust: bool = False) -> Iterator[tuple[Estimator, dict[str, Any]]]:
     """An estimator to be asked, and its model card.
 
     Parameters
     ----------
     path : StiffnessEstimator.fmu or an ONNX file of ``rigtwin train``; default the shipped network
+    trust : see ``host_of``
     """
     if path is None or path.suffix.lower() != ".fmu":
         network = _network(existing(path), path) if path else StiffnessEstimator()
         yield lambda features: network.estimate(features.as_array()), network.card
         return
     card = fmu_card(path)
-    with FmuSession(existing(path)) as session:
-        yield lambda features: ask(session, features), card
+    with host_of(path, trust=trust) as run:
+        yield lambda features: run(_ask_once, path, features), card
+
+
+def _ask_once(fmu: Path, features: Features) -> Estimate:
+    with FmuSession(fmu) as session:
+        return ask(session, features)
 
 
 def ask(session: FmuSession, features: Features) -> Estimate:
@@ -168,12 +223,13 @@ def ask(session: FmuSession, features: Features) -> Estimate:
 def fmu_card(fmu: Path) -> dict[str, Any]:
     """Model card of the network in StiffnessEstimator.fmu. Raises UserError for other FMUs."""
     manifest(fmu)
-    with tempfile.TemporaryDirectory(prefix="rigtwin_") as folder, zipfile.ZipFile(fmu) as archive:
-        try:
-            model = archive.extract("resources/estimator.onnx", folder)
-        except KeyError:
-            raise UserError(f"{fmu}: not a {ESTIMATOR_FMU}, it holds no network") from None
-        return _network(Path(model), fmu).card
+    content = read_member(fmu, "resources/estimator.onnx")
+    if content is None:
+        raise UserError(f"{fmu}: not a {ESTIMATOR_FMU}, it holds no network")
+    with scratch_folder("network_") as folder:
+        model = folder / "estimator.onnx"
+        model.write_bytes(content)
+        return _network(model, fmu).card
 
 
 def _network(path: Path, named: Path) -> StiffnessEstimator:
@@ -211,9 +267,9 @@ def trained_rig(card: dict[str, Any]) -> str:
     return card.get("rig", SHIPPED_RIG)
 
 
-def excitation_node(session: FmuSession) -> int:
+def excitation_node(description: ModelDescription) -> int:
     """The FMU's own excitation node. Raises FmuError where it has none."""
-    for variable in session.description.modelVariables:
+    for variable in description.modelVariables:
         if variable.name == "excitation_node":
             return int(variable.start or 1)
-    raise FmuError(f"{session.description.modelName} is not a RotorRig FMU: it has no excitation_node")
+    raise FmuError(f"{description.modelName} is not a RotorRig FMU: it has no excitation_node")

@@ -47,6 +47,7 @@ def report(
     rigid: Sequence[str | Path] = (),
     bearing: Sequence[str | Path] = (),
     estimator: str | Path | None = None,
+    trust: bool = False,
 ) -> Reported:
     """Write one HTML page of measured runs: the rotor, responses, fitted modes, and k_b where both supports are there.
 
@@ -57,6 +58,7 @@ def report(
     rig : file or name of the rig of the runs; default the shipped one, and of a campaign its own
     rigid, bearing : files of runs on that support, which do not say it themselves
     estimator : StiffnessEstimator.fmu or ONNX file; default the shipped network, or the model of another rig
+    trust : whether an FMU may run that this installation has not built; it runs with all your rights
 
     Raises
     ------
@@ -72,16 +74,16 @@ def report(
     check_writable(page)
     files = [(Path(path), support) for support, paths in (("rigid", rigid), ("bearing", bearing)) for path in paths]
     campaign = _read(sources, files, rig)
-    return Reported(page, _write(campaign, page, chosen))
+    return Reported(page, _write(campaign, page, chosen, trust))
 
 
-def _write(campaign: Campaign, out: Path, estimator: Path | None) -> str:
+def _write(campaign: Campaign, out: Path, estimator: Path | None, trust: bool) -> str:
     """Fit, estimate, write the page; returns its result in a sentence."""
     rig = as_rig(campaign.rig)
     for run in campaign.runs:
         run.check_nodes(len(rig.nodes_m))
     modes, unfitted = _modes(campaign.runs)
-    answers, why_none = _estimate(campaign, estimator)
+    answers, why_none = _estimate(campaign, estimator, trust)
     write_page(
         "report.html",
         out,
@@ -142,12 +144,12 @@ def _modes(runs: Sequence[Run]) -> tuple[list[tuple[str, ...]], list[str]]:
     return rows, unfitted
 
 
-def _estimate(campaign: Campaign, estimator: Path | None) -> tuple[list[Answer], str]:
+def _estimate(campaign: Campaign, estimator: Path | None, trust: bool) -> tuple[list[Answer], str]:
     """Answers, or none and the reason."""
     if {run.support for run in campaign.runs} != {"rigid", "bearing"}:
         return [], "an estimate needs a run on rigid supports and one on bearings"
     try:
-        return list(answers_of_runs(campaign.runs, campaign.rig, estimator)), ""
+        return list(answers_of_runs(campaign.runs, campaign.rig, estimator, trust=trust)), ""
     except MeasurementError as error:
         return [], str(error)
     except UserError as error:

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from rigtwin.api.fmus import excitation_node, rotor_fmu
+from fmpy.model_description import ModelDescription
+
+from rigtwin.api.fmus import Host, excitation_node, host_of, rotor_fmu
 from rigtwin.api.rigs import as_effects
 from rigtwin.api.runs import MODE_HEADER, Modes, mode_row
+from rigtwin.api.values import as_kind
 from rigtwin.errors import UserError, for_users
 from rigtwin.estimator.dataset import noisy
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.geometry.rig import Rig as RigFile
 from rigtwin.rotor.model import html
 from rigtwin.scale_out import executor
+from rigtwin.sim.archive import describe
 from rigtwin.sim.campaign import Plane, Run, SupportKind, SweepDirection
 from rigtwin.sim.formats import write_run
 from rigtwin.sim.modal_fit import ModalFitError, fit_modes
-from rigtwin.sim.runs import sweep_all
-from rigtwin.sim.session import FmuSession
+from rigtwin.sim.runs import sweep_all, sweep_one
+from rigtwin.sim.session import kind_of
 from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan
-from rigtwin.sim.stepped_sine import sweep as sweep_fmu
 
 # Given what is measured and of how many lines or runs it consists: a context whose value is told the count so far.
 Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
@@ -60,6 +63,7 @@ class SweepRequest:
     quantity: Literal["accelerance", "acceleration"] = "accelerance"
     spin_rpm: float = 0.0
     executor: str | None = None  # "dask://host:port"; default processes here
+    trust: bool = False  # an FMU that was built elsewhere
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,8 @@ def sweep(
     spin_rpm: float = 0.0,
     noise: float = 0.0,
     seed: int = 0,
+    settle_time_s: float = SweepPlan.settle_time,
+    trust: bool = False,
 ) -> Swept:
     """Measure a stepped-sine run on the virtual rig and fit its modes.
 
@@ -136,6 +142,8 @@ def sweep(
     excitation_node, plane : where the force acts, default the rig's node and "y"
     spin_rpm : spin speed [rev/min]
     noise, seed : of each sensor, relative to each line, and what it is drawn with
+    settle_time_s : pause between two looks whether a line has settled
+    trust : whether an FMU may run that this installation has not built; it runs with all your rights
 
     Returns
     -------
@@ -158,7 +166,14 @@ def sweep(
         given["k_b"] = k_b
     if lines < LEAST_LINES:
         raise UserError(f"lines = {lines}: at least {LEAST_LINES} are needed to find a resonance")
-    plan = SweepPlan(f_min_hz=f_min_hz, f_max_hz=f_max_hz, n_lines=lines, force_amplitude=force_N, direction=direction)
+    plan = SweepPlan(
+        f_min_hz=f_min_hz,
+        f_max_hz=f_max_hz,
+        n_lines=lines,
+        force_amplitude=force_N,
+        direction=direction,
+        settle_time=settle_time_s,
+    )
     request = SweepRequest(
         source=source if isinstance(source, RigFile) else str(source),
         support=support,
@@ -170,6 +185,7 @@ def sweep(
         excitation_node=excitation_node,
         plane=plane,
         spin_rpm=spin_rpm,
+        trust=trust,
     )
     ((_, swept),) = measure(request)
     return swept
@@ -196,23 +212,25 @@ def measure(
         raise UserError(f"--executor: give an FMU that all workers see in place of the rig {request.source}")
     plan = noisy(request.plan, request.noise, request.seed) if request.noise else request.plan
     plans = [replace(plan, force_amplitude=level) for level in request.levels or (plan.force_amplitude,)]
-    with rotor_fmu(request.source) as fmu:
-        with FmuSession(fmu) as session:
-            rig, guid = _rig(session, request), str(session.description.guid)
+    with ExitStack() as stack:
+        fmu = stack.enter_context(rotor_fmu(request.source))
+        description = describe(fmu)
+        rig, guid = _rig(description, request), str(description.guid)
+        host = stack.enter_context(host_of(fmu, trust=request.trust))
         name = request.source.name if isinstance(request.source, RigFile) else request.source
-        for place, result in _measure(fmu.resolve(), rig, plans, request.executor, progress):
+        for place, result in _measure(host, fmu.resolve(), rig, plans, request.executor, progress):
             modes, why_none = _modes(result.run)
             yield place, Swept(result, rig, name, guid, modes, why_none)
 
 
 def _measure(
-    fmu: Path, rig: Rig, plans: Sequence[SweepPlan], where: str | None, progress: Progress
+    host: Host, fmu: Path, rig: Rig, plans: Sequence[SweepPlan], where: str | None, progress: Progress
 ) -> Iterator[tuple[int, Sweep]]:
     """A run for each plan, with its place, as it is done; several at once, one for each core, or on a cluster."""
     if len(plans) == 1 and not where:
         words = f"{rig.support} support, {plans[0].force_amplitude:g} N"
-        with FmuSession(fmu) as session, progress(words, rig.carry_out(plans[0]).n_lines) as count:
-            yield 0, sweep_fmu(session, rig, plans[0], count)
+        with progress(words, rig.carry_out(plans[0]).n_lines) as count:
+            yield 0, host(sweep_one, fmu, rig, plans[0], progress=count)
         return
     with executor(where) as pool, progress(f"{rig.support} support, runs", len(plans)) as count:
         runs = sweep_all(fmu, [(rig, plan) for plan in plans], pool)
@@ -221,45 +239,29 @@ def _measure(
             yield done
 
 
-def _rig(session: FmuSession, request: SweepRequest) -> Rig:
+def _rig(description: ModelDescription, request: SweepRequest) -> Rig:
     return Rig(
         support=request.support,
-        excitation_node=request.excitation_node or excitation_node(session),
+        excitation_node=request.excitation_node or excitation_node(description),
         excitation_plane=request.plane,
         spin_rpm=request.spin_rpm,
-        parameters=_typed(session, request.parameters),
+        parameters=_typed(description, request.parameters),
         effects=request.effects,
         quantity=request.quantity,
         sensor_planes=(request.plane, "z" if request.plane == "y" else "y") if request.across else (),
     )
 
 
-def _typed(session: FmuSession, given: Mapping[str, float | int | bool | str]) -> dict[str, float | int | bool]:
+def _typed(
+    description: ModelDescription, given: Mapping[str, float | int | bool | str]
+) -> dict[str, float | int | bool]:
     """Parameters, each of the type that its FMU variable has. Raises UserError."""
-    variables = {v.name: v for v in session.description.modelVariables if v.causality in ("parameter", "input")}
+    variables = {v.name: v for v in description.modelVariables if v.causality in ("parameter", "input")}
     for name in given:
         if name not in variables:
             known = ", ".join(known for known in variables if "." not in known)
             raise UserError(f"{name}: the FMU has no parameter {name}; it has {known}, and those of its effects")
-    return {name: as_kind(name, value, session.kind(name)) for name, value in given.items()}
-
-
-def as_kind(name: str, value: float | int | bool | str, kind: str) -> float | int | bool:
-    """A value of the FMI type Boolean, Integer or Real; text is read. Raises UserError.
-
-    >>> as_kind("rigid_support", "true", "Boolean"), as_kind("excitation_node", "3", "Integer")
-    (True, 3)
-    """
-    words = {"true": True, "false": False}
-    try:
-        if kind == "Boolean":
-            return words[str(value).lower()]
-        if kind == "Integer":
-            return int(value) if isinstance(value, str) or int(value) == value else int(str(value))
-        return float(value)
-    except (KeyError, ValueError):
-        wanted = {"Boolean": "true or false", "Integer": "a whole number"}.get(kind, "a number")
-        raise UserError(f"{name}={value}: {str(value)!r} is not {wanted}") from None
+    return {name: as_kind(name, value, kind_of(variables[name])) for name, value in given.items()}
 
 
 def _modes(run: Run) -> tuple[Modes, str]:

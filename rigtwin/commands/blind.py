@@ -10,7 +10,6 @@ import json
 import math
 import os
 import platform
-import secrets
 import shutil
 import subprocess
 import sys
@@ -29,8 +28,11 @@ import numpy as np
 from rigtwin.blind import SETS
 from rigtwin.console import note, say
 from rigtwin.errors import UserError
+from rigtwin.parsing import parse_json
 from rigtwin.scale_out import ONE_THREAD, executor
+from rigtwin.scratch import scratch_folder
 from rigtwin.sim.formats.atomic import replacing
+from rigtwin.workers import end_with
 
 PAGE = "blind.md"
 SCHEMA = "rigtwin.blind-results/2"
@@ -94,8 +96,9 @@ def _make_and_diagnose(request: BlindRequest, name: str) -> str:
 
     campaigns, answers = _places(request, name)
     orders = [generate.Order(name, request.split, request.seed, index) for index in range(request.count)]
-    with executor(request.executor, request.workers) as pool:
-        if failed := generate.make_all(orders, campaigns, pool):
+    campaigns.mkdir(parents=True, exist_ok=True)
+    with executor(request.executor, request.workers) as pool, scratch_folder(beside=campaigns / name) as beside:
+        if failed := generate.make_all(orders, campaigns, pool, beside):
             note(
                 f"{name}: {failed} campaigns could not be made; they are missing from the page, run again to try again"
             )
@@ -133,25 +136,33 @@ def in_own_process(campaign: Path, answer: Path, exclude: Sequence[str]) -> str:
 
     The answer is made beside its place: a worker that is given up may still be at it when another begins.
     """
-    beside = answer.with_name(f".{answer.name}.{secrets.token_hex(4)}")
-    beside.mkdir(parents=True)
-    command = [*_ANSWER, str(campaign), str(beside), *exclude]
-    try:
-        process = subprocess.run(command, timeout=_LONGEST, check=False, env=os.environ | ONE_THREAD)
-        if process.returncode and not (beside / _FAILURE).exists():
-            _write(beside / _FAILURE, f"the process died with exit code {process.returncode}")
-    except subprocess.TimeoutExpired:
-        _write(beside / _FAILURE, f"took longer than {_LONGEST:.0f} s")
-    words = _words(beside)
-    if not (answer / _SECONDS).exists():
-        shutil.rmtree(answer, ignore_errors=True)  # of a run that failed
-        try:
-            beside.rename(answer)
-        except OSError:
-            if not (answer / _SECONDS).exists():  # else a worker that had been given up was faster
-                raise
-    shutil.rmtree(beside, ignore_errors=True)
+    answer.parent.mkdir(parents=True, exist_ok=True)
+    with scratch_folder(beside=answer) as folder:
+        beside = folder / answer.name
+        beside.mkdir()
+        _run([*_ANSWER, str(campaign), str(beside), *exclude], beside)
+        words = _words(beside)
+        if not (answer / _SECONDS).exists():
+            shutil.rmtree(answer, ignore_errors=True)  # of a run that failed
+            try:
+                beside.rename(answer)
+            except OSError:
+                if not (answer / _SECONDS).exists():  # else a worker that had been given up was faster
+                    raise
     return words
+
+
+def _run(command: Sequence[str], answer: Path) -> None:
+    """Run the program of an answer, which ends when this process does; a failure is written down."""
+    with subprocess.Popen(command, stdin=subprocess.PIPE, env=os.environ | ONE_THREAD) as process:
+        try:
+            code = process.wait(_LONGEST)
+            if code and not (answer / _FAILURE).exists():
+                _write(answer / _FAILURE, f"the process died with exit code {code}")
+        except subprocess.TimeoutExpired:
+            _write(answer / _FAILURE, f"took longer than {_LONGEST:.0f} s")
+        finally:
+            process.kill()
 
 
 def _words(answer: Path) -> str:
@@ -259,9 +270,9 @@ def _save(request: BlindRequest, name: str, seal: str) -> None:
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = parse_json(file.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise UserError(f"{file}: not JSON ({error}); give --page another name") from error
+        raise UserError(f"{file}: {error}; give --page another name") from error
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:
         raise UserError(f"{file}: schema is {schema!r}, not {SCHEMA!r}; give --page another name")
@@ -309,4 +320,5 @@ def _write(path: Path, text: str) -> None:
 
 
 if __name__ == "__main__":
+    end_with(sys.stdin.fileno())
     diagnose_one(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -15,6 +14,7 @@ import numpy as np
 
 from rigtwin.console import print_json, say
 from rigtwin.errors import UserError
+from rigtwin.parsing import parse_toml
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.formats import RunSettings, read_run, write_run
@@ -98,8 +98,8 @@ def told_settings(told: Sequence[str]) -> RunSettings:
             hint = f"; did you mean {close[0]}?" if close else ""
             raise UserError(f"--set {words}: give KEY=VALUE with a key of a run in campaign.toml{hint}")
         try:
-            settings[key] = tomllib.loads(f"value = {text}")["value"]
-        except (tomllib.TOMLDecodeError, RecursionError):
+            settings[key] = parse_toml(f"value = {text}")["value"]
+        except ValueError:
             settings[key] = text
     return RunSettings(**settings)  # type: ignore[typeddict-item] - checked where they are used
 
@@ -142,11 +142,11 @@ def _record(path: Path, run: Run, settings: RunSettings, *, said: bool) -> dict[
         "excitation_node": int(run.excitation_node),
         "excitation_plane": run.excitation_plane,
         "support": run.support if said else None,
-        "campaign_toml": _toml(path, run, settings, said=said),
+        "campaign_toml": run_table(path, run, settings, said=said),
     }
 
 
-def _toml(path: Path, run: Run, settings: RunSettings, *, said: bool) -> str:
+def run_table(path: Path, run: Run, settings: RunSettings, *, said: bool) -> str:
     """The table of a run in ``campaign.toml``."""
     lines = ["[[run]]", f"file = {json.dumps(path.name)}"]
     lines.append(

@@ -17,7 +17,8 @@ def run_report(
     out: Path,
     rig: str | None,
     estimator: Path | None,
+    trust: bool,
 ) -> None:
     """Write the page and print its result."""
-    written = report(*paths, out=out, rig=rig, rigid=rigid, bearing=bearing, estimator=estimator)
+    written = report(*paths, out=out, rig=rig, rigid=rigid, bearing=bearing, estimator=estimator, trust=trust)
     say(f"{out} written: {written.result}")

@@ -8,15 +8,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rigtwin.api.rigs import effect, effect_of
 from rigtwin.api.runs import MODE_HEADER, mode_row
-from rigtwin.api.sweeps import LEAST_LINES, SweepRequest, Swept, as_kind, measure
+from rigtwin.api.sweeps import LEAST_LINES, SweepRequest, Swept, measure
 from rigtwin.console import note, print_json, progress, say, table
 from rigtwin.errors import UserError
-from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
 from rigtwin.sim.campaign import Run, SweepDirection
 from rigtwin.sim.formats import SUFFIXES
 from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.sim.lines import HOW_TO_SETTLE, NotSettledError
 from rigtwin.sim.modal_fit import Mode, driving_point
 from rigtwin.sim.stepped_sine import SweepPlan
 
@@ -29,6 +28,9 @@ _OPTIONS = {
     "force_amplitude": "--force",
     "force_frequency": "--f-min and --f-max",
 }
+
+# HOW_TO_SETTLE in the words of the command line.
+_HOW_TO_SETTLE = "raise --settle-time, or the damping (--set shaft_damping_ratio=VALUE) if it is too low"
 
 # Remarks on single lines that are printed; the others are counted.
 _REMARKS = 3
@@ -44,6 +46,13 @@ class Output:
 
 def run_sweep(request: SweepRequest, to: Output) -> None:
     """Measure, write the files, print what was found."""
+    try:
+        _run_sweep(request, to)
+    except NotSettledError as error:
+        raise UserError(str(error).replace(HOW_TO_SETTLE, _HOW_TO_SETTLE)) from error
+
+
+def _run_sweep(request: SweepRequest, to: Output) -> None:
     _check_output(to.out)
     results: dict[int, Swept] = {}
     for place, swept in measure(request, progress):
@@ -75,39 +84,6 @@ def _check_output(out: Path | None) -> None:
         raise UserError(f"{out}: the folder {out.parent} does not exist; create it first")
     if out:
         check_writable(out)
-
-
-def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
-    """Effects with the "ID.PARAM=VALUE" settings that are theirs, and all other settings. Raises UserError."""
-    values: dict[str, dict[str, float | int]] = {key: {} for key in ids}
-    for key in ids:
-        try:
-            effect_of(key)
-        except UserError as error:
-            raise UserError(f"--effect {key}: {error}") from None
-        if ids.count(key) > 1:
-            raise UserError(
-                f"--effect {key}: given twice; give it once, and its parameters with --set {key}.NAME=VALUE"
-            )
-    others = []
-    for setting in settings:
-        key, dot, parameter = setting.partition("=")[0].partition(".")
-        if not dot or key not in EFFECTS:
-            others.append(setting)
-        elif key not in values or parameter == "enabled":
-            raise UserError(f"--set {setting}: an effect is switched on with --effect {key}")
-        else:
-            values[key][parameter] = _effect_value(setting, EFFECTS[key], parameter)
-    return tuple(effect(key, **given) for key, given in values.items()), tuple(others)
-
-
-def _effect_value(setting: str, kind: type[Effect], parameter: str) -> float | int:
-    if parameter not in kind.roles():
-        raise UserError(f"--set {setting}: {kind.id} has no parameter {parameter}; it has {', '.join(kind.roles())}")
-    role = kind.roles()[parameter]
-    whole = not isinstance(role, Parameter) and role.kind == "node"
-    name, _, text = setting.partition("=")
-    return as_kind(f"--set {name}", text, "Integer" if whole else "Real")
 
 
 def parse_settings(settings: Sequence[str]) -> dict[str, str]:
@@ -175,7 +151,14 @@ def _print(swept: Swept, out: Path | None) -> None:
         say(f"written to {out}")
 
 
-def plan_of(f_min: float, f_max: float, lines: int, force: float, direction: SweepDirection) -> SweepPlan:
+def plan_of(
+    f_min: float,
+    f_max: float,
+    lines: int,
+    force: float,
+    direction: SweepDirection,
+    settle_time: float = SweepPlan.settle_time,
+) -> SweepPlan:
     """A sweep plan from the command line's numbers. Raises UserError."""
     if not 0 < f_min < f_max:
         raise UserError(f"--f-min {f_min:g} --f-max {f_max:g}: need 0 < f-min < f-max")
@@ -183,7 +166,16 @@ def plan_of(f_min: float, f_max: float, lines: int, force: float, direction: Swe
         raise UserError(f"--lines {lines}: at least {LEAST_LINES} are needed to find a resonance")
     if not 0 < force < math.inf:
         raise UserError(f"--force {force:g}: the force must be positive")
-    return SweepPlan(f_min_hz=f_min, f_max_hz=f_max, n_lines=lines, force_amplitude=force, direction=direction)
+    if not 0 < settle_time < math.inf:
+        raise UserError(f"--settle-time {settle_time:g}: give a positive number of seconds")
+    return SweepPlan(
+        f_min_hz=f_min,
+        f_max_hz=f_max,
+        n_lines=lines,
+        force_amplitude=force,
+        direction=direction,
+        settle_time=settle_time,
+    )
 
 
 def levels_of(text: str | None) -> tuple[float, ...]:

@@ -5,6 +5,8 @@ module                 what it holds                                start here
 =====================  ===========================================  ========================
 ``page``               one page from a template                     ``write_page``
 ``figures``            plotly figures and the picture of the rotor  ``frf_figure``
+``palette``            the colours of all figures                   ``BLUE``
+``rotor_figures``      pictures of modes and of the spinning rotor  ``mode_figure``
 ``diagnosis_page``     the page of a diagnosis                      ``write_diagnosis_page``
 ``diagnosis_figures``  its figures                                  ``response_figure``
 ``diagnosis_words``    what a diagnosis says, in words              ``named``

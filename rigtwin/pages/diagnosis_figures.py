@@ -18,7 +18,8 @@ from rigtwin.gap.curves import SILENT, Curve, nrmse
 from rigtwin.gap.document import Band, BearingStiffness, Cause, FittedJoint, JointStiffness, Shrink
 from rigtwin.gap.phrases import part
 from rigtwin.pages.diagnosis_words import cause_key, cause_title, finite, places, share
-from rigtwin.pages.figures import BLUE, GREY, INK, ORANGE, PURPLE, RESPONSE_UNITS, VERMILION, styled
+from rigtwin.pages.figures import RESPONSE_UNITS, styled
+from rigtwin.pages.palette import BLUE, GREY, INK, ORANGE, PURPLE, VERMILION
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel, Run
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
+from rigtwin.pages.palette import BLUE, GREEN, GRID, INK, ORANGE, PURPLE, VERMILION
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import FloatArray
@@ -18,9 +19,6 @@ from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Channel, Run
 
-# Okabe and Ito's colours, told apart by colour-blind readers too.
-BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#8a8f98"
-INK, GRID = "#1f2933", "#e4e7eb"
 _BEARING_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE)
 
 # A band of standard errors thinner than this share of its curve cannot be seen.

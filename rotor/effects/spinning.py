@@ -59,3 +59,8 @@ class UnbalanceForce(Effect):
         """A force that turns with the rotor."""
         design.structure.dof(self.node, 1)  # raises where there is no such node
         design.unbalances.append((self.node, self.moment, self.phase))
+
+
+def unbalance_at(node: int, moment: float, phase: float) -> UnbalanceForce:
+    """An unbalance at a node: moment m e [kg m], phase from y towards z [rad]; one rotor may have several."""
+    return UnbalanceForce(moment=moment, phase=phase, node=node)

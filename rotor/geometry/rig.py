@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from difflib import get_close_matches
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from rigtwin.parsing import parse_toml
 from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING
 from rigtwin.rotor.model.elements import Section, cowper_shear_factor
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+# No rotor has numbers beyond these in whatever units, and products of a few of them are still numbers.
+_LEAST, _MOST = 1e-30, 1e30
+
+
+def _usual(value: float) -> float:
+    if value and not _LEAST <= value <= _MOST:
+        raise ValueError(f"is {value:g}; give a number from {_LEAST:g} to {_MOST:g}")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), AfterValidator(_usual)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_usual)]
+
+# A shaft's bending frequency [Hz] outside is one of numbers in mixed units.
+_LOWEST_HZ, _HIGHEST_HZ = 1e-6, 1e9
 
 # Two positions closer than this are the same place on the shaft.
 SAME_PLACE_M = 1e-9
@@ -243,6 +256,12 @@ class Rig(_Table):
             for place, item in enumerate(getattr(self, kind), start=1):
                 if item.node > len(x):
                     raise ValueError(f"{kind} {place}: node {item.node} does not exist, the rig has {len(x)} nodes")
+        for place, segment in enumerate(self.segment, start=1):
+            if not _LOWEST_HZ < (f := _bending_frequency_hz(segment, self.length)) < _HIGHEST_HZ:
+                raise ValueError(
+                    f"segment {place}: a shaft of it would bend at about {f:.0e} Hz; lengths are in m, moduli in Pa "
+                    "and densities in kg/m^3"
+                )
         if self.excitation_node > len(x):
             raise ValueError(f"excitation_node {self.excitation_node} does not exist, the rig has {len(x)} nodes")
         if len({s.node for s in self.support}) < len(self.support):
@@ -306,6 +325,13 @@ class Rig(_Table):
         return self.model_dump(include=parts) == other.model_dump(include=parts)
 
 
+def _bending_frequency_hz(segment: Segment, length: float) -> float:
+    """First of a uniform shaft on two pins, after Euler and Bernoulli: pi/2 sqrt(E I / (rho A L^4)), in y."""
+    section = segment.sections()[0]
+    stiffness, mass = section.youngs_modulus * section.second_moment, section.density * section.area
+    return math.pi / 2 * math.sqrt(stiffness / mass) / length**2 if mass else math.inf
+
+
 def shipped_rigs() -> list[str]:
     """Names of the rigs that come with rigtwin."""
     return sorted(
@@ -343,9 +369,11 @@ def load_rig(source: str | Path) -> Rig:
 def parse_rig(text: str, where: str = "rig") -> Rig:
     """Parse the text of a rig TOML; ``where`` names it in error messages. Raises RigError."""
     try:
-        return Rig.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise RigError(f"{where}: not valid TOML: {error}") from error
+        table = parse_toml(text)
+    except ValueError as error:
+        raise RigError(f"{where}: {error}") from error
+    try:
+        return Rig.model_validate(table)
     except ValidationError as error:
         raise RigError(f"{where}: " + "; ".join(_problems(error))) from error
 

@@ -29,9 +29,9 @@ def block(matrix: FloatArray, rows: IntArray, columns: IntArray | None = None) -
     return matrix.take(rows, axis=0).take(rows if columns is None else columns, axis=1)
 
 
-def work(matrix: FloatArray, shapes: FloatArray) -> FloatArray:
-    """(m,) quadratic form of a matrix (n, n) in each of the shapes (n, m): twice an energy."""
-    return np.sum(shapes * (matrix @ shapes), axis=0)
+def work(matrix: FloatArray, shapes: FloatArray | ComplexArray) -> FloatArray:
+    """(m,) quadratic form of a symmetric matrix (n, n) in each shape of (n, m), real or complex: twice an energy."""
+    return np.sum(shapes.conj() * (matrix @ shapes), axis=0).real
 
 
 @dataclass(frozen=True)

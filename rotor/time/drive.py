@@ -1,10 +1,11 @@
-"""What drives the rotor during one step: held forces and pure tones."""
+"""What drives the rotor during one step: the force of a signal, and pure tones."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 from rigtwin.rotor.model.arrays import ComplexArray
+from rigtwin.rotor.time.exciter import Course
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Tone:
 
 @dataclass(frozen=True)
 class Drive:
-    """Forces during a step: ``held`` [N] on the first input, and tones."""
+    """Forces during a step: that of the ``signal`` on the first input, and tones."""
 
-    held: float = 0.0
+    signal: Course = field(default_factory=Course)
     tones: tuple[Tone, ...] = field(default_factory=tuple)

@@ -51,6 +51,7 @@ from rigtwin.rotor.model.printed_laws import SCALAR
 from rigtwin.rotor.model.rotor_model import RotorModel
 from rigtwin.rotor.model.state_space import StateSpace
 from rigtwin.rotor.time.drive import Drive
+from rigtwin.rotor.time.exciter import Course
 from rigtwin.rotor.time.stepper import CACHE_SIZE, Block, add_tone
 
 # Allowed error of a joint's force within a substep, relative to the scale of the force.
@@ -456,7 +457,7 @@ class _Part:
         self.propagator = lru_cache(maxsize=CACHE_SIZE)(partial(_propagator, rotor, joints))  # of tones and substep
 
     def sources(self, drive: Drive) -> tuple[_Tones, list[float]]:
-        """The tones that this part hears; and the states that drive it: of every tone, then the held force."""
+        """The tones that this part hears; and the states that drive it: of every tone, then those of the signal."""
         tones, sources = [], []
         for tone in drive.tones:
             inputs = np.flatnonzero(self._reach & (tone.force != 0))
@@ -464,13 +465,13 @@ class _Part:
                 now = tone.force[inputs] * np.exp(1j * tone.start)  # forces Im now; a quarter of a period later Re now
                 tones.append((tone.omega, tuple(inputs.tolist())))
                 sources += [*now.imag.tolist(), *now.real.tolist()]
-        return tuple(tones), [*sources, drive.held]
+        return tuple(tones), [*sources, *drive.signal]
 
 
 def _propagator(rotor: _Matrices, joints: list[_Joint], tones: _Tones, tau: float) -> _Propagator:
     """The substep tau of a part under these tones."""
     n, J = rotor.G.shape
-    m = n + 2 * sum(len(inputs) for _, inputs in tones) + 1
+    m = n + 2 * sum(len(inputs) for _, inputs in tones) + len(Course())
     exponential, powers = _exponential(rotor, tones, tau, m)
     one, theta, square, cube = powers  # what pulls of 1, s/tau, (s/tau)^2, (s/tau)^3 make of x
     start = np.hstack([one - 3 * square + 2 * cube, tau * (theta - 2 * square + cube)])
@@ -490,10 +491,12 @@ def _propagator(rotor: _Matrices, joints: list[_Joint], tones: _Tones, tau: floa
 
 
 def _exponential(rotor: _Matrices, tones: _Tones, tau: float, m: int) -> tuple[FloatArray, Sequence[FloatArray]]:
-    """Rotor, tones and held force after tau; and (n, J) what pulls (s/tau)^k during it, k = 0 ... 3, make of x."""
+    """Rotor, tones and signal after tau; and (n, J) what pulls (s/tau)^k during it, k = 0 ... 3, make of x."""
     n, J = rotor.G.shape
     generator = np.zeros((m + 4 * J, m + 4 * J))
-    generator[:n, :n], generator[:n, m - 1], generator[:n, m : m + J] = rotor.A, rotor.B[:, 0], rotor.G
+    signal = m - len(Course())
+    generator[:n, :n], generator[:n, signal], generator[:n, m : m + J] = rotor.A, rotor.B[:, 0], rotor.G
+    generator[signal, signal + 1] = generator[signal + 1, signal + 2] = 1.0  # force, rate, curvature
     first = n
     for omega, inputs in tones:
         add_tone(generator, first, omega, rotor.B[:, inputs])

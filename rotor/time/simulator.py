@@ -14,6 +14,7 @@ from rigtwin.rotor.model.design import Unbalance
 from rigtwin.rotor.model.rotor_model import Change, build_model
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.time.drive import Drive, Tone
+from rigtwin.rotor.time.exciter import Exciter
 from rigtwin.rotor.time.nonlinear_stepper import NonlinearStepper
 from rigtwin.rotor.time.stepper import ModalStepper
 
@@ -47,7 +48,7 @@ class RotorSimulator:
         self._ticks = 0
         self._cycles = 0.0  # phase of the sine generator, in periods
         self._turns = 0.0  # spin angle, in turns
-        self._force, self._amplitude, self._frequency_hz = 0.0, 0.0, 0.0
+        self._exciter, self._amplitude, self._frequency_hz = Exciter(), 0.0, 0.0
         self._build(condition or Condition(), tuple(effects))
         self._state = np.zeros(self._stepper.n_states)
 
@@ -79,9 +80,13 @@ class RotorSimulator:
         else:
             self._state = np.zeros(self._stepper.n_states)
 
-    def drive(self, *, force: float, force_amplitude: float, force_frequency: float) -> None:
-        """Set the held force [N] and the built-in sine [N, Hz]; the sine's phase stays continuous."""
-        self._force, self._amplitude, self._frequency_hz = force, force_amplitude, force_frequency
+    def drive(self, *, force: float, force_amplitude: float, force_frequency: float, hold_force: bool = False) -> None:
+        """Set the signal's value [N] and the built-in sine [N, Hz]; the sine's phase stays continuous.
+
+        Between two values the force goes on smoothly, see ``exciter``; with ``hold_force`` it is held.
+        """
+        self._exciter.set(force, hold=hold_force)
+        self._amplitude, self._frequency_hz = force_amplitude, force_frequency
 
     def start_at(self, time: float) -> None:
         """Set the clock [s] of a rotor that has not moved yet. Raises ValueError for a time beyond its range."""
@@ -114,13 +119,15 @@ class RotorSimulator:
         cycles = _advance(self._cycles, self._frequency_hz, h)
         turns = _advance(self._turns, self._condition.spin_speed / (2 * math.pi), h)
         tones = self._tones((self._cycles, cycles), (self._turns, turns))
-        self._state = self._stepper.step(self._state, Drive(self._force, tones), h)
+        course = self._exciter.course(h)
+        self._state = self._stepper.step(self._state, Drive(course, tones), h)
+        self._exciter.advance(course, h)
         self._cycles, self._turns, self._ticks = cycles, turns, end
 
     @property
     def force_applied(self) -> float:
-        """Total force of the exciter at this instant [N]: the input plus the built-in sine."""
-        return self._force + self._amplitude * math.sin(2 * math.pi * self._cycles)
+        """Total force of the exciter at this instant [N]: that of the signal plus the built-in sine."""
+        return self._exciter.force + self._amplitude * math.sin(2 * math.pi * self._cycles)
 
     def accelerations(self) -> FloatArray:
         """(2 n_nodes,) accelerations [m/s^2]: y of every node, then z of every node."""
@@ -133,7 +140,8 @@ class RotorSimulator:
     def snapshot(self) -> dict[str, Any]:
         """Everything that is needed to go on from here, in JSON types; floats keep every bit."""
         return {
-            "force": [self._force, self._amplitude, self._frequency_hz],
+            "force": [self._amplitude, self._frequency_hz],
+            "exciter": self._exciter.snapshot(),
             "ticks": self._ticks,
             "cycles": self._cycles,
             "turns": self._turns,
@@ -144,7 +152,8 @@ class RotorSimulator:
         """Go back to a snapshot that was taken under this condition and these effects."""
         if condition != self._condition or tuple(effects) != self._effects:
             self._build(condition, tuple(effects))
-        self._force, self._amplitude, self._frequency_hz = snapshot["force"]
+        self._amplitude, self._frequency_hz = snapshot["force"]
+        self._exciter = Exciter.of(snapshot["exciter"])
         self._ticks, self._cycles, self._turns = snapshot["ticks"], snapshot["cycles"], snapshot["turns"]
         self._state = np.array(snapshot["state"], dtype=float)
 

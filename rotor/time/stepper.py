@@ -1,10 +1,12 @@
-"""Exact time stepping of the linear rotor under tones and a held force.
+"""Exact time stepping of the linear rotor under tones and the force of a signal.
 
 The rotor is x' = A x + B f in the scaled modal state of ``state_space``, in which the undamped part
 is skew. The steady response to a tone is x_p(phi) = Im[(i omega - A)^-1 B F e^{i phi}], and what
 differs from it decays freely, so that a communication step of any length is one matrix product,
 
-    x(t + h) = x_p(phi + omega h) + e^{hA} [x(t) - x_p(phi)] + int_0^h e^{sA} ds b u.
+    x(t + h) = x_p(phi + omega h) + e^{hA} [x(t) - x_p(phi)] + int_0^h e^{(h-s)A} b u(s) ds,
+
+with u(s) the parabola that the signal is during the step.
 
 A rotor in steady motion stays in it exactly, for any step length. An undamped rotor driven at a
 resonance has no steady response; there the tone becomes two more states of the exponential.
@@ -43,8 +45,8 @@ class Block:
 
     def reached_by(self, drive: Drive) -> bool:
         """Whether the drive's forces act on these states."""
-        held = drive.held != 0.0 and bool(self.B[:, 0].any())
-        return held or any(self.hears(tone) for tone in drive.tones)
+        pushed = any(drive.signal) and bool(self.B[:, 0].any())
+        return pushed or any(self.hears(tone) for tone in drive.tones)
 
     def hears(self, tone: Tone) -> bool:
         """Whether a tone acts on these states."""
@@ -110,8 +112,8 @@ class ModalStepper:
         return self._output.dot(state) + self.feedthrough.dot(forces)
 
     def _step_block(self, block: Block, x: FloatArray, drive: Drive, h: float) -> FloatArray:
-        free, held = self._propagator(block, h)
-        after = held * drive.held
+        free, pushed = self._propagator(block, h)
+        after = pushed.dot(drive.signal.share(h))
         for tone in drive.tones:
             if not block.hears(tone):
                 continue
@@ -131,13 +133,14 @@ class ModalStepper:
 
 
 def _propagate(block: Block, h: float) -> tuple[FloatArray, FloatArray]:
-    """e^{hA} and int_0^h e^{sA} ds b of one block, b for the first input."""
+    """(m, m) e^{hA} and (m, 3) int_0^h e^{(h-s)A} b (s/h)^p ds of one block, p = 0, 1, 2, b for the first input."""
     m = len(block.places)
-    generator = np.zeros((m + 1, m + 1))
-    generator[:m, :m] = block.A
-    generator[:m, m] = block.B[:, 0]
-    exponential = expm(h * generator)
-    return np.ascontiguousarray(exponential[:m, :m]), exponential[:m, m].copy()
+    generator = np.zeros((m + 3, m + 3))
+    generator[:m, :m] = h * block.A
+    generator[:m, m] = h * block.B[:, 0]
+    generator[m, m + 1] = generator[m + 1, m + 2] = 1.0  # every power is the integral of the one before
+    exponential = expm(generator)
+    return np.ascontiguousarray(exponential[:m, :m]), exponential[:m, m:] * np.array([1.0, 1.0, 2.0])
 
 
 def _steady_state(block: Block, omega: float) -> ComplexArray | None:

@@ -61,7 +61,7 @@ def _with_phase_offset(path: Path, recording: Recording, offset_deg: float) -> R
     return replace(recording, H=recording.H * turn(1), harmonics=harmonics)
 
 
-def error_of_coherence(H: ComplexArray, coherence: FloatArray, averages: int) -> FloatArray:
+def error_of_coherence(H: ComplexArray, coherence: FloatArray, averages: float) -> FloatArray:
     """Standard error of an H1 estimate, sqrt(E|error|^2) = |H| sqrt((1 - g) / (g n)) with the coherence g.
 
     The part (1 - g) of the response's spectrum Gyy is noise, and the squared error of H1 = Gxy / Gxx is that part over

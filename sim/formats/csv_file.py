@@ -86,12 +86,18 @@ def _separator(file: TextIO) -> tuple[str, int]:
     A first line ``sep=;``, as spreadsheets write it, says it; else the header has it more often than any other.
     """
     first = file.readline()
-    if told := _TOLD.fullmatch(first.strip("\r\n ")):
-        return told[1], 1
+    if told := told_separator(first):
+        return told, 1
     while first and not first.strip():
         first = file.readline()
     file.seek(0)
     return max(_SEPARATORS, key=first.count), 0
+
+
+def told_separator(line: str) -> str | None:
+    """What a first line such as ``sep=;`` says that separates columns; None of any other line."""
+    told = _TOLD.fullmatch(line.strip("\r\n "))
+    return told[1] if told else None
 
 
 def _filled(cells: list[str]) -> int:

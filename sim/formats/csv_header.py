@@ -22,6 +22,7 @@ _COLUMN = re.compile(
 )
 
 _CHANNEL = re.compile(r"(-?)node([1-9][0-9]{0,8})([a-z]?)(_z)?")
+PLACE = re.compile(r"(\d{1,9})([XYZxyz])([+-])")  # a channel that is called after its place, such as 2Y+
 
 # Parts that belong to the run as a whole: not to one of its harmonics.
 _ONCE = ("std", "coherence")
@@ -64,10 +65,13 @@ class Header:
 
 
 def channel_of(text: str) -> tuple[int, Channel]:
-    """Sign and channel of ``node2``, ``node2b_z`` or, of a sensor that points the other way, ``-node2``.
+    """Sign and channel of ``node2``, ``node2b_z`` or, of a sensor that points the other way, ``-node2``; or of ``2Y-``.
 
     Raises ValueError where it is none.
     """
+    place = PLACE.fullmatch(text)
+    if place is not None and int(place[1]) and place[2] not in "Xx":
+        return -1 if place[3] == "-" else 1, Channel(int(place[1]), "z" if place[2] in "Zz" else "y")
     match = _CHANNEL.fullmatch(text)
     if match is None:
         raise ValueError(

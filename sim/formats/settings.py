@@ -21,6 +21,7 @@ UNKNOWN = "unknown"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Node = Annotated[int, Field(ge=1, le=999_999_999)]  # as many digits as a column's name has
 
 
 def _unknown_is_none(value: Any) -> Any:
@@ -58,7 +59,7 @@ class RunSettings(TypedDict, total=False):
     """How a run was measured. An absent key was not said; it is then looked for in the data file."""
 
     support: SupportKind
-    excitation_node: Annotated[int, Field(ge=1)]  # counted from 1; default the rig's
+    excitation_node: Node  # counted from 1; default the rig's
     excitation_plane: Plane  # default "y"
     force_amplitude_N: Force  # [N] peak; None: not recorded; default 1, or None where quantity is "acceleration"
     spin_rpm: Finite  # [rev/min], the sign is the direction about +x; default 0
@@ -66,12 +67,12 @@ class RunSettings(TypedDict, total=False):
     sweep: SweepDirection | None  # default None: lines measured one by one
     control: Control  # default "force"
     response_amplitude: Positive  # that a controller held, peak, unit of the quantity without "per newton"
-    response_node: Annotated[int, Field(ge=1)]  # whose response that is; default the exciter's node
+    response_node: Node  # whose response that is; default the exciter's node
     roving: Roving | None  # default None: the accelerometers stayed, and so did the exciter
     phase_offset_deg: Finite  # added to the phase of every channel; default 0
     leave_out_Hz: list[Band]  # bands whose lines are not used; default none
     keep_Hz: list[Band]  # bands outside which no line is used; default all
-    averages: Annotated[int, Field(ge=2)]  # spectra behind each response and its coherence
+    averages: Annotated[int, Field(ge=2, le=10**9)]  # spectra behind each response and its coherence
     unit: Annotated[str, AfterValidator(_response_unit)]  # of the response in the file: "g/N", "mm/s^2"; default SI
     frequency_unit: Annotated[str, AfterValidator(_frequency_unit)]  # "rad/s", "rpm"; default Hz
     channels: dict[str, str]  # what names in the file mean: of a universal file "node2_z", "-node2", of a CSV columns

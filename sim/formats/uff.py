@@ -29,7 +29,7 @@ import pyuff
 
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel, MeasurementError, Plane, Quantity, Run
-from rigtwin.sim.formats.csv_header import channel_of
+from rigtwin.sim.formats.csv_header import PLACE, channel_of
 from rigtwin.sim.formats.recording import Recording
 from rigtwin.sim.formats.settings import RunSettings, check_settings, stored_settings
 from rigtwin.sim.formats.uff_datasets import DatasetError, End, Function, Units, read_datasets
@@ -41,7 +41,6 @@ logger = logging.getLogger(__name__)
 MARK = "rigtwin"
 RESPONSE, STANDARD_ERROR, HARMONIC = "RESPONSE", "STANDARD ERROR", "HARMONIC"
 FORCE, SWEPT, COHERENCE = "FORCE", "SWEPT LINES", "COHERENCE"
-_NAMED = re.compile(r"(\d{1,9})([XYZxyz])([+-])")  # an entity that is called after its place
 _OWN_ID1 = re.compile(rf"({RESPONSE}|{STANDARD_ERROR}|{FORCE}|{SWEPT}|{HARMONIC} \d+) node\d+([a-z]?)(_z)?")
 
 DIRECTION: dict[Plane, int] = {"y": 2, "z": 3}
@@ -199,7 +198,7 @@ class _ChannelMap:
             except ValueError as error:
                 raise MeasurementError(f"{self._path}: channels: {error}") from error
             return replace(end, node=channel.node, direction=sign * DIRECTION[channel.plane])
-        if (end.node == 0 or end.direction == 0) and (named := _NAMED.fullmatch(end.name)):
+        if (end.node == 0 or end.direction == 0) and (named := PLACE.fullmatch(end.name)):
             direction = "XYZ".index(named[2].upper()) + 1
             return replace(end, node=int(named[1]), direction=direction if named[3] == "+" else -direction)
         self._names |= dict.fromkeys(name for name in names if name and name != "NONE")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 
 GRAVITY = 9.80665  # standard acceleration [m/s^2]
 _POUND = 4.4482216152605  # of force [N]
@@ -55,3 +56,64 @@ def _plain(label: str) -> str:
     text = label.lower().translate(str.maketrans({"²": "2", "µ": "u", "μ": "u", "^": "", "*": "", "·": "", " ": ""}))
     text = text.strip("[]()").replace("sec", "s")
     return re.sub(r"/s/s$|(?<!/)s-2$", "/s2", text)
+
+
+# What a measuring channel gives before it is a force or a motion: volts, or counts of a converter.
+_VOLTS = {"v": 1.0, "mv": 1e-3, "uv": 1e-6, "kv": 1e3, "volt": 1.0, "volts": 1.0, "vdc": 1.0, "vac": 1.0}
+_COUNTS: dict[str, float] = {name: 1.0 for name in ("count", "counts", "digit", "digits", "lsb")}
+_ORDERS = ("displacement", "velocity", "acceleration")
+
+
+def kind_of(unit: str) -> tuple[str, float] | None:
+    """What a unit of one signal measures, and its factor to SI, volts or counts; None where it is unknown.
+
+    >>> kind_of("mV"), kind_of("g"), kind_of("kN"), kind_of("mm/s")
+    (('voltage', 0.001), ('acceleration', 9.80665), ('force', 1000.0), ('velocity', 0.001))
+    """
+    name = _plain(unit)
+    for kind, units in (("voltage", _VOLTS), ("counts", _COUNTS), ("force", FORCE)):
+        if name in units:
+            return kind, units[name]
+    if name not in MOTION:
+        return None
+    order = 2 if name.endswith("/s2") or name in ("g", "gn") else int(name.endswith("/s") or name == "ips")
+    return _ORDERS[order], MOTION[name]
+
+
+def derivative_order(kind: str) -> int | None:
+    """Which derivative of a displacement a kind of signal is, None of what is no motion."""
+    return _ORDERS.index(kind) if kind in _ORDERS else None
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What a sensor gives for one SI unit of what it measures."""
+
+    signal: str  # "voltage" or "counts"
+    measured: str  # "force", "displacement", "velocity" or "acceleration"
+    value: float  # [V or counts per SI unit]; negative of a sensor that points the other way
+
+
+_SENSITIVITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\s/\d][^/]*?)\s*/\s*(.+?)\s*")
+
+
+def sensitivity(text: str) -> Sensitivity:
+    """A sensitivity as calibration sheets write it. Raises ValueError where it is none.
+
+    >>> sensitivity("22.4 mV/N")
+    Sensitivity(signal='voltage', measured='force', value=0.0224)
+    """
+    match = _SENSITIVITY.fullmatch(re.sub(r"(?<=\d),(?=\d)", ".", text))
+    given, per = (kind_of(match[2]), kind_of(match[3])) if match else (None, None)
+    if match is None or given is None or per is None or given[0] not in ("voltage", "counts"):
+        raise ValueError(
+            f"{text!r} is no sensitivity; write one like 22.4 mV/N, 100 mV/g, 10 mV/(m/s^2) or 1200 counts/N"
+        )
+    if per[0] in ("voltage", "counts"):
+        raise ValueError(
+            f"{text!r} is no sensitivity of a sensor; the unit after the stroke is one of a force or motion"
+        )
+    value = float(match[1]) * given[1] / per[1]
+    if not (math.isfinite(value) and value != 0):
+        raise ValueError(f"{text!r} is no sensitivity; it must not be zero")
+    return Sensitivity(given[0], per[0], value)

@@ -17,9 +17,14 @@ from rigtwin.commands.blind import BlindRequest, diagnose_all, in_own_process, r
 from rigtwin.errors import UserError
 from rigtwin.scale_out import executor
 
-# Of the tuning split: no gap, a mass, a rotor of ROSS; and once more no gap, an artefact, another rotor of ROSS.
-ORDERS = (Order("W3", "tuning", 1, 0), Order("W1", "tuning", 1, 0), Order("W6", "tuning", 1, 7))
-MORE = (Order("W3", "tuning", 1, 1), Order("W5", "tuning", 1, 1), Order("W6", "tuning", 1, 23))
+# Of the tuning split: no gap, a mass; and once more no gap, an artefact, two rotors of ROSS.
+ORDERS = (Order("W3", "tuning", 1, 0), Order("W1", "tuning", 1, 0))
+MORE = (
+    Order("W3", "tuning", 1, 1),
+    Order("W5", "tuning", 1, 1),
+    Order("W6", "tuning", 1, 7),
+    Order("W6", "tuning", 1, 23),
+)
 
 
 @pytest.mark.parametrize("orders", [ORDERS, pytest.param(MORE, marks=pytest.mark.long)], ids=["some", "more"])

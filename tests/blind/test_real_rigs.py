@@ -186,7 +186,8 @@ def test_tolerances_that_are_not_stated_are_those_that_are_taken_anyway():
     assert (WORKSHOP.disk_mass, WORKSHOP.gain) == (usual.disk_mass_tolerance, usual.gain_tolerance)
 
 
-@pytest.mark.parametrize(("index", "groups"), [pytest.param(15, 2, marks=pytest.mark.long), (5, 3)])
+@pytest.mark.long
+@pytest.mark.parametrize(("index", "groups"), [(15, 2), (5, 3)])
 def test_several_effects_are_of_different_groups(index, groups):
     rig = read_rig(rotor_of(index))
     draw = draw_real(rig, index, np.random.default_rng(2))

@@ -64,7 +64,8 @@ def test_time_stepping_repeats_where_a_motion_is_stable_and_there_only():
     assert_allclose(forces[:-2], balanced[:-2], rtol=0.02)
 
 
-@pytest.mark.parametrize("every", [50, pytest.param(20, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("every", [50, 20])
 def test_time_stepping_repeats_where_a_law_is_not_felt(every):
     """A rotor that does not touch has no force to repeat; a preload far above the exciter's force stays what it is."""
     effect = Effect("bearing_clearance", {"gap": 2.6e-6, "preload": 3.2})

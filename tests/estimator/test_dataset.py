@@ -76,6 +76,7 @@ def test_features_are_those_of_the_rig_that_was_set(clean):
         assert_allclose(row[:3], [*finder.shifts(k_b), finder.amplitude_ratio(k_b, damping)], rtol=MODAL_FIT)
 
 
+@pytest.mark.long
 def test_the_result_does_not_depend_on_where_and_in_which_parts_the_work_runs(rotor_fmu, two, monkeypatch):
     """One process and one instance, or two processes with a rig each: the same bits, noise included."""
     monkeypatch.setattr(dataset, "_CHUNK", 1)

@@ -128,6 +128,12 @@ def test_as_array_has_the_order_of_the_names():
 # -- refusals --------------------------------------------------------------------------------------
 
 
+def test_exchanged_runs_are_named_as_such():
+    first, second = replace(exact_run("bearing"), support="rigid", name="a"), replace(exact_run("rigid"), name="b")
+    with pytest.raises(MeasurementError, match=r"^a resonates at .* Hz, b at .* the two seem to be exchanged"):
+        features_of_runs(first, replace(second, support="bearing"))
+
+
 @pytest.mark.parametrize("kinds", [("bearing", "rigid"), ("rigid", "rigid"), ("bearing", "bearing")])
 def test_mixed_up_supports_are_refused(kinds):
     runs = [exact_run(kind) for kind in kinds]

@@ -149,7 +149,7 @@ def test_a_shaft_on_one_bearing_has_its_pages(node):
     """It swings about the bearing at no frequency; the page names the first one above."""
     rig = load_rig("nit-rourkela")
     one = rig.model_copy(update={"support": [rig.support[0].model_copy(update={"node": node})]})
-    page = rotor_pages(one, build._facts(one))["documentation/index.html"].decode()
+    page = rotor_pages(one, build.rotor_facts(one, assemble(one)))["documentation/index.html"].decode()
     first = elastic_frequencies_hz(build_system(assemble(one), Condition(k_b=1e7)), plane=1)[0]
     assert first > 50
     assert f"{first:.1f} Hz" in page

@@ -100,12 +100,12 @@ def test_every_numeric_parameter_has_both_ends_of_a_range(rotor_fmu):
     assert [v.attrib["name"] for v in parameters if None in (v[0].get("min"), v[0].get("max"))] == []
 
 
-@pytest.mark.parametrize("name", ["k_b", "force_frequency"])
+@pytest.mark.parametrize("name", ["k_b"])
 def test_what_must_be_positive_has_a_positive_minimum(rotor_fmu, name):
     assert float(reals(rotor_fmu)[name].attrib["min"]) > 0
 
 
-@pytest.mark.parametrize("name", ["force_amplitude", "bearing_damping", "shaft_damping_ratio"])
+@pytest.mark.parametrize("name", ["force_amplitude", "force_frequency", "bearing_damping", "shaft_damping_ratio"])
 def test_what_must_not_be_negative_has_the_minimum_zero(rotor_fmu, name):
     assert float(reals(rotor_fmu)[name].attrib["min"]) == 0
 
@@ -145,7 +145,36 @@ def test_its_capabilities_are_declared(fmu):
     flags = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate")
     assert {declared[flag] for flag in flags} == {"true"}
     assert declared["canBeInstantiatedOnlyOncePerProcess"] == "false"
-    assert declared["canInterpolateInputs"] == "false"  # the glue cannot take input derivatives
+    # pythonfmu's glue cannot take the derivatives of inputs, and the estimator has no use for them
+    compiled = declared["needsExecutionTool"] == "false"
+    assert declared["canInterpolateInputs"] == str(compiled and fmu.stem == "RotorRig").lower()
+
+
+@pytest.mark.parametrize(("name", "shown", "factor"), [("k_b", "MN/m", 1e-6), ("spin_speed", "rpm", 9.549296585513721)])
+def test_people_read_it_in_the_units_of_the_workshop(rotor_fmu, name, shown, factor):
+    real = reals(rotor_fmu)[name]
+    assert real.get("displayUnit") == shown
+    (unit,) = (u for u in description(rotor_fmu).iter("Unit") if u.get("name") == real.get("unit"))
+    (display,) = unit.findall("DisplayUnit")
+    assert display.get("name") == shown
+    assert float(display.attrib["factor"]) == pytest.approx(factor, rel=1e-15)
+
+
+def test_the_default_experiment_has_the_recommended_step_and_a_tolerance(rotor_fmu, estimator_fmu):
+    rotor, estimator = (description(fmu).find("DefaultExperiment").attrib for fmu in (rotor_fmu, estimator_fmu))
+    assert (float(rotor["stepSize"]), float(rotor["tolerance"])) == (2e-5, 3e-5)
+    assert float(estimator["tolerance"]) == 1e-6
+
+
+def test_it_holds_its_licences_and_says_what_it_needs(fmu):
+    with zipfile.ZipFile(fmu) as archive:
+        needs = archive.read("documentation/externalDependencies.txt").decode()
+        licences = {name: archive.read(name).decode() for name in archive.namelist() if "/licenses/" in name}
+    assert "MIT License" in licences["documentation/licenses/license.txt"]
+    assert len(licences) == 2
+    assert all("Copyright" in text for text in licences.values())
+    python = description(fmu).find("CoSimulation").get("needsExecutionTool") == "true"
+    assert ("numpy" in needs) == python
 
 
 def test_it_carries_no_date(fmu):

@@ -170,8 +170,8 @@ def test_a_rigid_supports_own_nodes_read_exactly_zero(rotor_session):
 
 
 def drive(session, u, h, parameters):
-    """(n_steps, 7) accelerations of a master that sets the force, steps, and then reads."""
-    session.start(parameters)
+    """(n_steps, 7) accelerations of a master that sets a force that is held, steps, and then reads."""
+    session.start({"held_force.enabled": True, **parameters})
     readings = []
     for force in u:
         session.set({"force": force})

@@ -47,6 +47,7 @@ def test_poles_of_a_block_show_where_they_are():
     assert_allclose(seat.D[stiffer].real, true[stiffer].real, atol=0.1 * np.abs(true[stiffer]).max())
 
 
+@pytest.mark.long
 def test_a_law_begins_where_it_resembles_the_stiffness():
     problem, seat = read(BLOCK)
     law, rubber = (of(problem.runs, name)[0].bent for name in ("pedestal_flexibility", "viscoelastic_support"))

@@ -453,6 +453,7 @@ def slow(run, corner: float = 2e-4):
     return replace(run, H=H)
 
 
+@pytest.mark.long
 def test_an_effect_in_another_form_is_named_and_said_to_be_one():
     campaign = campaign_of(*map(slow, both_supports(seed=7)))
     found = diagnose(campaign, exclude=all_but("sensor_delay", "sensor_position", *RIVALS)).diagnosis
@@ -793,6 +794,7 @@ def test_errors_that_channels_share_stay_shared_ones():
     assert not_shared(sharing(run, 0.0), recalibrate(sharing(run, 0.0))) is None
 
 
+@pytest.mark.long
 def test_what_a_fast_sweep_still_rings_with_is_no_noise_of_the_force():
     """All channels ring alike, so that near a line it looks like it; what the fit leaves tells."""
     belief, effect = replace(BELIEF, shaft_damping_ratio=0.0019), FastSweep(dwell=0.47)

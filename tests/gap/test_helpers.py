@@ -85,6 +85,7 @@ def test_another_process_makes_the_same_search():
     ]
 
 
+@pytest.mark.long
 def test_another_process_makes_the_same_nonlinear_search():
     """Each candidate from nothing: a motion solved for one leads no other."""
     runs = runs_of(BearingCubic(stiffness=1e15))

@@ -37,6 +37,7 @@ def diagnosis(runs):
     return diagnose(campaign_of(*runs), exclude=all_but("disk_mass", "measured_joint")).diagnosis
 
 
+@pytest.mark.long
 def test_an_absorber_is_an_unknown_mechanism_at_its_node(diagnosis):
     joint = diagnosis.measured_joint
     assert diagnosis.verdict == "unknown"
@@ -93,6 +94,7 @@ def test_two_sensors_tell_no_place():
     assert find_joint(problem, recalibrate(problem)) is None
 
 
+@pytest.mark.long
 def test_what_strains_the_nuisances_is_no_law():
     """Masses at two nodes are no joint at one."""
     problem = problem_of(*both_supports(AttachedMass(0.4, 2), AttachedMass(0.4, 6), seed=5, channels=SENSORS))

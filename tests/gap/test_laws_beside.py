@@ -118,6 +118,7 @@ def test_a_law_and_a_linear_effect_are_found_together(weighed_down):
     assert mass.mass == pytest.approx(MASS.mass, rel=0.05)
 
 
+@pytest.mark.long
 def test_beside_a_law_that_is_fitted_the_score_tells_the_linear_effect(weighed_down):
     laws, effects = library(weighed_down, "bearing_cubic", "attached_mass", "shaft_modulus")
     problem = problem_of(*weighed_down)

@@ -112,6 +112,7 @@ def test_force_levels_are_for_nonlinear_members(rivals):
     assert [run.force_amplitude_N for run in levels.runs] == [pytest.approx(1 / 3), 3.0]
 
 
+@pytest.mark.long
 def test_nonlinear_members_are_told_apart():
     run = measure("bearing", channels=ONE, seed=2)
     problem = problem_of(run)

@@ -257,6 +257,7 @@ def test_sensors_that_tell_nothing_of_the_motion_are_passed_over(hardening):
     np.testing.assert_array_equal(seen_motion(problem_of([both]), K_B), expected)
 
 
+@pytest.mark.long
 def test_where_levels_do_not_differ_no_law_is_kept():
     """At the end of its range where it does nothing, a law explains as much as none, and must not be named."""
     runs = runs_of(BearingCubic(stiffness=1.0))
@@ -296,6 +297,7 @@ def test_a_gap_that_a_single_line_holds_is_seen():
     assert found.fits[0].effects[0].preload == pytest.approx(opening.preload, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_bearing_that_lifts_off_on_few_lines_is_told_by_their_misfit():
     """As a mean distance of all lines it is hardly nearer to the data than a rotor without a gap."""
     opening = BearingClearance(gap=8e-7, preload=2.0)
@@ -475,6 +477,7 @@ def test_hysteresis_needs_no_more_samples_than_it_has(monkeypatch):
     assert 0 < off < 1e-4
 
 
+@pytest.mark.long
 def test_a_bilinear_support_starts_from_one_level():
     """The mean stiffness that narrow resonances need takes several harmonics."""
     rigid = blank("rigid", lines("rigid"), force_amplitude_N=0.2, name="rigid")

@@ -21,7 +21,11 @@ NUMBERS = {"mass": "kg", "delay": "s"}
 SMALLER_AND_LARGER = (RigScale(1e-3, 0.1, 1 / 3), RigScale(1.0, 1.0, 1.0), OTHER_UNITS)
 
 
-@pytest.fixture(scope="module", params=[None, AttachedMass(mass=0.18, node=4)], ids=["healthy", "mass"])
+@pytest.fixture(
+    scope="module",
+    params=[None, pytest.param(AttachedMass(mass=0.18, node=4), marks=pytest.mark.long)],
+    ids=["healthy", "mass"],
+)
 def twice(request, tmp_path_factory):
     """A campaign's diagnosis, and that of the same campaign in other units."""
     campaign, only = Measured(RIG, request.param).campaign, all_but("attached_mass", "sensor_delay")

@@ -307,6 +307,7 @@ def test_a_grid_that_leaves_plenty_does_not_end_the_search(monkeypatch):
     assert ("attached_mass",) in [start.hypothesis.ids for start in found.rough]
 
 
+@pytest.mark.long
 def test_a_second_effect_that_tolerances_hide_is_seen_by_what_is_left():
     """A softer shaft beside a delay: modulus, span and disks take it up, but at a price."""
     problem = problem_with(ShaftModulus(factor=0.98), SensorDelay(delay=5e-5, node=3))

@@ -115,6 +115,7 @@ def test_the_virtual_rig_is_driven_by_the_forces_that_were_found(hardened):
 # -- pairs ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_two_effects_are_one_cause_with_the_numbers_and_places_of_both():
     pair = AttachedMass(mass=0.1, node=3), BearingDamping(damping=150.0)
     names = ("attached_mass", "bearing_damping", "disk_mass")
@@ -140,6 +141,7 @@ def test_a_second_effect_at_the_bearings_does_not_stand_for_another_form_of_the_
 # -- spin -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_what_splits_the_modes_of_a_spinning_rotor_is_named():
     """Accelerometers in both planes, at rest and at 6000 rev/min."""
     channels = tuple(Channel(node, plane) for plane in ("y", "z") for node in (2, 4, 6))

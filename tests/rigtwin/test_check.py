@@ -72,6 +72,7 @@ def stuck(rotor_fmu, tmp_path) -> Path:
     )
 
 
+@pytest.mark.long
 def test_a_stiffness_may_be_as_far_off_as_the_tolerance(stuck, estimator_fmu):
     four_off, six_off = (("--expect-k-b", 1e7 * factor, "--estimator", estimator_fmu) for factor in (1.04, 1.06))
     assert run_json("check", stuck, *four_off)["passed"] is True

@@ -26,13 +26,16 @@ def test_an_example_runs_from_anywhere_and_its_number_holds(name, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["measure_k_b", "own_rotor", "diagnose_a_campaign"])
+@pytest.mark.parametrize(
+    "name", ["measure_k_b", "own_rotor", pytest.param("diagnose_a_campaign", marks=pytest.mark.long)]
+)
 def test_an_example_is_a_page_and_asserts_a_number(name):
     lines = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8").splitlines()
     assert len(lines) < 60
     assert any(line.strip().startswith("assert ") for line in lines)
 
 
+@pytest.mark.long
 def test_the_workflow_builds_checks_and_reports(tmp_path, monkeypatch):
     text = (EXAMPLES / "ci" / "rigtwin-check.yml").read_text(encoding="utf-8")
     commands = re.findall(r"^\s+run: rigtwin (.+)$", text, re.MULTILINE)

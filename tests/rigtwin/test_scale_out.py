@@ -83,6 +83,7 @@ def wait_for_workers(address: str, count: int) -> None:
         client.wait_for_workers(count, timeout=PATIENCE)
 
 
+@pytest.mark.long
 def test_a_worker_killed_in_mid_run_loses_nothing_and_doubles_nothing(rotor_fmu, cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(dataset, "_CHUNK", 1)
     rigs, store = PRIOR.draw(6, seed=3), tmp_path / "store"

@@ -31,6 +31,7 @@ class InThisProcess(Executor):
         return future
 
 
+@pytest.mark.long
 def test_rigs_that_were_measured_before_an_interrupt_are_not_measured_again(rotor_fmu, tmp_path, monkeypatch):
     monkeypatch.setattr("rigtwin.estimator.dataset._CHUNK", 1)
     rigs = PRIOR.draw(4, seed=5)

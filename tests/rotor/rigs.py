@@ -57,6 +57,16 @@ def cantilever(*segments: dict[str, Any], **keys: Any) -> Rig:
     return rig(nodes_m=list(ends), segment=list(segments), support=[clamp], **keys)
 
 
+def jeffcott(mass_kg: float = 2.0) -> Rig:
+    """A mass in the middle of a light and stiff shaft on two bearings."""
+    return rig(
+        nodes_m=[0.0, 0.2, 0.4],
+        segment=[round_shaft(0.4, 0.2, LIGHT_STEEL)],
+        disk=[{"node": 2, "mass_kg": mass_kg}],
+        support=[{"node": 1, "stiffness": "k_b"}, {"node": 3, "stiffness": "k_b"}],
+    )
+
+
 def paper_structure(elements: int = 1, element: ElementType = timoshenko) -> Structure:
     """The paper's rotor without its bearings."""
     return assemble(load_rig("nit-rourkela"), element=element, elements_between_nodes=elements)

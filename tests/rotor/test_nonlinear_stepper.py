@@ -34,6 +34,7 @@ from rigtwin.rotor.model.state_space import StateSpace
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
 from rigtwin.rotor.time.drive import Drive, Tone
+from rigtwin.rotor.time.exciter import Course
 from rigtwin.rotor.time.nonlinear_stepper import NoBalanceError, NonlinearStepper
 from rigtwin.rotor.time.simulator import RotorSimulator
 from rigtwin.rotor.time.stepper import ModalStepper
@@ -93,7 +94,7 @@ def linear(system: LinearSystem) -> ModalStepper:
 
 def sine(amplitude: float, omega: float, t: float, h: float, direction: tuple[complex, complex] = Y) -> Drive:
     """A sine that runs through, from t to t + h."""
-    return Drive(0.0, (Tone(omega, omega * t, omega * (t + h), np.array(direction, dtype=np.complex128) * amplitude),))
+    return Drive(tones=(Tone(omega, omega * t, omega * (t + h), np.array(direction, dtype=np.complex128) * amplitude),))
 
 
 def march(
@@ -221,7 +222,7 @@ def test_a_force_that_never_acts_leaves_the_linear_rotor(effect, h):
     s, reference = stepper(model), linear(model.system)
     q, v = 1e-6 * np.sin(1 + np.arange(model.system.n)), 1e-4 * np.cos(np.arange(model.system.n))
     tones = (Tone(600.0, 0.3, 0.3 + 600 * h, np.array([3.0, 1j])), Tone(-100.0, 0.0, -100 * h, np.array([0, 1 + 1j])))
-    drive = Drive(2.0, tones)
+    drive = Drive(Course(2.0), tones)
     after, expected = s.step(s.state_of(q, v), drive, h), reference.step(reference.state_of(q, v), drive, h)
     assert_allclose(after[: len(expected)], expected, rtol=0, atol=STEPPER * np.abs(expected).max())
     forces = np.array([3.0, 1.0])

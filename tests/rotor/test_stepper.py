@@ -15,6 +15,7 @@ from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.system import LinearSystem, undamped_modes
 from rigtwin.rotor.time.drive import Drive, Tone
+from rigtwin.rotor.time.exciter import Course
 from rigtwin.rotor.time.stepper import ModalStepper
 from tests.rotor import rigs
 from tests.tolerances import ROUND_OFF, STEPPER
@@ -39,7 +40,7 @@ class Force(NamedTuple):
 def advance(s: ModalStepper, state: np.ndarray, phase: float, force: Force, h: float) -> np.ndarray:
     """One step of a sine that runs through: its phase at the end follows from that at the start."""
     tone = Tone(force.omega, phase, phase + force.omega * h, np.array([force.amplitude + 0j]))
-    return s.step(state, Drive(force.held, (tone,) if force.amplitude else ()), h)
+    return s.step(state, Drive(Course(force.held), (tone,) if force.amplitude else ()), h)
 
 
 def spinning_system() -> LinearSystem:

@@ -5,7 +5,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rigtwin.rotor.effects import DiskInertia, Gyroscopic, PlaneAnisotropy, UnbalanceForce, ViscoelasticSupport
-from rigtwin.rotor.frequency.whirl import campbell, critical_speeds, unbalance_response, whirl_direction
+from rigtwin.rotor.frequency.whirl import (
+    campbell,
+    critical_speeds,
+    crossings,
+    followed_campbell,
+    speeds_through_resonances,
+    unbalance_response,
+    whirl_direction,
+)
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.elements import euler_bernoulli
@@ -13,7 +21,7 @@ from rigtwin.rotor.model.rotor_model import build_model, build_system
 from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.rotor import rigs
 from tests.rotor.test_assembly import UNDAMPED, overhung
-from tests.tolerances import EIGENVALUE_ROUND_OFF, NEARLY_MASSLESS, SPECTRAL
+from tests.tolerances import EIGENVALUE_ROUND_OFF, NEARLY_MASSLESS, PEAK_BETWEEN_SPEEDS, SPECTRAL
 
 SPINNING_DISKS = (DiskInertia(), Gyroscopic())
 BEARINGS = Condition(k_b=1.3e6, bearing_damping=100.0, shaft_damping_ratio=0.0)
@@ -58,11 +66,65 @@ def test_critical_speeds_of_a_viscoelastic_rotor_are_those_of_its_relaxed_stiffn
     assert_allclose(critical_speeds(viscoelastic).spin_speed, critical_speeds(relaxed).spin_speed, rtol=SPECTRAL)
 
 
-def test_a_rotor_that_nothing_holds_has_no_critical_speeds():
-    structure = rigs.paper_structure()
-    free = build_system(structure, Condition(k_b=1e-6))
-    with pytest.raises(ValueError, match="rigid body"):
-        critical_speeds(free)
+def test_a_rotor_that_nothing_holds_has_the_critical_speeds_of_its_bending():
+    """Rigid-body motions are left out: four of a free rotor in both planes."""
+    free = build_system(rigs.paper_structure(), Condition(k_b=1e-6), SPINNING_DISKS)
+    assert np.count_nonzero(~free.modes.elastic) == 4
+    barely_held = build_system(rigs.paper_structure(), Condition(k_b=1.0), SPINNING_DISKS)
+    of_bending = critical_speeds(barely_held, n=8).spin_speed[4:]
+    assert_allclose(critical_speeds(free, n=4).spin_speed, of_bending, rtol=NEARLY_MASSLESS)
+
+
+def test_critical_speeds_of_a_rotor_that_swings_about_its_bearing_are_those_of_the_closed_form():
+    """K = k b b' has one root beside zero: omega^2 = k (b_1^2 / m + b_2^2 / (I_d -+ I_p)), here only backward."""
+    swinging = rigs.lumped_rotor(rigs.LIGHT_STEEL["density_kg_per_m3"], clamped=False)
+    system = build_system(assemble(swinging), UNDAMPED)
+    _, stiffness = rigs.lumped_rotor_matrices(clamped=False)
+    disk = swinging.disk[0]
+    backward = np.diag([disk.mass, disk.diametral_inertia + disk.polar_inertia])
+    expected = np.sqrt(np.trace(np.linalg.solve(backward, stiffness)))
+    assert np.trace(np.linalg.solve(np.diag([disk.mass, disk.diametral_inertia - disk.polar_inertia]), stiffness)) < 0
+    found = critical_speeds(system, n=1)
+    assert_allclose(found.spin_speed, expected, rtol=NEARLY_MASSLESS)
+    assert found.direction.tolist() == [-1.0]
+
+
+def test_lines_of_a_campbell_diagram_are_followed_where_they_cross():
+    """Forward whirls rise through falling backward ones: sorted by frequency, a column changes its direction."""
+    system = build_system(rigs.paper_structure(), BEARINGS, SPINNING_DISKS)
+    speeds = np.linspace(0.0, 12_000.0, 61)
+    sorted_, followed = campbell(system, speeds, n_modes=8), followed_campbell(system, speeds, n_modes=8)
+    assert (sorted_.direction[1:] != sorted_.direction[1]).any()
+    assert (followed.direction[1:] == followed.direction[1]).all()
+    assert_allclose(followed.frequency_hz[0], sorted_.frequency_hz[0], rtol=EIGENVALUE_ROUND_OFF)
+    assert (np.abs(np.diff(followed.frequency_hz, axis=0)) < 0.1 * followed.frequency_hz[1:]).all()
+
+
+def test_an_undamped_rotor_meets_the_synchronous_line_at_its_critical_speeds():
+    system = build_system(rigs.paper_structure(), Condition(k_b=1.3e6, shaft_damping_ratio=0.0), SPINNING_DISKS)
+    found = crossings(system, followed_campbell(system, np.linspace(0.0, 3_000.0, 31), n_modes=8))
+    expected = critical_speeds(system, n=len(found.spin_speed))
+    assert len(found.spin_speed) > 3
+    assert_allclose(found.spin_speed, expected.spin_speed, rtol=EIGENVALUE_ROUND_OFF)
+    assert (found.direction == expected.direction).all()
+
+
+@pytest.mark.parametrize("multiple", [0.5, 2.0])
+def test_at_a_crossing_a_whirl_turns_at_the_multiple_of_the_spin(multiple):
+    system = build_system(rigs.paper_structure(), BEARINGS, SPINNING_DISKS)
+    diagram = followed_campbell(system, np.linspace(0.0, 3_000.0, 31), n_modes=6)
+    found = crossings(system, diagram, multiple)
+    assert len(found.mode) > 1
+    for Omega, value in zip(found.spin_speed, found.eigenvalue, strict=True):
+        whirl = 2 * np.pi * campbell(system, np.array([Omega]), n_modes=12).frequency_hz[0]
+        assert np.abs(whirl / (multiple * Omega) - 1).min() < EIGENVALUE_ROUND_OFF
+        assert_allclose(value.imag, multiple * Omega, rtol=EIGENVALUE_ROUND_OFF)
+        assert value.real < 0
+
+
+def test_a_diagram_below_the_first_critical_speed_has_no_crossing():
+    system = build_system(rigs.paper_structure(), BEARINGS)
+    assert not len(crossings(system, followed_campbell(system, np.linspace(0.0, 100.0, 4), n_modes=4)).mode)
 
 
 def test_forward_whirl_rises_and_backward_whirl_falls_with_the_spin():
@@ -88,12 +150,7 @@ def test_a_standing_rotor_on_unlike_planes_vibrates_in_a_plane():
 
 def test_a_heavy_disk_on_a_light_shaft_runs_out_as_jeffcott_says():
     """r = e omega^2 / (k/m - omega^2 + i c omega / m) for a mass on two springs and dampers."""
-    rig = rigs.rig(
-        nodes_m=[0.0, 0.2, 0.4],
-        segment=[rigs.round_shaft(0.4, 0.2, rigs.LIGHT_STEEL)],
-        disk=[{"node": 2, "mass_kg": 2.0}],
-        support=[{"node": 1, "stiffness": "k_b"}, {"node": 3, "stiffness": "k_b"}],
-    )
+    rig = rigs.jeffcott()
     structure, condition = assemble(rig), Condition(k_b=1e4, bearing_damping=8.0, shaft_damping_ratio=0.0)
     model = build_model(structure, condition, [UnbalanceForce(moment=1e-4, phase=0.3, node=2)])
     Omega = np.array([20.0, 80.0, 99.0, 101.0, 300.0])
@@ -102,6 +159,21 @@ def test_a_heavy_disk_on_a_light_shaft_runs_out_as_jeffcott_says():
     y, z = unbalance_response(model, Omega)[:, :, 1].T
     assert_allclose(y, expected, rtol=100 * NEARLY_MASSLESS)
     assert_allclose(z, -1j * y, rtol=SPECTRAL)
+
+
+def test_the_peak_of_a_jeffcott_rotor_is_not_missed_between_speeds():
+    """Largest deflection u / (2 m zeta sqrt(1 - zeta^2)) at omega / sqrt(1 - 2 zeta^2), from three even speeds."""
+    structure, m, k_b, c_b = assemble(rigs.jeffcott()), 2.0, 1e4, 0.05
+    condition = Condition(k_b=k_b, bearing_damping=c_b, shaft_damping_ratio=0.0)
+    model = build_model(structure, condition, [UnbalanceForce(moment=1e-4, node=2)])
+    speeds = speeds_through_resonances(model.system, 10.0, 300.0, 3)
+    omega = np.sqrt(2 * k_b / m)
+    zeta = c_b / (m * omega)
+    deflection = np.abs(unbalance_response(model, speeds)[:, 0, 1])
+    assert_allclose(deflection.max(), 1e-4 / (2 * m * zeta * np.sqrt(1 - zeta**2)), rtol=PEAK_BETWEEN_SPEEDS)
+    assert_allclose(speeds[np.argmax(deflection)], omega / np.sqrt(1 - 2 * zeta**2), rtol=zeta)
+    assert (np.diff(speeds) > 0).all()
+    assert (speeds[0], speeds[-1]) == (10.0, 300.0)
 
 
 def test_the_simulated_rotor_settles_on_the_unbalance_response():

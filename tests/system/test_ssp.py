@@ -26,5 +26,6 @@ def test_the_system_carries_its_fmus(ssp, rotor_fmu):
         assert archive.read("resources/RotorRig.fmu") == rotor_fmu.read_bytes()
 
 
+@pytest.mark.long
 def test_a_hammer_blow_on_both_rotors_brings_k_b_out_of_the_estimator(ssp):
     assert ssp_hammer_test.measure(ssp) == pytest.approx(ssp_hammer_test.TRUE_K_B, rel=5e-3)

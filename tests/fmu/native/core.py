@@ -78,6 +78,7 @@ def with_types(core: ct.CDLL) -> ct.CDLL:
     core.simulator_snapshot_size.argtypes = [ct.c_void_p]
     core.simulator_configure.argtypes = [ct.c_void_p, ct.c_void_p]
     core.simulator_advance.argtypes = [ct.c_void_p, ct.c_double, ct.c_double]
+    core.simulator_hold.argtypes = [ct.c_void_p, ct.c_int]
     core.simulator_drive.argtypes = [ct.c_void_p, *[ct.c_double] * 3]
     for name in ("simulator_accelerations", "simulator_save"):
         getattr(core, name).argtypes = [ct.c_void_p, DOUBLES]
@@ -189,8 +190,9 @@ class Rotor:
         self._checked(self._library.simulator_configure(self._simulator, ct.byref(design)))
         self._design = design
 
-    def drive(self, *, force: float, force_amplitude: float, force_frequency: float) -> None:
+    def drive(self, *, force: float, force_amplitude: float, force_frequency: float, hold_force: bool = False) -> None:
         """As RotorSimulator's."""
+        self._library.simulator_hold(self._simulator, hold_force)
         self._library.simulator_drive(self._simulator, force, force_amplitude, force_frequency)
 
     def advance(self, time: float, step: float) -> None:

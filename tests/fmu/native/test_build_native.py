@@ -135,6 +135,29 @@ def test_what_was_compiled_once_is_kept(tmp_path, monkeypatch):
     assert len(list((tmp_path / "cache" / "rigtwin").iterdir())) == 2
 
 
+@pytest.mark.parametrize(
+    "damage", [lambda whole: whole[:1000], lambda whole: b"", lambda whole: whole[:-100] + bytes(100), None]
+)
+def test_a_damaged_library_in_the_cache_is_named_and_made_again(tmp_path, monkeypatch, caplog, damage):
+    """A damaged one ends the process that loads it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "one.c").write_text(SEEN + "int one(void) { return 1; }\n")
+    compiling.compile_library(tmp_path, ["one.c"], this_machine(), tmp_path / "first.so")
+    (kept,) = (tmp_path / "cache" / "rigtwin").iterdir()
+    whole = kept.read_bytes()
+    if damage is None:
+        kept.unlink()
+        kept.mkdir()  # what cannot be read
+    else:
+        kept.write_bytes(damage(whole))
+    compiling.compile_library(tmp_path, ["one.c"], this_machine(), tmp_path / "second.so")
+    assert (tmp_path / "second.so").read_bytes() == whole
+    assert str(kept) in caplog.text
+    assert "compiled again" in caplog.text
+    if damage is not None:
+        assert kept.read_bytes() == whole
+
+
 def test_a_cache_that_cannot_be_written_does_no_harm(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))

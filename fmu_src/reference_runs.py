@@ -1,0 +1,72 @@
+"""The runs whose results each FMU holds, computed without the FMU's own code: by the model in Python.
+
+An importer that replays them knows that it drives the FMU as it is meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.fmu_src.beside import ReferenceRun, run_through
+from rigtwin.fmu_src.estimator_variables import estimator_variables
+from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
+from rigtwin.fmu_src.variables import Variable
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.structure import Structure
+from rigtwin.rotor.time.simulator import RotorSimulator
+
+# Of the rotor's run: steps, their length in recommended ones, and those that the pulse of the force takes.
+_STEPS, _RECOMMENDED, _PULSE = 200, 20, 50
+
+# The sine beside the pulse: amplitude [N], and periods in the whole run.
+_AMPLITUDE, _PERIODS = 0.5, 6.5
+
+# Of the estimator's run: steps of a second, and the relative growth of the first shift in each.
+_ESTIMATES, _GROWTH = 10, 0.01
+
+
+def rotor_run(structure: Structure, facts: RotorFacts) -> ReferenceRun:
+    """A rotor at its start values under a pulse of the force and the built-in sine."""
+    table = rotor_variables(facts)
+    starts = {v.name: v.start for v in table}
+    rotor = RotorSimulator(structure, Condition(**{f.name: starts[f.name] for f in fields(Condition)}))
+    step = _RECOMMENDED * facts.step
+    number = np.arange(_STEPS + 1)
+    pulse = np.where(number < _PULSE, np.sin(np.pi * number / _PULSE) ** 2, 0.0)
+    ones = np.ones(_STEPS + 1)
+    frequency = _PERIODS / (_STEPS * step)
+    inputs = {"force": pulse, "force_amplitude": _AMPLITUDE * ones, "force_frequency": frequency * ones}
+
+    def answer(time: float, h: float, values: dict[str, float]) -> Sequence[float]:
+        rotor.drive(**values)
+        if h:
+            rotor.advance(time, h)
+        return [*rotor.accelerations().tolist(), rotor.force_applied]
+
+    return run_through(step * number, inputs, _outputs(table), answer)
+
+
+def estimator_run(model: Path) -> ReferenceRun:
+    """An estimator whose first shift grows."""
+    from rigtwin.estimator.runtime import StiffnessEstimator
+
+    network = StiffnessEstimator(model)
+    table = estimator_variables(network.card["example_inputs"])
+    names = [v.name for v in table if v.causality == "input"]
+    ones = np.ones(_ESTIMATES + 1)
+    inputs = {v.name: float(v.start or 0.0) * ones for v in table if v.causality == "input"}
+    inputs["delta_f1"] = inputs["delta_f1"] * (1.0 + _GROWTH * np.arange(_ESTIMATES + 1))
+
+    def answer(_time: float, _h: float, values: dict[str, float]) -> Sequence[float]:
+        estimate = network.estimate(np.array([values[name] for name in names]))
+        return [estimate.k_b, estimate.k_b_std, estimate.k_b_low, estimate.k_b_high, float(estimate.valid)]
+
+    return run_through(np.arange(_ESTIMATES + 1.0), inputs, _outputs(table), answer)
+
+
+def _outputs(table: Sequence[Variable]) -> list[str]:
+    return [v.name for v in table if v.causality == "output"]

@@ -142,8 +142,8 @@ TEXT_CHANGES = (_number, _number, _word, _line, _flip, _cut, _remove, _repeat)
 
 def formats(scratch: Path) -> dict[str, Format]:
     """Every format, with files that are read."""
-    from rigtwin.api.fmus import _network, manifest
     from rigtwin.api.diagnoses import read_diagnosis as load_diagnosis
+    from rigtwin.api.fmus import _network, manifest
     from rigtwin.estimator.runtime import shipped_model
     from rigtwin.fmu_src.build import build_estimator_fmu
     from rigtwin.rotor.geometry.rig import load_rig

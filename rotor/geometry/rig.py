@@ -27,7 +27,7 @@ def _usual(value: float) -> float:
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), AfterValidator(_usual)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_usual)]
 
-# A shaft with a bending frequency [Hz] outside has a number in a wrong unit. An almost weightless one, of masses that are
+# A shaft with a bending frequency [Hz] outside has a number in a wrong unit. An almost weightless one, whose masses are
 # lumped elsewhere, is allowed.
 _LOWEST_HZ, _HIGHEST_HZ = 1e-9, 1e15
 

@@ -14,6 +14,7 @@ from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.formats import read_run
+from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import measure_lines
 from tests.rigtwin.conftest import run, run_json
 from tests.tolerances import SETTLED_LINE
@@ -128,12 +129,13 @@ def test_what_makes_no_sense_gives_one_message(refused, rotor_fmu, options, said
 def test_remarks_on_lines_are_told(rotor_fmu, monkeypatch):
     """All of them in the record, the first three in the text."""
 
-    def with_remarks(session, rig, plan, _progress):
-        result = measure_lines(session, rig, plan, [91.0, 92.0, 93.0, 94.0, 95.0])
+    def with_remarks(fmu, rig, plan, _progress):
+        with FmuSession(fmu) as session:
+            result = measure_lines(session, rig, plan, [91.0, 92.0, 93.0, 94.0, 95.0])
         lines = [replace(line, remark=f"{line.frequency_hz:g} Hz: it rattles") for line in result.lines]
         return replace(result, lines=tuple(lines))
 
-    monkeypatch.setattr("rigtwin.commands.sweep.sweep", with_remarks)
+    monkeypatch.setattr("rigtwin.commands.sweep.sweep_one", with_remarks)
     assert run_json("sweep", rotor_fmu)["remarks"] == [f"{f} Hz: it rattles" for f in range(91, 96)]
     said = run("sweep", rotor_fmu).stderr.splitlines()
     assert said[:3] == [f"rigtwin: {f} Hz: it rattles" for f in (91, 92, 93)]

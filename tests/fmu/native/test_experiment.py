@@ -30,14 +30,8 @@ class Host:
         if self.description.fmiVersion == "2.0":
             self.fmu = FMU2Slave(**options)
             logger = fmi2CallbackLoggerTYPE(lambda _, __, ___, c, text: self.told.append((c.decode(), text.decode())))
-<<<<<<< HEAD
-            self.callbacks = fmi2CallbackFunctions(
-                logger, defaultCallbacks.allocateMemory, defaultCallbacks.freeMemory, defaultCallbacks.stepFinished, None
-            )
-=======
             others = (defaultCallbacks.allocateMemory, defaultCallbacks.freeMemory, defaultCallbacks.stepFinished)
             self.callbacks = fmi2CallbackFunctions(logger, *others, None)
->>>>>>> b-fmus
             self.fmu.instantiate(callbacks=self.callbacks, loggingOn=logging)
             self.set, self.get = self.fmu.setReal, self.fmu.getReal
         else:

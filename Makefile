@@ -14,6 +14,8 @@
 # make benchmark-records   k_b from an oscilloscope's records beside that of the sweep; minutes
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
+# make fuzz-files   10,000 damaged files of every format are read: no traceback, no crash, no hang; an hour or two
+# make lowest   the lowest versions that pyproject.toml declares, installed together and tested; a quarter of an hour
 # make method-figures   the figures of docs/diagnosis-method.md
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
 # make laws   print the force laws anew, for Python and for C, after a change of rotor/model/force_laws.py
@@ -30,7 +32,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test test-long lint docs fmus native elsewhere fuzz train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint docs fmus native elsewhere fuzz fuzz-files lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -66,6 +68,12 @@ elsewhere: $(VENV)/installed
 
 fuzz: $(VENV)/installed
 	$(PYTHON) -m tests.fmu.native.sanitizers 100000
+
+fuzz-files: $(VENV)/installed
+	$(PYTHON) -m tests.fuzz_files --minutes 180
+
+lowest: $(VENV)/installed
+	$(PYTHON) -m tests.lowest_versions
 
 train: $(VENV)/installed
 	$(PYTHON) -m rigtwin train

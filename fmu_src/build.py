@@ -13,7 +13,6 @@ import hashlib
 import io
 import json
 import os
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -38,7 +37,7 @@ from rigtwin.fmu_src.beside import (
     terminals_and_icon,
 )
 from rigtwin.fmu_src.built_here import record
-from rigtwin.fmu_src.compiling import LINUX, CompileError, Target, can_compile, compile_library, reachable_targets
+from rigtwin.fmu_src.compiling import CompileError, Target, compile_library, reachable_targets
 from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages
 from rigtwin.fmu_src.estimator_variables import (
     ESTIMATOR_MEANING,
@@ -47,7 +46,7 @@ from rigtwin.fmu_src.estimator_variables import (
     estimator_variables,
 )
 from rigtwin.fmu_src.model_description import Model, build_description, fmi2, fmi3
-from rigtwin.fmu_src.native_sources import NATIVE, c_files, digest, estimator_sources, rotor_sources
+from rigtwin.fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources
 from rigtwin.fmu_src.reference_runs import estimator_run, rotor_run
 from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, RotorFacts, accelerations_array, rotor_variables
 from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, modules_of, stage
@@ -350,35 +349,9 @@ def _build(bundle: Bundle, facts: dict, pages: dict[str, bytes], target: Path) -
         with zipfile.ZipFile(stock) as archive:
             archive.extractall(unpacked)
         hide_pythonfmu(unpacked / "resources", bundle)
-        if can_compile(LINUX):
-            _decode_uris(unpacked / "binaries" / LINUX.fmi2, bundle.digest)
         _write_all(unpacked, pages)
         _pack(unpacked, target)
     return target
-
-
-# What stands once in pythonfmu's glue library for Linux: its name for the loader, and what it decodes in a URI.
-_GLUE, _DECODED = b"libpythonfmu-export.so\0", b"\0%20\0"
-
-
-def _decode_uris(folder: Path, digest: str) -> None:
-    """Put a library before pythonfmu's that decodes the place of the resources: the glue crashes where it is escaped.
-
-    The glue gets a name of its own, by which the loader keeps those of several FMUs apart, and decodes nothing itself.
-    """
-    (stock,) = folder.glob("*.so")
-    glue = stock.read_bytes()
-    if glue.count(_GLUE) != 1 or glue.count(_DECODED) != 1:  # another version of pythonfmu
-        return
-    name = f"libpythonfmu-{digest[:6]}.so"
-    with scratch_folder("uri_") as sources:
-        patched = glue.replace(_GLUE, name.encode() + b"\0").replace(_DECODED, b"\0\1\1\1\0")
-        (sources / name).write_bytes(patched)
-        for file in (NATIVE / "uri.c", *FMI_HEADERS.glob("fmi2*.h")):
-            shutil.copy2(file, sources)
-        compile_library(sources, ["uri.c"], LINUX, sources / stock.name, needs=[name])
-        for file in (name, stock.name):
-            shutil.copy2(sources / file, folder)
 
 
 def _pack(unpacked: Path, target: Path) -> None:

@@ -46,12 +46,9 @@ class Target:
         return self.fmi2 if fmi == "2.0" else self.fmi3
 
 
-# The one that pythonfmu brings a library for, beside Windows.
-LINUX = Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so")
-
 # FMI 2.0 has names for 64-bit x86 only; importers of FMI 2.0 on other machines look for those of FMI 3.0.
 TARGETS = (
-    LINUX,
+    Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so"),
     Target("aarch64-linux", "aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
     Target("x86_64-windows", "win64", "x86_64-windows-gnu", ".dll"),
     Target("x86_64-darwin", "darwin64", "x86_64-macos.11.0", ".dylib"),
@@ -89,17 +86,15 @@ def compiler(target: Target) -> list[str]:
     raise CompileError(f"no C compiler for {target.fmi3}: install one, or ziglang (pip install ziglang)")
 
 
-def can_compile(target: Target | None = None) -> bool:
-    """Whether there is a compiler for a target, by default this machine."""
+def can_compile() -> bool:
+    """Whether there is a compiler for this machine."""
     try:
-        return bool(compiler(target or this_machine()))
+        return bool(compiler(this_machine()))
     except CompileError:
         return False
 
 
-def compile_library(
-    folder: Path, files: Sequence[str], target: Target, library: Path, *, needs: Sequence[str] = ()
-) -> None:
+def compile_library(folder: Path, files: Sequence[str], target: Target, library: Path) -> None:
     """Compile C files of a folder into a shared library. Raises CompileError with what the compiler said.
 
     Parameters
@@ -108,12 +103,10 @@ def compile_library(
     files : their names
     target : the platform
     library : what is made
-    needs : files of the folder, shared libraries that it looks for beside itself
     """
     position = [] if "windows" in target.fmi3 else ["-fPIC"]
     mathematics = ["-lm"] if "linux" in target.fmi3 else []
-    beside = ["-Wl,--no-as-needed", *needs, "-Wl,-rpath,$ORIGIN", "-ldl"] if needs else []
-    command = [*compiler(target), *FLAGS, *position, *files, *beside]
+    command = [*compiler(target), *FLAGS, *position, *files]
     kept = _Kept.of(folder, command, target)
     content = kept.read()
     if content is None:

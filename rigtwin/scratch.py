@@ -26,6 +26,9 @@ PREFIX = "rigtwin_"
 
 _OWNED = ".owned"
 
+# Errors of a write that do not say which file was written.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
 
 class Scratch:
     """A new folder, ``path``; ``close`` removes it, at the latest at the end of the program.
@@ -55,9 +58,15 @@ class Scratch:
 
 @contextmanager
 def scratch_folder(name: str = "", *, beside: Path | None = None) -> Iterator[Path]:
-    """Path of a ``Scratch`` for as long as the block lasts."""
+    """Path of a ``Scratch`` for as long as the block lasts; an OSError of a full disk gets its name."""
     with Scratch(name, beside=beside) as scratch:
-        yield scratch.path
+        try:
+            yield scratch.path
+        except OSError as error:
+            if error.filename is not None or error.errno not in _FULL:
+                raise
+            hint = "; make room, or set TMPDIR to another folder" if beside is None else ""
+            raise OSError(error.errno, f"{error.strerror}{hint}", str(scratch.path)) from error
 
 
 @contextmanager

@@ -52,15 +52,15 @@ class FmuSession:
 
     def __init__(self, fmu: str | Path):
         self._log: deque[str] = deque(maxlen=_MESSAGES)
-        scratch = _new_folder()
-        self._folder, self._remove_folder = scratch.path, scratch.close
+        self._scratch = _new_folder()  # is removed when nothing holds it any longer
+        self._folder = self._scratch.path
         try:
             unpack(fmu, self._folder)
             self.description = describe_unpacked(fmu, self._folder)
             self._variables = {v.name: v for v in self.description.modelVariables}
             self._fmu = self._instantiate()
         except BaseException:
-            self._remove_folder()
+            self._scratch.close()
             raise
         self._open = True
         self.time = 0.0
@@ -81,7 +81,7 @@ class FmuSession:
             try:
                 self._fmu.freeInstance()
             finally:
-                self._remove_folder()
+                self._scratch.close()
 
     @property
     def variables(self) -> list[str]:

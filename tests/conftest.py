@@ -70,6 +70,14 @@ def _process_state_is_left_alone() -> Iterator[None]:
         pytest.fail(f"the test changed {' and '.join(changed)}", pytrace=False)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_list_of_fmus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What tests build does not count as the user's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def rotor_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``RotorRig.fmu`` of the shipped rig, built once for all tests."""

@@ -153,7 +153,8 @@ def formats(scratch: Path) -> dict[str, Format]:
     from tests.rigtwin.test_hostile_input import RIG, STEEL
 
     def run(path: Path) -> None:
-        read_run(path, support="rigid")
+        averages = {"averages": 5} if b"coherence" in path.read_bytes() else {}
+        read_run(path, support="rigid", **averages)
 
     def campaign(path: Path) -> None:
         folder = path.parent / "campaign"
@@ -172,23 +173,21 @@ def formats(scratch: Path) -> dict[str, Format]:
     seeds = {name: _run_files(scratch, name) for name in ("csv", "uff", "h5", "mat")}
     ascii_uff = [_as_ascii_uff(scratch)]
     estimator = build_estimator_fmu(scratch).read_bytes()
-    toml = [CAMPAIGN.read_bytes(), b'title = "a"\nrig = "nit-rourkela"\n[nominal]\nfrequency_drift = 1e-4\n' + PEAKS]
-    rigs = [
-        RIG.format_map(STEEL).encode(),
-        *(path.read_bytes() for path in sorted((ROOT / "rotor/rigs").glob("*.toml"))),
-    ]
-    every = {
+    stored = CAMPAIGN.read_bytes().replace(b"_rigid_1N", b"").replace(b"_bearing_1N", b"")
+    toml = [stored, b'title = "a"\nrig = "nit-rourkela"\n[nominal]\nfrequency_drift = 1e-4\n' + PEAKS]
+    shipped = [path.read_bytes() for path in sorted((ROOT / "rotor/rigs").glob("*.toml"))]
+    every = {  # the slow ones last, which then get the time that the others leave
         "csv": Format(".csv", [*seeds["csv"], *CSV], run),
         "uff58": Format(".uff", ascii_uff, run),
         "uff58b": Format(".uff", seeds["uff"], run, text=False),
-        "hdf5": Format(".h5", seeds["h5"], run, text=False),
-        "mat5": Format(".mat", seeds["mat"], run, text=False),
-        "mat73": Format(".mat", [_as_matlab_73(scratch)], run, text=False),
         "campaign": Format(".toml", toml, campaign),
-        "rig": Format(".toml", rigs, load_rig),
+        "rig": Format(".toml", [RIG.format_map(STEEL).encode(), *shipped], load_rig),
         "diagnosis": Format(".json", [_diagnosis()], load_diagnosis),
         "fmu": Format(".fmu", [estimator], fmu, text=False),
         "onnx": Format(".onnx", [shipped_model().read_bytes()], lambda path: _network(path, path), text=False),
+        "hdf5": Format(".h5", seeds["h5"], run, text=False),
+        "mat5": Format(".mat", seeds["mat"], run, text=False),
+        "mat73": Format(".mat", [_as_matlab_73(scratch)], run, text=False),
     }
     for name, form in every.items():
         for seed in form.seeds:  # raises where one is not read

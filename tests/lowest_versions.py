@@ -38,7 +38,7 @@ TESTS = (
 
 
 def lowest(project: dict) -> Iterator[str]:
-    """'numpy==2.1.3' of 'numpy>=2.1.3', for every requirement of package and extras with a lowest version."""
+    """'numpy==2.1.3' of 'numpy>=2.1.3', for every requirement that has a lowest version."""
     extras = project["optional-dependencies"]
     for requirement in (*project["dependencies"], *(each for name in EXTRAS for each in extras[name])):
         if match := re.fullmatch(r"([A-Za-z0-9_.-]+)>=([0-9.]+)", requirement):

@@ -28,8 +28,9 @@ def _usual(value: float) -> float:
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), AfterValidator(_usual)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_usual)]
 
-# A shaft's bending frequency [Hz] outside is one of numbers in mixed units.
-_LOWEST_HZ, _HIGHEST_HZ = 1e-6, 1e9
+# A shaft with a bending frequency [Hz] outside has a number in a wrong unit. An almost weightless one, whose masses are
+# lumped elsewhere, is allowed.
+_LOWEST_HZ, _HIGHEST_HZ = 1e-9, 1e15
 
 # Two positions closer than this are the same place on the shaft.
 SAME_PLACE_M = 1e-9

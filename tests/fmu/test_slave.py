@@ -42,7 +42,7 @@ def balance(tmp_path):
         Variable("right", "input", "right side", "N", 2.0),
         Variable("sum", "output", "both sides", "N"),
     )
-    return Balance(table, "a balance", 1.0, instance_name="balance", resources=str(tmp_path))
+    return Balance(table, "a balance", 1.0, 1e-6, instance_name="balance", resources=str(tmp_path))
 
 
 @pytest.mark.parametrize("failure", [ValueError("too heavy"), FloatingPointError("overflow"), KeyboardInterrupt()])

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from rigtwin.commands import fmus
+from rigtwin.fmu_src.build import build_estimator_fmu
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_check import STEP, with_slave
 
@@ -49,6 +51,24 @@ def test_an_fmu_that_was_built_elsewhere_is_not_run_unasked(printing, estimator_
     trusted = run("estimate", *numbers, "--estimator", other, "--trust")
     assert trusted.exit_code == 0, trusted.stderr
     assert trusted.stdout == run("estimate", *numbers, "--estimator", estimator_fmu).stdout
+
+
+def test_an_fmu_that_this_installation_would_build_alike_is_its_own(estimator_fmu, tmp_path, monkeypatch):
+    """Where the list of what was built is not there or cannot be written."""
+    (tmp_path / "a file").touch()
+    built: list[Path] = []
+
+    def build(*about: Path) -> Path:
+        built.append(build_estimator_fmu(*about))
+        return built[-1]
+
+    monkeypatch.setattr(fmus, "build_estimator_fmu", build)
+    with monkeypatch.context() as without, fmus.host_of(estimator_fmu, trust=False):
+        assert built == [], "it stands in the list"
+        without.setenv("XDG_STATE_HOME", str(tmp_path / "a file"))
+        with fmus.host_of(estimator_fmu, trust=False) as run_here:
+            assert run_here(os.getpid) == os.getpid()
+    assert len(built) == 1
 
 
 def test_what_an_fmu_prints_is_no_result(printing, temporary):

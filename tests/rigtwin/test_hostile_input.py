@@ -64,9 +64,7 @@ def test_a_rig_file(refused, text, said):
     assert os.listdir(".") == ["rig.toml"]
 
 
-@pytest.mark.parametrize(
-    ("text", "said"), [(DEEP, "it is nested too deeply"), (DIGITS, "a whole number in it has thousands")]
-)
+@pytest.mark.parametrize(("text", "said"), [(DEEP, "it is nested too deeply"), (DIGITS, "a whole number in it has")])
 def test_a_campaign(refused, text, said):
     Path("campaign.toml").write_text(text, encoding="utf-8")
     assert f"campaign.toml: not valid TOML: {said}" in refused("estimate", ".")

@@ -30,9 +30,8 @@ class Host:
         if self.description.fmiVersion == "2.0":
             self.fmu = FMU2Slave(**options)
             logger = fmi2CallbackLoggerTYPE(lambda _, __, ___, c, text: self.told.append((c.decode(), text.decode())))
-            self.callbacks = fmi2CallbackFunctions(
-                logger, defaultCallbacks.allocateMemory, defaultCallbacks.freeMemory, None, None
-            )
+            others = (defaultCallbacks.allocateMemory, defaultCallbacks.freeMemory, defaultCallbacks.stepFinished)
+            self.callbacks = fmi2CallbackFunctions(logger, *others, None)
             self.fmu.instantiate(callbacks=self.callbacks, loggingOn=logging)
             self.set, self.get = self.fmu.setReal, self.fmu.getReal
         else:
@@ -160,7 +159,7 @@ def test_slopes_that_the_master_gives_follow_the_force_closer(rotor_fmu, tmp_pat
         late = time > 0.05
         excess[slopes] = np.abs(rows[late, 1] - np.sin(2 * np.pi * frequency * time[late])).max()
     assert excess[False] > 5e-3
-    assert excess[True] < 0.5 * excess[False]
+    assert excess[True] < 0.65 * excess[False]  # (omega h)^2 in place of 1.7 (omega h)^2
 
 
 def test_a_slope_counts_for_one_step(rotor_fmu, tmp_path):

@@ -304,13 +304,13 @@ def _damping(a: Mode, b: Mode, beliefs: tuple[NominalBelief, NominalBelief]) -> 
 
 def _amplitude(a: Mode, b: Mode, place: int, beliefs: tuple[NominalBelief, NominalBelief]) -> Change | None:
     one, other = ((float(mode.resonance[place]), float(mode.resonance_std[place])) for mode in (a, b))
-    gain = float(np.hypot(*(belief.gain_tolerance for belief in beliefs)))
+    gain = math.hypot(*(belief.gain_tolerance for belief in beliefs))
     return _ratio(one, other, gain) if one[0] > 0 and other[0] > 0 else None
 
 
 def _drift(beliefs: tuple[NominalBelief, NominalBelief]) -> float:
     """Relative standard deviation from run to run that the campaigns state, of both; what is to be learned is none."""
-    return float(np.hypot(*(belief.frequency_drift or 0.0 for belief in beliefs)))
+    return math.hypot(*(belief.frequency_drift or 0.0 for belief in beliefs))
 
 
 def _difference(a: tuple[float, float], b: tuple[float, float], tolerance: float = 0.0) -> Change:

@@ -46,7 +46,8 @@ class StiffnessEstimator:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         path = str(model or shipped_model())
-        self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        how = {"providers": ["CPUExecutionProvider"], "enable_fallback": False}  # which would print on stdout
+        self._session = onnxruntime.InferenceSession(path, options, **how)
 
     @property
     def card(self) -> dict[str, Any]:

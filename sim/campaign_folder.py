@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Any, Required
 
@@ -220,18 +221,18 @@ def _rig_to_load(folder: Path, rig: str) -> str:
     """A shipped rig's name as it is, a path from the campaign's folder as a full path."""
     if rig in shipped_rigs():
         return rig
-    path = (folder / rig).resolve()
-    if not path.is_file():
+    path = (folder / rig).absolute()
+    if not isfile(path):  # also of a name that no disk takes, at which methods of a path raise
         raise MeasurementError(
             f"{folder / FILE_NAME}: rig: no rig file {path}; give the path of a rig TOML (from the campaign's folder) "
             f"or a shipped rig: {', '.join(shipped_rigs())}"
         )
-    return str(path)
+    return str(path.resolve())
 
 
 def _load_run(folder: Path, place: int, entry: _RunTable, usual_node: int) -> Run:
     path = folder / entry["file"]
-    if not path.is_file():
+    if not isfile(path):
         words = f"{folder / FILE_NAME}: run {place} file: no such data file {str(path)!r}; correct the name"
         if not entry["file"].isprintable():
             words += ", and write folders with /: a backslash begins another character"

@@ -273,14 +273,14 @@ class Tally:
     first: dict[str, str] = field(default_factory=dict)  # of each kind of failure
 
 
-def fuzz(name: str, form: Format, count: int, deadline: float, scratch: Path) -> Tally:
+def fuzz(name: str, form: Format, numbers: range, deadline: float, scratch: Path) -> Tally:
     """Read inputs until there are enough or the time is over."""
     tally, begin = Tally(), time.monotonic()
     context = multiprocessing.get_context("fork")
-    shared = context.Array("q", 4, lock=False)  # next input, read, refused, unnamed
-    while shared[0] < count and time.monotonic() < deadline:
+    shared = context.Array("q", [numbers.start, 0, 0, 0], lock=False)  # next input, read, refused, unnamed
+    while shared[0] < numbers.stop and time.monotonic() < deadline:
         receiver, sender = context.Pipe(duplex=False)
-        worker = context.Process(target=_work, args=(name, form, count, deadline, scratch, shared, sender))
+        worker = context.Process(target=_work, args=(name, form, numbers.stop, deadline, scratch, shared, sender))
         worker.start()
         sender.close()
         ended = _watch(worker, receiver, shared, tally, name, form)
@@ -288,7 +288,7 @@ def fuzz(name: str, form: Format, count: int, deadline: float, scratch: Path) ->
             setattr(tally, ended, getattr(tally, ended) + 1)
             _keep(tally, ended, name, form, shared[0])
             shared[0] += 1
-    tally.inputs, tally.read, tally.refused, tally.unnamed = shared
+    tally.inputs, tally.read, tally.refused, tally.unnamed = shared[0] - numbers.start, *shared[1:]
     tally.seconds = time.monotonic() - begin
     return tally
 
@@ -402,18 +402,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Read damaged files of every format.")
     parser.add_argument("formats", nargs="*", help="default all")
     parser.add_argument("--count", type=int, default=10_000, help="inputs of each format")
+    parser.add_argument("--start", type=int, default=0, help="number of the first of them")
     parser.add_argument("--minutes", type=float, default=60.0, help="for all formats together")
     options = parser.parse_args(arguments)
-    failed = False
+    failed, numbers = False, range(options.start, options.start + options.count)
     with tempfile.TemporaryDirectory(prefix="fuzz_") as folder:
         every = formats(Path(folder))
         chosen = {name: every[name] for name in options.formats or every}
         end = time.monotonic() + 60 * options.minutes
         print("| format | inputs | read | refused | tracebacks | crashes | hangs | memory, MB | seconds |")
-        print("|---|---|---|---|---|---|---|---|---|")
+        print("|---|---|---|---|---|---|---|---|---|", flush=True)
         for place, (name, form) in enumerate(chosen.items()):
             share = (end - time.monotonic()) / (len(chosen) - place)
-            t = fuzz(name, form, options.count, time.monotonic() + share, Path(folder))
+            t = fuzz(name, form, numbers, time.monotonic() + share, Path(folder))
             counts = (t.inputs, t.read, t.refused, t.tracebacks, t.crashes, t.hangs)
             print(f"| {name} | {' | '.join(map(str, counts))} | {t.megabytes:.0f} | {t.seconds:.0f} |", flush=True)
             for kind, words in t.first.items():

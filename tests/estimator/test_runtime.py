@@ -215,6 +215,16 @@ def test_the_same_question_has_the_same_answer(estimator, clean):
     assert_array_equal(estimator(rows), StiffnessEstimator(shipped_model())(rows))
 
 
+def test_a_damaged_network_is_refused_without_a_word_on_stdout(tmp_path, capfd):
+    """onnxruntime tries again and says so, there where results go."""
+    content = bytearray(shipped_model().read_bytes())
+    content[content.index(b"features")] = 0xFF  # a name that is no text
+    (tmp_path / "damaged.onnx").write_bytes(content)
+    with pytest.raises(Exception, match="utf-8"):
+        StiffnessEstimator(tmp_path / "damaged.onnx")
+    assert capfd.readouterr().out == ""
+
+
 def test_the_card_says_what_the_network_answers_for(estimator):
     limits = estimator.card["training_range"]
     assert tuple(limits["k_b"]) == PRIOR.k_b

@@ -165,6 +165,10 @@ def test_data_files_may_lie_in_subfolders_and_one_file_may_serve_two_runs(tmp_pa
     [
         ("rig = nit-rourkela\n", "not valid TOML: "),
         (PEAKS, "rig: is missing; write it"),
+        (f'rig = "{"n" * 5000}"\n' + PEAKS, "rig: no rig file nnn"),
+        ('rig = "n\\u0000"\n' + PEAKS, "rig: no rig file "),
+        (HEAD + RUN.replace("a.csv", "a" * 5000), "run 1 file: no such data file 'aaa"),
+        (HEAD + RUN.replace("a.csv", "\\u0000"), "run 1 file: no such data file "),
         (HEAD, "no [[run]] and no [[peaks]]; a campaign needs at least one of either"),
         ('rig = "nit-rurkela"\n' + PEAKS, "rig: no rig file nit-rurkela; give the path of a rig TOML"),
         (HEAD + 'titel = "x"\n' + PEAKS, "titel: unknown key; did you mean title?"),

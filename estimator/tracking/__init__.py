@@ -1,0 +1,1 @@
+"""Bearing stiffness that changes while the machine runs: followed sample by sample."""

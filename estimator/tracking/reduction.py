@@ -1,4 +1,4 @@
-"""The rotor in one plane with few coordinates, as a function of bearing stiffness, disk mass and dampings.
+"""The rotor in one plane with few coordinates, as a function of bearing stiffness, disk masses and dampings.
 
 q = Psi eta, with a basis Psi that holds the lowest modes at bearing stiffnesses all over the range, so that one basis
 serves them all. What the parameters change is exact in it.
@@ -6,11 +6,12 @@ serves them all. What the parameters change is exact in it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
@@ -21,88 +22,109 @@ from rigtwin.rotor.model.system import LinearSystem, shaft_damping
 # tabulated.
 _STIFFNESSES = 33
 
-# Singular value, relative to the largest, below which a direction of the stacked modes is left out.
-_LEAST_SHARE = 1e-4
+# Singular value, relative to the largest, below which a direction of the stacked modes is left out; and the most
+# coordinates that a tracker has room for.
+_LEAST_SHARE, MOST_COORDINATES = 1e-4, 8
 
 
 @dataclass(frozen=True)
 class ReducedRotor:
-    """M eta'' + C eta' + K eta = b f, a = P eta''.
+    """M eta'' + C eta' + K eta = nodes[driven] f, a = nodes eta''.
 
-    M = I + (e^mu - 1) M_disks, K = K_shaft + k_b K_bearing, C = d C_bearing + zeta C_shaft(ln k_b).
+    M = 1 + (e^m - 1) M_disks, K = K_fixed + k_b K_bearing, C = d C_bearing + zeta C_shaft(ln k_b), with disks e^m times
+    as heavy, bearings of stiffness k_b [N/m] and damping d [N s/m], and a shaft of damping ratio zeta.
     """
 
-    M_disks: FloatArray  # (r, r) share of the disks' masses
-    K_fixed: FloatArray  # (r, r) shaft, and supports of known stiffness [1/s^2]
+    M_disks: FloatArray  # (r, r) the disks' share
+    K_fixed: FloatArray  # (r, r) of the shaft and of supports of known stiffness [1/s^2]
     K_bearing: FloatArray  # (r, r) of bearings of 1 N/m
     C_bearing: FloatArray  # (r, r) of bearings of 1 N s/m
-    C_shaft: FloatArray  # (n_k, r, r) of the shaft with a damping ratio of 1
-    ln_k: FloatArray  # (n_k,) where C_shaft is tabulated
-    force: FloatArray  # (r,) unit force at the driven node
-    sensors: FloatArray  # (n_nodes, r) deflection of every node
+    C_shaft: FloatArray  # (n_k, r, r) of a shaft with a damping ratio of 1
+    ln_k: FloatArray  # (n_k,) where C_shaft is given, evenly spaced
+    nodes: FloatArray  # (n_nodes, r) deflection of every node, and unit force at it
+    scale: FloatArray  # (r,) frequency by which a coordinate is made as large as its velocity [rad/s]
+    k_b: FloatArray  # (2,) range that is looked for [N/m]
+    highest_hz: FloatArray  # () up to where the coordinates hold the motion
 
     @property
     def r(self) -> int:
         """Number of coordinates."""
-        return len(self.force)
+        return len(self.scale)
 
-    def stiffness(self, ln_k: float) -> FloatArray:
-        """(r, r) K at a bearing stiffness."""
-        return self.K_fixed + np.exp(ln_k) * self.K_bearing
+    def stiffness_and_mass(self, ln_k: float, ln_mass: float) -> tuple[FloatArray, FloatArray]:
+        """(r, r) K and M."""
+        return self.K_fixed + np.exp(ln_k) * self.K_bearing, np.eye(self.r) + np.expm1(ln_mass) * self.M_disks
 
-    def damping(self, ln_k: float, bearing_damping: float, shaft_damping_ratio: float) -> FloatArray:
-        """(r, r) C; the shaft's damping is interpolated between the tabulated stiffnesses."""
-        place = float(np.clip(np.interp(ln_k, self.ln_k, np.arange(len(self.ln_k))), 0, len(self.ln_k) - 1))
+    def accelerations(
+        self, ln_k: float, ln_mass: float, damping: float, damping_ratio: float, driven: int
+    ) -> FloatArray:
+        """(r, 2 r + 1) M^-1 (-K / scale, -C, force): accelerations from (scale eta, eta', force).
+
+        Parameters
+        ----------
+        damping : of each bearing [N s/m]
+        damping_ratio : of the shaft
+        driven : node of the force, from 0
+        """
+        place = float(np.clip((ln_k - self.ln_k[0]) / (self.ln_k[1] - self.ln_k[0]), 0, len(self.ln_k) - 1))
         left = min(int(place), len(self.ln_k) - 2)
         share = place - left
-        shaft = (1 - share) * self.C_shaft[left] + share * self.C_shaft[left + 1]
-        return bearing_damping * self.C_bearing + shaft_damping_ratio * shaft
-
-    def mass(self, ln_mass: float) -> FloatArray:
-        """(r, r) M with disks e^ln_mass times as heavy."""
-        return np.eye(self.r) + np.expm1(ln_mass) * self.M_disks
+        K, M = self.stiffness_and_mass(ln_k, ln_mass)
+        C_shaft = (1 - share) * self.C_shaft[left] + share * self.C_shaft[left + 1]
+        C = damping * self.C_bearing + damping_ratio * C_shaft
+        return np.linalg.solve(M, np.column_stack([-K / self.scale, -C, self.nodes[driven]]))
 
 
-def reduce_rotor(
-    structure: Structure, condition: Condition, k_b: tuple[float, float], highest_hz: float, plane: int = 1
-) -> ReducedRotor:
-    """A rotor's reduction.
+def to_arrays(rotor: ReducedRotor) -> dict[str, NDArray]:
+    """Arrays of a reduced rotor by name, for ``numpy.savez``."""
+    return {field.name: getattr(rotor, field.name) for field in fields(ReducedRotor)}
+
+
+def from_arrays(arrays: Mapping[str, NDArray]) -> ReducedRotor:
+    """The reduced rotor that ``to_arrays`` named."""
+    return ReducedRotor(**{field.name: arrays[field.name] for field in fields(ReducedRotor)})
+
+
+def reduce_rotor(structure: Structure, k_b: tuple[float, float], highest_hz: float, plane: int = 1) -> ReducedRotor:
+    """A rotor on its bearings with few coordinates.
 
     Parameters
     ----------
     structure : the rotor
-    condition : where the force acts; its k_b and dampings are not used
     k_b : range of the bearing stiffness [N/m]
     highest_hz : modes up to here are in the basis, and the one above
+    plane : of the motion, 1 = y, 2 = z
     """
+    condition = Condition()
     ln_k = np.linspace(*np.log(k_b), _STIFFNESSES)
     systems = [_at(structure, condition, float(np.exp(x)), plane) for x in ln_k]
     shapes = [s.modes.Phi[:, : 1 + int(np.sum(s.modes.omega < 2 * np.pi * highest_hz))] for s in systems]
     root = np.linalg.cholesky(systems[0].M)
     left, shares, _ = np.linalg.svd(root.T @ np.hstack(shapes), full_matrices=False)
-    kept = left[:, shares > _LEAST_SHARE * shares[0]]
+    kept = left[:, shares > _LEAST_SHARE * shares[0]][:, :MOST_COORDINATES]
     Psi = np.linalg.solve(root.T, kept)
 
     def reduced(matrix: FloatArray) -> FloatArray:
         return Psi.T @ matrix @ Psi
 
-    one = _at(structure, replace(condition, shaft_damping_ratio=1.0), 1.0, plane)
-    more = _at(structure, condition, 2.0, plane)
-    damped = _at(structure, replace(condition, bearing_damping=1.0), 1.0, plane)
-    undamped = _at(structure, replace(condition, bearing_damping=0.0), 1.0, plane)
-    K_bearing = more.K - one.K
+    one, two = (_at(structure, condition, stiffness, plane) for stiffness in (1.0, 2.0))
+    damped, undamped = (
+        _at(structure, replace(condition, bearing_damping=damping), 1.0, plane) for damping in (1.0, 0.0)
+    )
+    K_bearing, K_fixed = reduced(two.K - one.K), reduced(2 * one.K - two.K)
     disks = np.zeros(structure.n)
-    for node, mass in zip(structure.disk_node, structure.disk_mass, strict=True):
-        disks[DOF_PER_NODE * node : DOF_PER_NODE * node + 2] += mass
+    np.add.at(disks, DOF_PER_NODE * structure.disk_node + plane - 1, structure.disk_mass)
     return ReducedRotor(
         M_disks=reduced(np.diag(disks[one.free])),
-        K_fixed=reduced(one.K - K_bearing),
-        K_bearing=reduced(K_bearing),
+        K_fixed=K_fixed,
+        K_bearing=K_bearing,
         C_bearing=reduced(damped.C_support - undamped.C_support),
         C_shaft=np.array([reduced(shaft_damping(replace(s, shaft_damping_ratio=1.0))) for s in systems]),
         ln_k=ln_k,
-        force=Psi.T @ one.unit_vector(condition.excitation_node, plane),
-        sensors=one.read_out(plane) @ Psi,
+        nodes=one.read_out(plane) @ Psi,
+        scale=np.sqrt(np.diag(K_fixed + np.exp(ln_k.mean()) * K_bearing)),
+        k_b=np.array(k_b),
+        highest_hz=np.array(highest_hz),
     )
 
 

@@ -29,9 +29,9 @@ from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model import html
 from rigtwin.rotor.model.arrays import ComplexArray
 from rigtwin.scale_out import executor
+from rigtwin.scratch import replacing
 from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.campaign_folder import load_campaign
-from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.setup import SetupError
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines

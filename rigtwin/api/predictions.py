@@ -16,9 +16,9 @@ from rigtwin.pages.figures import BLUE, INK, VERMILION
 from rigtwin.pages.overlay_page import Layer, Overlay, Table, write_overlays
 from rigtwin.rotor.model import html
 from rigtwin.rotor.model.condition import Condition
+from rigtwin.scratch import replacing
 from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.campaign_folder import load_campaign
-from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.formats.run_file import write_beside
 
 PREDICTION_HEADER = ("run", "gap, nominal model", "gap, corrected model", "noise alone")

@@ -22,7 +22,7 @@ from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING, Condition
 from rigtwin.rotor.model.rotor_model import RotorModel, build_model
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
-from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.scratch import check_writable
 from rigtwin.wording import stiffness
 
 # Kinds of picture by the suffix of their file.

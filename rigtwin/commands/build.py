@@ -9,7 +9,7 @@ from rigtwin.api.fmus import ESTIMATOR_FMU, SHIPPED_RIG, build_compiled, build_f
 from rigtwin.api.rigs import load_rig
 from rigtwin.console import note, say
 from rigtwin.errors import UserError
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 
 
 def build_fmus(source: str, out: Path, *, train: bool, native: bool, array_output: bool = False) -> None:

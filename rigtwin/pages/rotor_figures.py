@@ -22,7 +22,7 @@ from rigtwin.rotor.frequency.stiffness_map import CriticalSpeedMap
 from rigtwin.rotor.frequency.whirl import RPM, Campbell, Crossings
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 
 _STYLE: dict[Any, Any] = {
     "font.size": 9.0,

@@ -75,6 +75,20 @@ def _supports(rig: Rig, stations: IntArray) -> dict[str, Any]:
         "support_stiffness": np.array([_number(s.stiffness) for s in rig.support]),
         "support_tilt_stiffness": np.array([_number(s.tilt_stiffness_Nm_per_rad) for s in rig.support]),
         "support_damping": np.array([s.damping_Ns_per_m for s in rig.support]),
+        **_tables(rig),
+    }
+
+
+def _tables(rig: Rig) -> dict[str, Any]:
+    """The columns of a structure that hold the supports which follow the spin speed."""
+    tables = [(number, s.table) for number, s in enumerate(rig.support) if s.table]
+    rows = [[number] * len(table.spin_rpm) for number, table in tables]
+    stiffness, damping = ([m for _, table in tables for m in table.matrices(letter)] for letter in ("k", "c"))
+    return {
+        "table_support": np.array(sum(rows, []), dtype=np.int64),
+        "table_spin_speed": np.array([rpm * math.pi / 30 for _, table in tables for rpm in table.spin_rpm]),
+        "table_stiffness": np.array(stiffness, dtype=float).reshape(-1, 2, 2),
+        "table_damping": np.array(damping, dtype=float).reshape(-1, 2, 2),
     }
 
 
@@ -90,7 +104,7 @@ def _joints(rig: Rig, x: FloatArray) -> dict[str, Any]:
 
 
 def _number(stiffness: str | float) -> float:
-    return {"k_b": math.nan, "rigid": math.inf}[stiffness] if isinstance(stiffness, str) else stiffness
+    return {"k_b": math.nan, "rigid": math.inf, "table": 0.0}[stiffness] if isinstance(stiffness, str) else stiffness
 
 
 def _shear_stiffness(section: Section, element: ElementType) -> float:

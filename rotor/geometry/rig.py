@@ -166,13 +166,61 @@ class Mass(_Table):
     mass_kg: Positive
 
 
+_Coefficients = list[Annotated[float, Field(allow_inf_nan=False, ge=-_MOST, le=_MOST)]]
+
+
+class SpeedCoefficients(_Table):
+    """Stiffness [N/m] and damping [N s/m] of a support at some spin speeds [rev/min], as programs for fluid-film
+    bearings list them: k_yz is the force in -y for a displacement in z. Coefficients that are left out are zero.
+    """
+
+    spin_rpm: Annotated[list[NonNegative], Field(min_length=2)]
+    kyy_N_per_m: _Coefficients
+    kyz_N_per_m: _Coefficients = []
+    kzy_N_per_m: _Coefficients = []
+    kzz_N_per_m: _Coefficients
+    cyy_Ns_per_m: _Coefficients
+    cyz_Ns_per_m: _Coefficients = []
+    czy_Ns_per_m: _Coefficients = []
+    czz_Ns_per_m: _Coefficients
+
+    @model_validator(mode="after")
+    def _one_value_for_each_speed(self) -> SpeedCoefficients:
+        if any(b <= a for a, b in pairwise(self.spin_rpm)):
+            raise ValueError("spin_rpm must increase")
+        n = len(self.spin_rpm)
+        for name in SpeedCoefficients.model_fields:
+            if (given := len(getattr(self, name))) not in ((n,) if name in self.model_fields_set else (0, n)):
+                raise ValueError(f"{name} has {given} values, and spin_rpm has {n}: give one for each speed")
+        return self
+
+    def matrices(self, letter: Literal["k", "c"]) -> list[list[list[float]]]:
+        """(n_speeds, 2, 2) in (y, z): stiffness "k" [N/m] or damping "c" [N s/m]."""
+        unit = {"k": "N_per_m", "c": "Ns_per_m"}[letter]
+        none = [0.0] * len(self.spin_rpm)
+        columns = [getattr(self, f"{letter}{pair}_{unit}") or none for pair in ("yy", "yz", "zy", "zz")]
+        return [[[yy, yz], [zy, zz]] for yy, yz, zy, zz in zip(*columns, strict=True)]
+
+
 class SupportTable(_Table):
-    """A support: ``stiffness`` [N/m] is a number, "k_b" (a bearing) or "rigid"; tilt likewise."""
+    """A support: ``stiffness`` [N/m] is a number, "k_b" (a bearing), "rigid" or "table"; tilt is a number or "rigid".
+
+    With "table", ``table`` holds stiffness and damping over the spin speed.
+    """
 
     node: Annotated[int, Field(ge=1)]
-    stiffness: Literal["k_b", "rigid"] | NonNegative
+    stiffness: Literal["k_b", "rigid", "table"] | NonNegative
     tilt_stiffness_Nm_per_rad: Literal["rigid"] | NonNegative = 0.0
     damping_Ns_per_m: NonNegative = 0.0
+    table: SpeedCoefficients | None = None
+
+    @model_validator(mode="after")
+    def _has_the_table_that_it_names(self) -> SupportTable:
+        if (self.stiffness == "table") != (self.table is not None):
+            raise ValueError('stiffness = "table" and a [support.table] go together: give both, or neither')
+        if self.table and self.damping_Ns_per_m:
+            raise ValueError("damping_Ns_per_m goes with a stiffness that is a number; a table has its own damping")
+        return self
 
     @model_validator(mode="after")
     def _bearing_damper_is_a_parameter(self) -> SupportTable:
@@ -267,9 +315,10 @@ class Rig(_Table):
             raise ValueError(f"excitation_node {self.excitation_node} does not exist, the rig has {len(x)} nodes")
         if len({s.node for s in self.support}) < len(self.support):
             raise ValueError("two supports at one node: merge them")
-        if not any(s.stiffness == "k_b" for s in self.support):
+        if not any(s.stiffness in ("k_b", "table") for s in self.support):
             raise ValueError('no support has stiffness = "k_b": there is no bearing to identify')
         self._check_joints()
+        self._check_tables()
         return self
 
     def _check_joints(self) -> None:
@@ -288,6 +337,26 @@ class Rig(_Table):
                 )
             if any(abs(x - other) <= SAME_PLACE_M for other in places[: place - 1]):
                 raise ValueError(f"joint {place}: there is another joint at {x:g} m; merge them")
+
+    def _check_tables(self) -> None:
+        """There is a spin speed that all tables of supports hold."""
+        tables = [(s.node, s.table.spin_rpm[0], s.table.spin_rpm[-1]) for s in self.support if s.table]
+        for node, low, high in tables:
+            if any(low > other or least > high for _, least, other in tables):
+                raise ValueError(
+                    f"the table of the support at node {node} runs from {low:g} to {high:g} rev/min, and another one "
+                    "has none of these speeds: the rotor could never spin"
+                )
+
+    @property
+    def has_tables(self) -> bool:
+        """Whether supports follow the spin speed."""
+        return any(s.table for s in self.support)
+
+    @property
+    def has_bearings(self) -> bool:
+        """Whether a support has the stiffness k_b."""
+        return any(s.stiffness == "k_b" for s in self.support)
 
     @property
     def joints_m(self) -> list[float]:
@@ -391,7 +460,7 @@ def _in_words(kind: str, message: str, location: tuple[int | str, ...]) -> str:
     if kind == "extra_forbidden":
         known = [
             key
-            for table in (Rig, Segment, Disk, Mass, SupportTable, Joint, BearingStiffness)
+            for table in (Rig, Segment, Disk, Mass, SupportTable, SpeedCoefficients, Joint, BearingStiffness)
             for key in table.model_fields
         ]
         close = get_close_matches(str(location[-1]), known, n=1)

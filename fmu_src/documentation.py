@@ -34,7 +34,7 @@ _STEEL, _DISK, _BEARING = "#9db4c8", "#5b7083", "#c9683c"
 
 def rotor_pages(rig: Rig, facts: RotorFacts, *, needs_python: bool = True) -> dict[str, bytes]:
     """``model.png`` and ``documentation/index.html`` of the rotor FMU, by path in the archive."""
-    system = build_system(assemble(rig), Condition(k_b=facts.k_b_start))
+    system = build_system(assemble(rig), Condition(k_b=facts.k_b_start, spin_speed=facts.spin_speed_start))
     f1 = float(elastic_frequencies_hz(system, plane=1)[0])
     page = _PAGES.get_template("rotor.html").render(
         rig=rig,

@@ -10,7 +10,7 @@
 
 /* Free-free rotor, degrees of freedom node by node as (y, z, theta_y, theta_z); see rotor/model/structure.py. */
 typedef struct {
-    int n_mesh, n_nodes, n_disks, n_supports, n_joints;
+    int n_mesh, n_nodes, n_disks, n_supports, n_joints, n_rows;
     const double *M, *K, *G, *K_tension;  /* (n, n), n = 4 n_mesh */
     const double *x;                      /* (n_mesh) */
     const int *stations;                  /* (n_nodes) mesh node of each rig node */
@@ -23,6 +23,9 @@ typedef struct {
     const double *support_stiffness;      /* nan: k_b; inf: rigid */
     const double *support_tilt_stiffness; /* inf: rigid */
     const double *support_damping;
+    const int *table_support;             /* (n_rows) support of each row of a table, from 0 */
+    const double *table_spin_speed;       /* (n_rows) ascending for each support */
+    const double *table_stiffness, *table_damping; /* (n_rows, 2, 2) in (y, z) */
     const int *joint_node;                /* (n_joints) mesh node on the left; the next one is on the right */
     const double *joint_stiffness, *joint_tilt_stiffness, *joint_damping, *joint_tilt_damping;
 } Structure;
@@ -36,7 +39,7 @@ typedef struct {
 
 /* M q'' + (C + Omega G) q' + K q = f on the n degrees of freedom that are free to move. */
 typedef struct {
-    int n;
+    int n, follows_speed;            /* whether supports follow the spin speed: K need not be symmetric then */
     double *M, *K, *C, *G, *K_shaft; /* (n, n) */
     int *free, *plane;               /* (n) */
     LocalForce *forces;

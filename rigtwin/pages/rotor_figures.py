@@ -22,6 +22,7 @@ from rigtwin.rotor.frequency.stiffness_map import CriticalSpeedMap
 from rigtwin.rotor.frequency.whirl import RPM, Campbell, Crossings
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
+from rigtwin.rotor.model.speed_tables import SpeedTable
 from rigtwin.scratch import replacing
 
 _STYLE: dict[Any, Any] = {
@@ -203,13 +204,17 @@ def _lines(axes: Axes, x: FloatArray, columns: FloatArray, *, label: str, **styl
 
 
 def critical_speed_figure(
-    speeds: CriticalSpeedMap, standing_hz: FloatArray, measured: Sequence[MeasuredResonance]
+    speeds: CriticalSpeedMap,
+    standing_hz: FloatArray,
+    measured: Sequence[MeasuredResonance],
+    tables: Sequence[SpeedTable] = (),
 ) -> Figure:
     """Critical speeds over bearing stiffness; resonances that were measured at rest on the standing rotor's lines.
 
     Parameters
     ----------
     standing_hz : (n_k, n_modes) natural frequencies of the standing rotor, drawn if anything was measured [Hz]
+    tables : supports that follow the spin speed; their direct stiffnesses are drawn over it
     """
     with _drawing(4.4) as figure:
         axes = figure.subplots()
@@ -219,6 +224,12 @@ def critical_speed_figure(
             shown = np.where(speeds.direction == direction, speeds.spin_speed / RPM, np.nan)
             _lines(axes, speeds.k_b, shown, color=colour, linestyle=style, label=words)
         _draw_measured(axes, speeds.k_b, measured)
+        for place, (words, colour) in enumerate((("kyy of tables", PURPLE), ("kzz of tables", ORANGE))):
+            for number, table in enumerate(tables):
+                label = "_" if number else words
+                axes.plot(
+                    table.stiffness[:, place, place], table.spin_speed / RPM, ".-", color=colour, label=label, lw=1
+                )
         axes.set(xscale="log", yscale="log", xlabel="bearing stiffness k_b, N/m", ylabel="critical speed, rev/min")
         axes.set_xlim(speeds.k_b[0], speeds.k_b[-1])
         in_hertz: Any = (lambda rpm: rpm / 60, lambda hertz: hertz * 60)

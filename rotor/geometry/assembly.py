@@ -82,10 +82,10 @@ def _supports(rig: Rig, stations: IntArray) -> dict[str, Any]:
 def _tables(rig: Rig) -> dict[str, Any]:
     """The columns of a structure that hold the supports which follow the spin speed."""
     tables = [(number, s.table) for number, s in enumerate(rig.support) if s.table]
-    rows = [[number] * len(table.spin_rpm) for number, table in tables]
+    rows = [number for number, table in tables for _ in table.spin_rpm]
     stiffness, damping = ([m for _, table in tables for m in table.matrices(letter)] for letter in ("k", "c"))
     return {
-        "table_support": np.array(sum(rows, []), dtype=np.int64),
+        "table_support": np.array(rows, dtype=np.int64),
         "table_spin_speed": np.array([rpm * math.pi / 30 for _, table in tables for rpm in table.spin_rpm]),
         "table_stiffness": np.array(stiffness, dtype=float).reshape(-1, 2, 2),
         "table_damping": np.array(damping, dtype=float).reshape(-1, 2, 2),

@@ -44,8 +44,8 @@ class SpeedTable:
         low, high = self.spin_speed[[0, -1]].tolist()
         if not low - TABLE_END * low <= spin_speed <= high + TABLE_END * high:
             raise ValueError(
-                f"the table of the support at node {self.node} runs from {low / _RPM:.6g} to {high / _RPM:.6g} rev/min, "
-                f"and the rotor spins at {spin_speed / _RPM:.6g} rev/min: choose a spin speed inside, or extend the table"
+                f"the table of the support at node {self.node} runs from {low / _RPM:.6g} to {high / _RPM:.6g} rev/min "
+                f"and does not hold {spin_speed / _RPM:.6g} rev/min: choose a spin speed inside, or extend the table"
             )
         row = int(np.clip(np.searchsorted(self.spin_speed, spin_speed, side="right") - 1, 0, len(self.spin_speed) - 2))
         start, stop = self.spin_speed[row : row + 2]

@@ -3,8 +3,8 @@
 The state is x = (s eta, eta', w). The first part are the modal coordinates of q = Phi eta, scaled by
 s = omega so that the undamped part is skew-symmetric; then the modal velocities; w is the deviation
 of massless degrees of freedom (between a spring and a dashpot in series) from their static position. Where K is not
-symmetric, its skew part K_c acts on the modes of its symmetric part as the force -Phi' K_c Phi eta. No mode is left out,
-so that this is exact.
+symmetric, its skew part K_c acts on the modes of its symmetric part as the force -Phi' K_c Phi eta. This is exact,
+since no mode is left out.
 """
 
 from __future__ import annotations

@@ -78,9 +78,11 @@ def run_campbell(request: RotorRequest, speeds: SpeedRange, n_modes: int, multip
         raise UserError(f"--multiple {multiple:g}: give a positive number")
     asked = asked_rotor(request)
     with user_errors():
-        diagram = followed_campbell(asked.system, np.linspace(*speeds.ends(asked), speeds.n), n_modes)
+        followed = asked.system.n if asked.structure.speed_tables else n_modes  # a higher mode may grow, too
+        every = followed_campbell(asked.system, np.linspace(*speeds.ends(asked), speeds.n), followed)
+        diagram = every.lowest(n_modes)
         met = crossings(asked.system, diagram, multiple)
-        limits = stability_limits(asked.system, diagram)
+        limits = stability_limits(asked.system, every)
     if request.out:
         from rigtwin.pages.rotor_figures import campbell_figure, save_figure
 
@@ -89,9 +91,9 @@ def run_campbell(request: RotorRequest, speeds: SpeedRange, n_modes: int, multip
     def text() -> None:
         say_rotor(asked)
         _print(diagram, met, multiple)
-        _print_stability(diagram, limits)
+        _print_stability(every, limits)
 
-    record = {**rotor_record(asked), **_record(diagram, met, multiple), "stability_limits": _limits(diagram, limits)}
+    record = {**rotor_record(asked), **_record(diagram, met, multiple), "stability_limits": _limits(every, limits)}
     tell(request, record, text, lumped_disks(asked))
 
 

@@ -49,6 +49,10 @@ class Campbell:
     shape: ComplexArray  # (n_speeds, n, n_modes) displacement shapes
     direction: FloatArray  # (n_speeds, n_modes) 1 forward (y towards z, with a positive spin), -1 backward, 0 planar
 
+    def lowest(self, n: int) -> Campbell:
+        """The first n modes."""
+        return Campbell(self.spin_speed, self.eigenvalue[:, :n], self.shape[:, :, :n], self.direction[:, :n])
+
     @property
     def frequency_hz(self) -> FloatArray:
         """(n_speeds, n_modes) damped whirl frequency Im(lambda) / 2 pi [Hz]."""

@@ -1,31 +1,96 @@
-"""A rotor in two journal bearings: their coefficients by the short-bearing theory, and rig files of them."""
+"""Rotors in journal bearings: coefficients of the short-bearing theory, and rigs whose supports have tables."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.rotor.model.condition import Condition
+from rigtwin.rotor.model.elements import ElementType, timoshenko
+from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.system import LinearSystem
+from tests.rotor import rigs
+
+RPM = math.pi / 30
+UNDAMPED_SHAFT = Condition(shaft_damping_ratio=0.0)
+
+# (2, 2) stiffness [N/m] and damping [N s/m] at a spin speed [rad/s].
+Coefficients = Callable[[float], tuple[Any, Any]]
 
 
-def short_bearing(eccentricity: float) -> tuple[float, list[list[float]], list[list[float]]]:
-    """Sommerfeld number [-] and the coefficients of a plain journal bearing by the short-bearing (Ocvirk) theory.
+def short_bearing(eccentricity: float) -> tuple[float, np.ndarray, np.ndarray]:
+    """Modified Sommerfeld number and coefficients of a plain journal bearing: short-bearing theory [friswell2010].
 
-    Closed forms over the eccentricity ratio as printed by Friswell et al., *Dynamics of Rotating Machines*, 2010, and in
-    many other books: with h0 = [pi^2 (1 - e^2) + 16 e^2]^(-3/2), stiffness a_ij = k_ij c / F and damping
-    b_ij = c_ij c Omega / F, axis u along the static load and v across it, towards which the journal turns from u.
+    h0 = [pi^2 (1 - e^2) + 16 e^2]^(-3/2); k_ij = a_ij F / c and c_ij = b_ij F / (c Omega) under the static load F, with
+    the axes u along the load and v, towards which the journal turns from u.
 
     Returns
     -------
-    modified Sommerfeld number S = D Omega eta L^3 / (8 F c^2), a (2, 2), b (2, 2), all in (u, v)
+    S = D Omega eta L^3 / (8 F c^2) [-], a (2, 2), b (2, 2)
     """
-    e, pi2 = eccentricity, math.pi**2
-    e2 = e * e
-    s = (1 - e2) ** 2 / (e * math.sqrt(pi2 * (1 - e2) + 16 * e2))
-    h = (pi2 * (1 - e2) + 16 * e2) ** -1.5
-    root = math.sqrt(1 - e2)
-    a_uu = h * 4 * (pi2 * (2 - e2) + 16 * e2)
-    a_uv = h * math.pi * (pi2 * (1 - e2) ** 2 - 16 * e2 * e2) / (e * root)
-    a_vu = -h * math.pi * (pi2 * (1 - e2) * (1 + 2 * e2) + 32 * e2 * (1 + e2)) / (e * root)
-    a_vv = h * 4 * (pi2 * (1 + 2 * e2) + 32 * e2 * (1 + e2) / (1 - e2))
-    b_uu = h * 2 * math.pi * root * (pi2 * (1 + 2 * e2) - 16 * e2) / e
-    b_uv = -h * 8 * (pi2 * (1 + 2 * e2) - 16 * e2)
-    b_vv = h * 2 * math.pi * (pi2 * (1 - e2) ** 2 + 48 * e2) / (e * root)
-    return s, [[a_uu, a_uv], [a_vu, a_vv]], [[b_uu, b_uv], [b_uv, b_vv]]
+    e, e2, pi2, root = eccentricity, eccentricity**2, math.pi**2, math.sqrt(1 - eccentricity**2)
+    below = pi2 * (1 - e2) + 16 * e2
+    a_uu = 4 * (pi2 * (2 - e2) + 16 * e2)
+    a_uv = math.pi * (pi2 * (1 - e2) ** 2 - 16 * e2 * e2) / (e * root)
+    a_vu = -math.pi * (pi2 * (1 - e2) * (1 + 2 * e2) + 32 * e2 * (1 + e2)) / (e * root)
+    a_vv = 4 * (pi2 * (1 + 2 * e2) + 32 * e2 * (1 + e2) / (1 - e2))
+    b_uu = 2 * math.pi * root * (pi2 * (1 + 2 * e2) - 16 * e2) / e
+    b_uv = -8 * (pi2 * (1 + 2 * e2) - 16 * e2)
+    b_vv = 2 * math.pi * (pi2 * (1 - e2) ** 2 + 48 * e2) / (e * root)
+    a, b = np.array([[a_uu, a_uv], [a_vu, a_vv]]), np.array([[b_uu, b_uv], [b_uv, b_vv]])
+    return (1 - e2) ** 2 / (e * math.sqrt(below)), a * below**-1.5, b * below**-1.5
+
+
+def oil_film(load: float, diameter: float, length: float, clearance: float, viscosity: float) -> Coefficients:
+    """Coefficients of a short bearing over the spin speed, the load in y."""
+
+    def at(Omega: float) -> tuple[np.ndarray, np.ndarray]:
+        wanted = diameter * Omega * viscosity * length**3 / (8 * load * clearance**2)
+        e = float(brentq(lambda e: short_bearing(e)[0] - wanted, 1e-6, 1 - 1e-6))
+        _, a, b = short_bearing(e)
+        return a * load / clearance, b * load / (clearance * Omega)
+
+    return at
+
+
+def table(coefficients: Coefficients, spin_rpm: Sequence[float]) -> dict[str, list[float]]:
+    """A support's table in a rig file."""
+    rows = [coefficients(rpm * RPM) for rpm in spin_rpm]
+    keys: dict[str, list[float]] = {"spin_rpm": list(spin_rpm)}
+    for place, pair in ((place, "yz"[place[0]] + "yz"[place[1]]) for place in np.ndindex(2, 2)):
+        keys[f"k{pair}_N_per_m"] = [float(np.asarray(K)[place]) for K, _ in rows]
+        keys[f"c{pair}_Ns_per_m"] = [float(np.asarray(C)[place]) for _, C in rows]
+    return keys
+
+
+def on_tables(coefficients: Coefficients, spin_rpm: Sequence[float], nodes: Sequence[int], **keys: Any) -> Rig:
+    """A rig whose supports at these nodes all have the same table."""
+    own = table(coefficients, spin_rpm)
+    return rigs.rig(support=[{"node": node, "stiffness": "table", "table": own} for node in nodes], **keys)
+
+
+def jeffcott(
+    coefficients: Coefficients, spin_rpm: Sequence[float], *, mass_kg: float = 2.0, diameter: float = 0.02
+) -> Rig:
+    """A mass in the middle of a light shaft of 0.4 m in two journals."""
+    return on_tables(
+        coefficients,
+        spin_rpm,
+        (1, 3),
+        nodes_m=[0.0, 0.2, 0.4],
+        segment=[rigs.round_shaft(0.4, diameter, rigs.LIGHT_STEEL)],
+        disk=[{"node": 2, "mass_kg": mass_kg}],
+    )
+
+
+def system_of(rig: Rig, *, element: ElementType = timoshenko, condition: Condition = UNDAMPED_SHAFT) -> LinearSystem:
+    """The rotor at the lowest speed of its tables; it can be taken to others."""
+    structure = assemble(rig, element=element)
+    fields = {**vars(condition), "spin_speed": structure.lowest_spin_speed}
+    return build_system(structure, Condition(**fields))

@@ -227,9 +227,10 @@ const char *states_build(States *s, const System *system, double zeta, double sp
     if (whirls)
         modal(s, skew, whirling, whirling + m * m);
     memset(s->A, 0, (size_t)N * N * sizeof *s->A);
+    for (int i = 0; i < m; i++)
+        s->scale[i] = s->omega[i] > 0 ? s->omega[i] : 1;
     for (int i = 0; i < m; i++) {
         const int strained = s->omega[i] > 0;
-        s->scale[i] = strained ? s->omega[i] : 1;
         s->A[i * N + m + i] = s->scale[i];
         s->A[(m + i) * N + i] = -s->omega[i];
         for (int j = 0; j < m; j++) {

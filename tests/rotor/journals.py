@@ -89,6 +89,24 @@ def jeffcott(
     )
 
 
+FILM = oil_film(400.0, 0.05, 0.02, 5e-5, 0.03)
+TABLE_RPM = (2000.0, 4000.0, 7000.0, 11000.0)
+
+
+def disk_in_oil(**keys: Any) -> Rig:
+    """A disk beside the middle of a shaft in two short bearings."""
+    disk = {"mass_kg": 60.0, "diametral_inertia_kg_m2": 0.8, "polar_inertia_kg_m2": 1.5, "inertia": True}
+    return on_tables(
+        FILM,
+        TABLE_RPM,
+        (1, 4),
+        nodes_m=[0.0, 0.25, 0.5, 0.8],
+        segment=[rigs.round_shaft(0.8, 0.05)],
+        disk=[{"node": 2, **disk}],
+        **keys,
+    )
+
+
 def system_of(rig: Rig, *, element: ElementType = timoshenko, condition: Condition = UNDAMPED_SHAFT) -> LinearSystem:
     """The rotor at the lowest speed of its tables; it can be taken to others."""
     structure = assemble(rig, element=element)

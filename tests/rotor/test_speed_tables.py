@@ -32,7 +32,18 @@ from rigtwin.rotor.model.state_space import StateSpace
 from rigtwin.rotor.model.structure import from_arrays, to_arrays
 from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.rotor import rigs
-from tests.rotor.journals import RPM, UNDAMPED_SHAFT, jeffcott, oil_film, on_tables, short_bearing, system_of
+from tests.rotor.journals import (
+    FILM,
+    RPM,
+    TABLE_RPM,
+    UNDAMPED_SHAFT,
+    disk_in_oil,
+    jeffcott,
+    oil_film,
+    on_tables,
+    short_bearing,
+    system_of,
+)
 from tests.tolerances import EIGENVALUE_ROUND_OFF, NEARLY_MASSLESS, PEAK_BETWEEN_SPEEDS, SPECTRAL
 
 K, C = 5e5, 400.0  # of each support of the Jeffcott rotor
@@ -147,22 +158,6 @@ def test_cross_coupled_bearings_have_the_frequencies_that_ross_prints():
 
 
 # -- an independent small system --------------------------------------------------------------------------------
-
-FILM = oil_film(400.0, 0.05, 0.02, 5e-5, 0.03)
-TABLE_RPM = (2000.0, 4000.0, 7000.0, 11000.0)
-
-
-def disk_in_oil():
-    """A disk beside the middle of a shaft in two short bearings."""
-    disk = {"mass_kg": 60.0, "diametral_inertia_kg_m2": 0.8, "polar_inertia_kg_m2": 1.5, "inertia": True}
-    return on_tables(
-        FILM,
-        TABLE_RPM,
-        (1, 4),
-        nodes_m=[0.0, 0.25, 0.5, 0.8],
-        segment=[rigs.round_shaft(0.8, 0.05)],
-        disk=[{"node": 2, **disk}],
-    )
 
 
 def beam(EI, mass, L):

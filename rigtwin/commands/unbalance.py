@@ -98,11 +98,11 @@ def run_unbalance(request: RotorRequest, weights: Weights, speeds: SpeedRange, r
         critical = synchronous_whirls(asked.system, lowest, highest)
         unstable = unstable_speeds(asked.system, np.linspace(lowest, highest, _LOOKED_AT))
         response = unbalance_response(unbalanced.model, spin_speed)[:, :, [node - 1 for node in nodes]]
-    forward = critical.spin_speed[critical.direction >= 0]
+    met = critical.spin_speed[(critical.direction >= 0) | bool(asked.structure.speed_tables)]
     if request.out:
         from rigtwin.pages.rotor_figures import save_figure, unbalance_figure
 
-        save_figure(unbalance_figure(spin_speed, response, nodes, forward), request.out)
+        save_figure(unbalance_figure(spin_speed, response, nodes, met), request.out)
 
     def text() -> None:
         say_rotor(asked)
@@ -113,10 +113,10 @@ def run_unbalance(request: RotorRequest, weights: Weights, speeds: SpeedRange, r
         if len(unstable):
             low, high = unstable[[0, -1]] / RPM
             say(f"unstable from about {low:.0f} to {high:.0f} rev/min: there no steady response is ever reached")
-        _print(spin_speed, response, nodes, forward)
+        _print(spin_speed, response, nodes, met)
 
     given = {"unbalances": [{"node": n, "moment_kg_m": m, "phase_deg": p} for n, m, p in placed]}
-    record = {**rotor_record(asked), **given, **_record(spin_speed, response, nodes, forward)}
+    record = {**rotor_record(asked), **given, **_record(spin_speed, response, nodes, met)}
     record["unstable_rpm"] = (unstable / RPM).tolist()
     tell(request, record, text, lumped_disks(asked))
 

@@ -111,7 +111,7 @@ def followed_campbell(system: LinearSystem, spin_speed: FloatArray, n_modes: int
     spin_speed : (n_speeds,) Omega [rad/s], increasing
     n_modes : how many are followed: the lowest ones at the lowest speed above zero; fewer where fewer oscillate
 
-    Raises ValueError where none oscillates, and for a speed that a support's table does not hold.
+    Raises ValueError where none oscillates, SpinSpeedError for a speed that a support's table does not hold.
     """
     rows = [_whirl(system, float(Omega), n_modes + _SPARE) for Omega in spin_speed]
     start = int(np.argmax(spin_speed > 0))

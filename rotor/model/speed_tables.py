@@ -22,6 +22,10 @@ TABLE_END = 1e-5
 _RPM = np.pi / 30
 
 
+class SpinSpeedError(ValueError):
+    """A support's table does not hold the spin speed."""
+
+
 @dataclass(frozen=True)
 class SpeedTable:
     """Stiffness and damping of one support over the spin speed, in (y, z)."""
@@ -34,7 +38,7 @@ class SpeedTable:
     def at(self, spin_speed: float) -> tuple[FloatArray, FloatArray]:
         """(2, 2) stiffness [N/m] and (2, 2) damping [N s/m] at a spin speed [rad/s].
 
-        Raises ValueError outside the table: nothing is extrapolated.
+        Raises SpinSpeedError outside the table: nothing is extrapolated.
 
         >>> ramp = np.array([1.0, 3.0])[:, None, None] * np.eye(2)
         >>> SpeedTable(1, np.array([100.0, 200.0]), ramp, 0 * ramp).at(150.0)[0]
@@ -43,7 +47,7 @@ class SpeedTable:
         """
         low, high = self.spin_speed[[0, -1]].tolist()
         if not low - TABLE_END * low <= spin_speed <= high + TABLE_END * high:
-            raise ValueError(
+            raise SpinSpeedError(
                 f"the table of the support at node {self.node} runs from {low / _RPM:.6g} to {high / _RPM:.6g} rev/min "
                 f"and does not hold {spin_speed / _RPM:.6g} rev/min: choose a spin speed inside, or extend the table"
             )
@@ -64,7 +68,7 @@ class SpeedSupports:
     places: tuple[IntArray, ...]  # of each table (2,) degrees of freedom in y and z
 
     def at(self, spin_speed: float) -> tuple[FloatArray, FloatArray]:
-        """K and C (n, n) with the supports at a spin speed [rad/s]. Raises ValueError outside a table."""
+        """K and C (n, n) with the supports at a spin speed [rad/s]. Raises SpinSpeedError outside a table."""
         K, C = self.K.copy(), self.C.copy()
         for table, places in zip(self.tables, self.places, strict=True):
             own_K, own_C = table.at(spin_speed)

@@ -59,7 +59,7 @@ class LinearSystem:
     def at(self, spin_speed: float) -> LinearSystem:
         """The rotor at a spin speed [rad/s]: itself unless supports follow the speed.
 
-        Raises ValueError outside a support's table.
+        Raises SpinSpeedError outside a support's table.
         """
         if self.spin_speed is None or spin_speed == self.spin_speed:
             return self

@@ -63,9 +63,9 @@ def table(coefficients: Coefficients, spin_rpm: Sequence[float]) -> dict[str, li
     """A support's table in a rig file."""
     rows = [coefficients(rpm * RPM) for rpm in spin_rpm]
     keys: dict[str, list[float]] = {"spin_rpm": list(spin_rpm)}
-    for place, pair in ((place, "yz"[place[0]] + "yz"[place[1]]) for place in np.ndindex(2, 2)):
-        keys[f"k{pair}_N_per_m"] = [float(np.asarray(K)[place]) for K, _ in rows]
-        keys[f"c{pair}_Ns_per_m"] = [float(np.asarray(C)[place]) for _, C in rows]
+    for which, name, unit in ((0, "k", "N_per_m"), (1, "c", "Ns_per_m")):
+        for a, b in np.ndindex(2, 2):
+            keys[f"{name}{'yz'[a]}{'yz'[b]}_{unit}"] = [float(np.asarray(row[which])[a, b]) for row in rows]
     return keys
 
 

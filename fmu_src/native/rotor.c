@@ -187,10 +187,9 @@ static void weaken(Assembly *a, int element, const double added[4])
 {
     const Structure *s = a->s;
     const double length = s->x[element + 1] - s->x[element];
-    double sound[4], F[4], before[16], after[16];
+    double F[4], before[16], after[16];
     for (int plane = 0; plane < 2; plane++) {
-        const double EI = s->bending_stiffness[2 * element + plane];
-        cantilever(length, EI, s->shear_stiffness[2 * element + plane], sound);
+        const double EI = s->bending_stiffness[2 * element + plane], *sound = s->flexibility + 4 * (2 * element + plane);
         for (int k = 0; k < 4; k++)
             F[k] = sound[k] + added[k] / EI;
         element_stiffness(F, length, after);

@@ -16,6 +16,7 @@ typedef struct {
     const int *stations;                  /* (n_nodes) mesh node of each rig node */
     const double *bending_stiffness;      /* (n_mesh - 1, 2) E I in y and z */
     const double *shear_stiffness;        /* (n_mesh - 1, 2) kappa G A in y and z */
+    const double *flexibility;            /* (n_mesh - 1, 2, 2, 2) of each element's cantilever in y and z */
     const double *diameter;               /* (n_mesh - 1) */
     const int *disk_node;                 /* (n_disks) */
     const double *disk_mass, *disk_thickness, *disk_lumped_diametral, *disk_lumped_polar;

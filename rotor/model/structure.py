@@ -49,9 +49,10 @@ class Structure:
     K_tension: FloatArray  # (n, n) geometric stiffness per newton of axial tension [1/m]
     x: FloatArray  # (n_mesh,) positions of the mesh nodes [m]
     stations: IntArray  # (n_nodes,) mesh node of each rig node, counted from 0
-    bending_stiffness: FloatArray  # (n_mesh - 1, 2) E I of each element for bending in y and in z [N m^2]
+    bending_stiffness: FloatArray  # (n_mesh - 1, 2) E I in the middle of each element for bending in y, in z [N m^2]
     shear_stiffness: FloatArray  # (n_mesh - 1, 2) kappa G A [N]; inf: no shear flexibility
-    diameter: FloatArray  # (n_mesh - 1,) of a round bar with the element's bending stiffness in y [m]
+    flexibility: FloatArray  # (n_mesh - 1, 2, 2, 2) of each element in y and in z, see ``cantilever_flexibility``
+    diameter: FloatArray  # (n_mesh - 1,) of a round bar with that bending stiffness in y [m]
     disk_node: IntArray  # (n_disks,) mesh node
     disk_mass: FloatArray  # (n_disks,) [kg]
     disk_thickness: FloatArray  # (n_disks,) length of the hub [m]; zero where not known

@@ -154,6 +154,20 @@ def test_the_spin_speed_of_a_rotor_on_tables_changes_while_it_moves(core):
     assert np.array_equal(rotors[0].snapshot(), kept)
 
 
+@pytest.mark.parametrize(
+    "names", [(), ("open_crack", "hub_stiffening"), ("bearing_offset", "sensor_position")], ids="+".join
+)
+def test_a_conical_shaft_is_that_of_python(core, names):
+    """Matrices, and then how it moves: a crack, a hub and what sits beside a node change elements of a cone."""
+    segment = {"length_m": 0.426, "diameter_left_m": 0.022, "diameter_right_m": 0.012, "bore_m": 0.004} | rigs.STEEL
+    structure = assemble(rigs.rig(**rigs.tables(name="conical", segment=[segment])))
+    conical, effects = Core(core.compiled, structure), effects_of(names)
+    assert_same_matrices(conical, CONDITION, effects, structure)
+    steps = np.full(60, 7e-4)
+    rotors = Rotor(conical, CONDITION, effects), RotorSimulator(structure, CONDITION, effects)
+    assert_same_motion(*(moved(rotor, steps) for rotor in rotors))
+
+
 def test_joints_that_slip_move_as_those_of_python(core):
     """The laws of the joint that can tilt, the other one having none; slipping, and open beyond the second contact."""
     structure = assemble(rigs.rig(**rigs.tables(name="jointed", joint=JOINTS)))

@@ -89,7 +89,12 @@ def jeffcott(
     )
 
 
-FILM = oil_film(400.0, 0.05, 0.02, 5e-5, 0.03)
+def film(Omega: float) -> tuple[np.ndarray, np.ndarray]:
+    """A short bearing beside a seal, whose cross damping is skew, as that of seals is."""
+    stiffness, damping = oil_film(400.0, 0.05, 0.02, 5e-5, 0.03)(Omega)
+    return stiffness, damping + np.array([[0.0, 3e3], [-3e3, 0.0]])
+
+
 TABLE_RPM = (2000.0, 4000.0, 7000.0, 11000.0)
 
 
@@ -97,7 +102,7 @@ def disk_in_oil(**keys: Any) -> Rig:
     """A disk beside the middle of a shaft in two short bearings."""
     disk = {"mass_kg": 60.0, "diametral_inertia_kg_m2": 0.8, "polar_inertia_kg_m2": 1.5, "inertia": True}
     return on_tables(
-        FILM,
+        film,
         TABLE_RPM,
         (1, 4),
         nodes_m=[0.0, 0.25, 0.5, 0.8],

@@ -33,11 +33,11 @@ from rigtwin.rotor.model.structure import from_arrays, to_arrays
 from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.rotor import rigs
 from tests.rotor.journals import (
-    FILM,
     RPM,
     TABLE_RPM,
     UNDAMPED_SHAFT,
     disk_in_oil,
+    film,
     jeffcott,
     oil_film,
     on_tables,
@@ -104,11 +104,11 @@ def test_a_rigid_rotor_in_short_bearings_has_its_threshold_where_the_coefficient
     load, clearance, mass = 1.0, 5e-5, 200.0  # the shaft then is rigid and weightless to a few millionths
     threshold = math.sqrt(k_eq * load / clearance * 2 / mass) / ratio
 
-    def film(Omega):
+    def own(Omega):
         return a * load / clearance, b * load / (clearance * Omega)
 
     rpm = threshold / RPM
-    system = system_of(jeffcott(film, (0.8 * rpm, rpm, 1.25 * rpm), mass_kg=mass, diameter=0.3))
+    system = system_of(jeffcott(own, (0.8 * rpm, rpm, 1.25 * rpm), mass_kg=mass, diameter=0.3))
     limits = stability_limits(system, followed_campbell(system, np.linspace(0.81, 1.2, 9) * threshold, 4))
     assert_allclose(limits.spin_speed, [threshold], rtol=NEARLY_MASSLESS)
     assert_allclose(limits.eigenvalue.imag / limits.spin_speed, [ratio], rtol=NEARLY_MASSLESS)
@@ -182,7 +182,7 @@ def independent(rpm):
         M[plane + 2, plane + 2] += 60.0
         M[plane + 3, plane + 3] += 0.8
     D[3, 11], D[11, 3] = 1.5 * rpm * RPM, -1.5 * rpm * RPM
-    rows = [FILM(row * RPM) for row in TABLE_RPM]
+    rows = [film(row * RPM) for row in TABLE_RPM]
     for place in np.ndindex(2, 2):
         k, c = (np.interp(rpm, TABLE_RPM, [row[which][place] for row in rows]) for which in (0, 1))
         for node in (0, 6):
@@ -199,7 +199,7 @@ def test_eigenvalues_in_oil_are_those_of_a_system_that_was_assembled_independent
     expected = values[values.imag > 1e-6 * np.abs(values).max()]
     expected = expected[np.argsort(np.abs(expected))]
     found = damped_modes(system_of(disk_in_oil(), element=euler_bernoulli), rpm * RPM).eigenvalue
-    assert_allclose(found[:6], expected[:6], rtol=1e-8)
+    assert_allclose(found[:6], expected[:6], rtol=EIGENVALUE_ROUND_OFF)
 
 
 def test_oil_whip_sets_in_between_the_rows_where_the_independent_system_says():
@@ -331,12 +331,12 @@ def test_a_table_that_never_changes_is_a_plain_support():
 
 
 def test_without_cross_coupling_the_planes_keep_apart_at_rest():
-    def film(Omega):
+    def own(Omega):
         return np.diag([1e6 + Omega, 2e6 + Omega]), np.diag([100.0, 50.0])
 
-    modes = listed_modes(system_of(jeffcott(film, (0.0, 9000.0))), 0.0)
+    modes = listed_modes(system_of(jeffcott(own, (0.0, 9000.0))), 0.0)
     assert set(modes.plane.tolist()) == {1, 2}
-    spinning = listed_modes(system_of(jeffcott(film, (0.0, 9000.0))), 500.0)  # no inertia, no gyroscopic moments
+    spinning = listed_modes(system_of(jeffcott(own, (0.0, 9000.0))), 500.0)  # no inertia, no gyroscopic moments
     assert spinning.frequency_hz[0] > modes.frequency_hz[0]
 
 
@@ -346,8 +346,8 @@ def test_reversing_the_cross_coupling_makes_the_whirl_grow_backward():
         return np.transpose(stiffness), damping
 
     Omega = 15000 * RPM
-    for film, direction in ((swirling, 1.0), (backward, -1.0)):
-        system = system_of(jeffcott(film, SPEEDS))
+    for own, direction in ((swirling, 1.0), (backward, -1.0)):
+        system = system_of(jeffcott(own, SPEEDS))
         modes = damped_modes(system, Omega)
         grows = modes.eigenvalue.real > 0
         assert whirl_direction(system, modes.shape[:, grows]).tolist() == [direction]
@@ -411,10 +411,10 @@ def test_peaks_of_the_response_on_tables_are_resolved():
 def test_the_map_over_stiffness_has_bearings_in_place_of_tables():
     """Where k_yy meets a line, a rotor on plain bearings of that stiffness has its critical speed there."""
 
-    def film(Omega):
+    def own(Omega):
         return np.diag([4e5 + 500 * Omega, 9e5 + 500 * Omega]), np.diag([100.0, 100.0])
 
-    rig = jeffcott(film, (0.0, 30000.0))
+    rig = jeffcott(own, (0.0, 30000.0))
     rotor = BearingRange(assemble(rig), UNDAMPED_SHAFT)
     speeds = critical_speed_map(rotor, np.geomspace(1e4, 1e8, 21), 2)
     k_s = shaft_stiffness(rig)

@@ -86,7 +86,8 @@ def run_campbell(request: RotorRequest, speeds: SpeedRange, n_modes: int, multip
     if request.out:
         from rigtwin.pages.rotor_figures import campbell_figure, save_figure
 
-        save_figure(campbell_figure(diagram, met, multiple), request.out)
+        grown = [(one["spin_rpm"], one["frequency_hz"]) for one in _limits(every, limits) if one["grows_above"]]
+        save_figure(campbell_figure(diagram, met, multiple, grown), request.out)
 
     def text() -> None:
         say_rotor(asked)

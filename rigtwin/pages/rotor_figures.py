@@ -167,8 +167,15 @@ def _orbit_panel(axes: Any, rig: Rig, x: FloatArray, mode: DrawnMode) -> None:
 # -- spinning ------------------------------------------------------------------------------------
 
 
-def campbell_figure(diagram: Campbell, met: Crossings, multiple: float) -> Figure:
-    """Whirl frequencies over spin speed, coloured by direction, with a line of the speed and what meets it."""
+def campbell_figure(
+    diagram: Campbell, met: Crossings, multiple: float, limits: Sequence[tuple[float, float]] = ()
+) -> Figure:
+    """Whirl frequencies over spin speed, coloured by direction, with a line of the speed and what meets it.
+
+    Parameters
+    ----------
+    limits : spin speed [rev/min] and frequency [Hz] at which modes begin to grow
+    """
     rpm = diagram.spin_speed / RPM
     with _drawing(4.4) as figure:
         axes = figure.subplots()
@@ -184,8 +191,10 @@ def campbell_figure(diagram: Campbell, met: Crossings, multiple: float) -> Figur
             above = {"xytext": (-4, 5), "ha": "right"} if direction < 0 else {"xytext": (4, -10), "ha": "left"}
             place = speed, multiple * speed / 60
             axes.annotate(f"{speed:.0f}", place, textcoords="offset points", fontsize=7.5, **above)
+        if limits:
+            axes.plot(*zip(*limits, strict=True), "X", color=PURPLE, ms=9, label="grows from here")
         axes.set(xlabel="spin speed, rev/min", ylabel="whirl frequency, Hz", xlim=(rpm[0], rpm[-1]), ylim=(0, top))
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.1), ncols=4)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.1), ncols=5)
     return figure
 
 

@@ -8,9 +8,8 @@ With ``shear_parameter = 0`` they are the Hermite cubics of the Euler-Bernoulli 
 
 The shape functions of a cone are its static deflections, too. They follow from its flexibility, the integral of
 bending and shear along it, so that its stiffness is exact for forces at its ends however steep it is (the force method
-of Przemieniecki's book; Friedman and Kosmatka, *Comput. Struct.* 47, 1993, 473-481, for bending with shear). Mass,
-rotary inertia and gyroscopic moments are integrated from them over the true sections. A cone without slope has the
-matrices of the uniform element.
+of Przemieniecki's book). Mass, rotary inertia and gyroscopic moments are integrated from them over the true sections.
+A cone without slope has the matrices of the uniform element.
 """
 
 from __future__ import annotations

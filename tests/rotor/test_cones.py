@@ -141,7 +141,7 @@ def cone_frequencies(tip: float, n: int) -> np.ndarray:
 
 
 def test_the_closed_form_of_the_tests_has_the_frequencies_of_kirchhoffs_cone():
-    """8.7193, 21.1457 and 38.4538 for a cone to its apex [kirchhoff1879; downs1977]."""
+    """8.7193, 21.1457 and 38.4538 for a cone to its apex [kirchhoff1879; naguleswaran1994]."""
     assert_allclose(cone_frequencies(1e-6, 3) ** 2, [8.7193, 21.1457, 38.4538], atol=6e-5)
 
 

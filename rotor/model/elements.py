@@ -86,8 +86,8 @@ class Cone:
     def part(self, start: float, stop: float) -> Cone:
         """The stretch between two places xi = x/L.
 
-        >>> Cone((0.03, 0.01), (0.0, 0.0), 7840.0, 2.1e11, 0.3).part(0.25, 0.5).diameter
-        (0.025, 0.02)
+        >>> Cone((0.03, 0.01), (0.0, 0.0), 7840.0, 2.1e11, 0.3).part(0.5, 1.0).diameter
+        (0.02, 0.01)
         """
         ends = [tuple(self._between(pair, xi) for xi in (start, stop)) for pair in (self.diameter, self.bore)]
         return replace(self, diameter=ends[0], bore=ends[1])

@@ -7,8 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import eig
 
-from rigtwin.rotor.effects import unbalance_at
+from rigtwin.rotor.effects import Rub, unbalance_at
 from rigtwin.rotor.frequency.frequency_response import accelerance, dynamic_stiffness
+from rigtwin.rotor.frequency.harmonic_balance import Balance
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes, listed_modes
 from rigtwin.rotor.frequency.stiffness_map import BearingRange, critical_speed_map, table_readings
@@ -294,6 +295,41 @@ def test_a_change_of_speed_keeps_deflections_and_takes_other_coefficients():
     with pytest.raises(ValueError, match=r"from 2000 to 11000 rev/min and does not hold 1999 rev/min"):
         rotor.configure(Condition(spin_speed=1999 * RPM))
     rotor.advance(rotor.time, 1e-3)  # nothing was changed
+
+
+def test_unbalance_in_time_settles_on_the_response_of_the_tables():
+    structure = assemble(disk_in_oil())
+    condition = Condition(spin_speed=4500 * RPM)
+    unbalanced = [unbalance_at(2, 1e-4, 0.3)]
+    rotor = RotorSimulator(structure, condition, unbalanced)
+    rotor.advance(0.0, 20.0)
+    turn = 2 * np.pi / condition.spin_speed
+    samples = []
+    for _ in range(64):
+        rotor.advance(rotor.time, turn / 64)
+        samples.append(rotor.accelerations())
+    found = np.abs(2 / 64 * np.exp(-2j * np.pi * np.arange(64) / 64) @ np.array(samples))
+    (q,) = unbalance_response(build_model(structure, condition, unbalanced), np.array([condition.spin_speed]))
+    assert_allclose(found, condition.spin_speed**2 * np.abs(q).ravel(), rtol=1e-6)
+
+
+def test_harmonic_balance_of_a_rub_solves_the_equations_on_tables():
+    """Every harmonic at every degree of freedom, with a K that is not symmetric."""
+    structure = assemble(disk_in_oil())
+    condition = Condition(spin_speed=4500 * RPM, excitation_node=2)
+    model = build_model(structure, condition, [Rub(stiffness=1e6, gap=2e-5, node=2)])
+    f = np.array([35.0, 46.0])
+    motions = Balance(model, condition).solve(f, 400.0)
+    assert np.abs(motions.forces).max() > 1.0  # it touches
+    system = model.system
+    force = np.zeros((*motions.joints.shape[:2], system.n), dtype=complex)
+    force[:, 1] = motions.force_amplitude * system.unit_vector(2, 1)
+    force -= motions.forces @ motions.balance.forces.patterns
+    w = 2 * np.pi * f[:, None, None, None] * np.arange(force.shape[1])[:, None, None]
+    D = system.K + 1j * w * (system.C + condition.spin_speed * system.G) - w**2 * system.M
+    q = np.linalg.solve(D, force[..., None])[..., 0]
+    expected = -(w[..., 0] ** 2) * (q @ system.read_out(1).T) / 400.0
+    assert_allclose(motions.acceleration(), expected, atol=SPECTRAL * np.abs(expected).max())
 
 
 # -- tables -------------------------------------------------------------------------------------------------

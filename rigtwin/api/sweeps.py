@@ -247,7 +247,7 @@ def _check_spin(description: ModelDescription, spin_rpm: float) -> None:
     low, high = (float(end) / RPM if end else None for end in (speed.min, speed.max))
     if low is not None and high is not None and not low <= spin_rpm <= high:
         raise UserError(
-            f"spin_rpm = {spin_rpm:g}: this rotor has spin speeds from {low:.5g} to {high:.5g} rev/min; give one of them"
+            f"spin_rpm = {spin_rpm:g}: this rotor has spin speeds from {low:.5g} to {high:.5g} rev/min; give one"
         )
 
 

@@ -298,7 +298,7 @@ def test_the_map_over_stiffness_shows_where_tables_meet_it(tmp_path):
         (("modes", OILED, "--k-b", 1e6), '--k-b acts on supports with stiffness = "k_b", and rig journal-bearings has'),
         (("modes", OILED, "--rigid"), "--rigid acts on supports"),
         (("campbell", OILED, "--effect", "pedestal_flexibility"), "--effect pedestal_flexibility acts on supports"),
-        (("sweep", OILED), "spin_rpm = 0: this rotor has spin speeds from 1500 to 12000 rev/min; give one of them"),
+        (("sweep", OILED), "spin_rpm = 0: this rotor has spin speeds from 1500 to 12000 rev/min; give one"),
         (("estimate", STORED, "--rig", OILED), "has supports with tables, and an estimate of k_b knows bearings"),
     ],
 )

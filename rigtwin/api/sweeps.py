@@ -216,8 +216,8 @@ def measure(
     with ExitStack() as stack:
         fmu = stack.enter_context(rotor_fmu(request.source))
         description = describe(fmu)
-        _check_spin(description, request.spin_rpm)
         rig, guid = _rig(description, request), str(description.guid)
+        _check_spin(description, request.spin_rpm)
         host = stack.enter_context(host_of(fmu, trust=request.trust))
         name = request.source.name if isinstance(request.source, RigFile) else request.source
         for place, result in _measure(host, fmu.resolve(), rig, plans, request.executor, progress):

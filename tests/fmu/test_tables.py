@@ -26,7 +26,7 @@ RIG = disk_in_oil(shaft_damping_ratio=0.01)
 OILED = 3456.0 * RPM
 
 
-@pytest.fixture(scope="module", params=["python", "2.0", "3.0"])
+@pytest.fixture(scope="module", params=["python", "2.0"])
 def oiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``RotorRig.fmu`` of the rig on tables, on the host's Python and compiled."""
     folder = tmp_path_factory.mktemp("oiled")

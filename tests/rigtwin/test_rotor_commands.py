@@ -12,7 +12,9 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 
+import rigtwin
 from rigtwin.rotor.effects import DiskInertia, Gyroscopic, unbalance_at
+from rigtwin.rotor.frequency.frequency_response import accelerance
 from rigtwin.rotor.frequency.modal import elastic_frequencies_hz, listed_modes, natural_frequencies_hz
 from rigtwin.rotor.frequency.whirl import RPM, critical_speeds, unbalance_response
 from rigtwin.rotor.geometry.assembly import assemble
@@ -20,7 +22,7 @@ from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model, build_system
 from tests.rigtwin.conftest import run, run_json
-from tests.tolerances import EIGENVALUE_ROUND_OFF, ROUND_OFF
+from tests.tolerances import EIGENVALUE_ROUND_OFF, ROUND_OFF, SPECTRAL
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "examples" / "nit-rourkela-paper"
@@ -284,6 +286,19 @@ def test_the_map_over_stiffness_shows_where_tables_meet_it(tmp_path):
     assert "k_b takes the place of the supports with tables: alike in y and z, without cross-coupling" in text
     assert "kyy of tables" in picture.read_text(encoding="utf-8")
     assert run_json("critical-speeds", "--stiffnesses", 3)["supports_with_tables"] == []
+
+
+def test_the_response_of_a_model_on_tables_is_that_at_its_spin_speed():
+    lines = [20.0, 65.0, 150.0]
+    run_at_speed = rigtwin.model_response(OILED, lines, spin_rpm=3000)
+    system = build_system(assemble(load_rig(OILED)), Condition(shaft_damping_ratio=0.002, spin_speed=3000 * RPM))
+    expected = accelerance(system, np.array(lines), excitation_node=3, spin_speed=3000 * RPM)[:, :, 0]
+    assert_allclose(run_at_speed.H, expected, rtol=SPECTRAL, atol=SPECTRAL * np.abs(expected).max())
+    assert run_at_speed.spin_rpm == 3000
+    with pytest.raises(rigtwin.UserError, match="does not hold 0 rev/min"):
+        rigtwin.model_response(OILED, lines)
+    with pytest.raises(rigtwin.UserError, match="has supports with tables"):
+        rigtwin.model_modes(OILED)
 
 
 @pytest.mark.parametrize(

@@ -288,6 +288,14 @@ def test_the_map_over_stiffness_shows_where_tables_meet_it(tmp_path):
     assert run_json("critical-speeds", "--stiffnesses", 3)["supports_with_tables"] == []
 
 
+def test_a_rotor_on_tables_is_built_without_an_estimator(tmp_path):
+    result = run("build", OILED, "--out", tmp_path)
+    assert "journal-bearings has supports with tables, and k_b says nothing about them" in " ".join(
+        result.stderr.split()
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["RotorRig.fmu"]
+
+
 def test_the_response_of_a_model_on_tables_is_that_at_its_spin_speed():
     lines = [20.0, 65.0, 150.0]
     run_at_speed = rigtwin.model_response(OILED, lines, spin_rpm=3000)

@@ -180,16 +180,12 @@ def user_errors() -> Iterator[None]:
 def held(asked: AskedRotor) -> str:
     """'nit-rourkela on bearings of 10.00 MN/m, 20 N s/m'."""
     condition, tables = asked.condition, len(asked.structure.speed_tables)
+    words = ["on rigid supports" if condition.rigid_support else _bearings(condition)] if asked.rig.has_bearings else []
     if tables:
         low, high = (speed / RPM for speed in asked.structure.spin_range)
-        others = (
-            f"{'pinned' if condition.rigid_support else _bearings(condition)} and " if asked.rig.has_bearings else ""
-        )
         supports = "a support with a table" if tables == 1 else f"{tables} supports with tables"
-        return f"{asked.rig.name} {others or 'on '}{supports} from {low:.6g} to {high:.6g} rev/min"
-    if condition.rigid_support:
-        return f"{asked.rig.name} on rigid supports"
-    return f"{asked.rig.name} {_bearings(condition)}"
+        words.append(f"{'' if words else 'on '}{supports} from {low:.6g} to {high:.6g} rev/min")
+    return f"{asked.rig.name} {' and '.join(words)}"
 
 
 def _bearings(condition: Condition) -> str:

@@ -18,7 +18,7 @@ from rigtwin.console import note, print_json, say, table
 from rigtwin.gap.document import FILE_NAME as DIAGNOSIS_FILE
 from rigtwin.gap.document import Diagnosis, Shrink
 from rigtwin.pages.diagnosis_words import NO_CAUSE, at_edge, cause_title, explained, finite, k_b_words, named, share
-from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.scratch import check_writable
 
 _SECONDS_BETWEEN_STAGES = 10.0
 

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 from rigtwin.wording import unbroken
 
 _CONFIG = '{"responsive": true, "displaylogo": false, "displayModeBar": false}'

@@ -16,7 +16,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from rigtwin.api.fmus import manifest
-from rigtwin.commands import fmus
+from rigtwin.api import fmus
 from rigtwin.fmu_src import compiling
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import TARGETS, CompileError, compiler, this_machine

@@ -11,6 +11,7 @@ module                  what it holds                                           
 ``runtime``             the ONNX file in use: numpy and onnxruntime only         ``StiffnessEstimator``
 ``validity``            why an estimate is not valid, in sentences              ``objections``
 ``root_finding``        the same question answered on the finite-element model   ``StiffnessFinder``
+``tracking``            k_b that changes in time, sample by sample               ``StiffnessTracker``
 ======================  =======================================================  =======================
 
 torch is imported by ``network`` and ``training`` only.

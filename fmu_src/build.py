@@ -27,6 +27,10 @@ import fmpy
 import numpy as np
 from fmpy.validation import validate_fmu
 
+from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
+from rigtwin.estimator.tracking.reduced_rotor import to_arrays as to_reduced_arrays
+from rigtwin.estimator.tracking.reduction import reduce_rotor
+from rigtwin.estimator.tracking.tracker import MOST_SENSORS
 from rigtwin.fmu_src.beside import (
     external_dependencies,
     licences,
@@ -38,7 +42,7 @@ from rigtwin.fmu_src.beside import (
 )
 from rigtwin.fmu_src.built_here import record
 from rigtwin.fmu_src.compiling import CompileError, Target, compile_library, reachable_targets
-from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages
+from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages, tracker_pages
 from rigtwin.fmu_src.estimator_variables import (
     ESTIMATOR_MEANING,
     ESTIMATOR_STEP,
@@ -46,10 +50,11 @@ from rigtwin.fmu_src.estimator_variables import (
     estimator_variables,
 )
 from rigtwin.fmu_src.model_description import Model, build_description, fmi2, fmi3
-from rigtwin.fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources
-from rigtwin.fmu_src.reference_runs import estimator_run, rotor_run
+from rigtwin.fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources, tracker_sources
+from rigtwin.fmu_src.reference_runs import estimator_run, rotor_run, tracker_run
 from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, RotorFacts, accelerations_array, rotor_variables
 from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, modules_of, stage
+from rigtwin.fmu_src.tracker_variables import TRACKER_MEANING, TRACKER_TOLERANCE, TrackerFacts, tracker_variables
 from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, RigError, load_rig
@@ -69,6 +74,18 @@ _SLAVE_MODULES = ("rigtwin.fmu_src.slave", "rigtwin.fmu_src.variables", "rigtwin
 # What the rotor needs at run time: everything but geometry and the frequency domain.
 _ROTOR_PACKAGES = ("rigtwin.rotor.model", "rigtwin.rotor.effects", "rigtwin.rotor.time")
 ESTIMATOR_FMU = "StiffnessEstimator.fmu"
+TRACKER_FMU = "StiffnessTracker.fmu"
+
+# What the tracker needs at run time.
+_TRACKER_MODULES = (
+    "rigtwin.estimator.tracking.reduced_rotor",
+    "rigtwin.estimator.tracking.tracker",
+    "rigtwin.rotor.model.arrays",
+)
+
+# A tracker looks for k_b within this factor of the rig's start value, takes so many values for each period of the
+# highest frequency, and begins with these dampings where the rig has none [N s/m] and [-].
+_TRACKED, _VALUES, _SOME_DAMPING, _LITTLE_DAMPING = 1e3, 25, 1.0, 1e-4
 
 # FMI's own C headers come with fmpy.
 FMI_HEADERS = Path(fmpy.__file__).with_name("c-code")
@@ -206,6 +223,96 @@ def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
     )
     files = estimator_pages(model) | _beside_python(("numpy", "onnxruntime")) | _estimator_extra(model)
     return _build(bundle, {}, files, folder / ESTIMATOR_FMU)
+
+
+def reduced_rotor(rig: Rig, structure: Structure) -> ReducedRotor:
+    """The rotor as a tracker carries it. Raises BuildError where no bearing has the stiffness k_b."""
+    if not structure.bearings:
+        raise BuildError(f"{TRACKER_FMU} is not built: {rig.name} has no bearing whose stiffness is k_b")
+    rigid = elastic_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)
+    low, high = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
+    start = rig.k_b.start_N_per_m
+    within = max(low, start / _TRACKED), min(high, start * _TRACKED)
+    return reduce_rotor(structure, within, _BAND * float(rigid[1]))
+
+
+def tracker_facts(rig: Rig, rotor: ReducedRotor, nodes: Sequence[int]) -> TrackerFacts:
+    """What the tracker's variable table needs to know of a rig. Raises BuildError for nodes that cannot be read."""
+    for node in nodes:
+        if not 1 <= node <= len(rig.nodes_m):
+            raise BuildError(f"{TRACKER_FMU}: there is no node {node}; {rig.name} has nodes 1 to {len(rig.nodes_m)}")
+    if not 1 <= len(set(nodes)) == len(nodes) <= MOST_SENSORS:
+        raise BuildError(f"{TRACKER_FMU}: give 1 to {MOST_SENSORS} different nodes")
+    step = 1 / (_VALUES * float(rotor.highest_hz))
+    return TrackerFacts(
+        nodes=tuple(nodes),
+        n_nodes=len(rig.nodes_m),
+        excitation_node=rig.excitation_node,
+        k_b_start=rig.k_b.start_N_per_m,
+        k_b_min=float(rotor.k_b[0]),
+        k_b_max=float(rotor.k_b[1]),
+        bearing_damping=rig.bearing_damping_Ns_per_m or _SOME_DAMPING,
+        shaft_damping_ratio=rig.shaft_damping_ratio or _LITTLE_DAMPING,
+        step=float(f"{step:.0e}"),
+    )
+
+
+def build_tracker_fmu(rig: Rig, folder: Path, nodes: Sequence[int] | None = None) -> Path:
+    """Build ``StiffnessTracker.fmu`` of a rig, which reads accelerations of some nodes, from 1, default the driven one.
+
+    Raises BuildError; an older file is then left as it was.
+    """
+    structure = assemble(rig)
+    rotor = reduced_rotor(rig, structure)
+    facts = tracker_facts(rig, rotor, nodes or (rig.excitation_node,))
+    bundle = Bundle(
+        script="rigtwin.fmu_src.tracker_slave",
+        modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.tracker_variables", *_TRACKER_MODULES),
+        data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": _rig_json(rig)},
+    )
+    files = tracker_pages(rig, facts, float(rotor.highest_hz)) | _beside_python(("numpy", "scipy"))
+    files |= _tracker_extra(rig, rotor, facts)
+    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / TRACKER_FMU)
+
+
+def build_native_tracker_fmu(
+    rig: Rig,
+    folder: Path,
+    nodes: Sequence[int] | None = None,
+    *,
+    fmi: str = "2.0",
+    targets: Sequence[Target] | None = None,
+) -> Path:
+    """``StiffnessTracker.fmu`` without Python inside; see ``build_tracker_fmu`` and ``build_native_rotor_fmu``."""
+    rotor = reduced_rotor(rig, assemble(rig))
+    facts = tracker_facts(rig, rotor, nodes or (rig.excitation_node,))
+    described = version("rigtwin"), TRACKER_MEANING, facts.step, tracker_variables(facts)
+    blank = Model("StiffnessTracker", "", *described, tolerance=TRACKER_TOLERANCE)
+
+    def sources(model: Model) -> dict[str, str]:
+        return tracker_sources(model, rotor, facts.nodes, fmi)
+
+    pages = tracker_pages(rig, facts, float(rotor.highest_hz), needs_python=False) | _beside_native(fmi)
+    pages |= _tracker_extra(rig, rotor, facts)
+    if fmi == "3.0":
+        pages |= terminals_and_icon((), pages["model.png"])
+    data = {"rig.json": _rig_json(rig)}
+    return _build_native(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / TRACKER_FMU)
+
+
+def _tracker_extra(rig: Rig, rotor: ReducedRotor, facts: TrackerFacts) -> dict[str, bytes]:
+    """A reference run of the tracker, and what it is made for."""
+    described = {
+        "model": "StiffnessTracker",
+        "rigtwin": version("rigtwin"),
+        "rig": {"name": rig.name, "title": rig.title, "sha256": sha256(_rig_json(rig))},
+        "validity": {
+            "k_b_N_per_m": [facts.k_b_min, facts.k_b_max],
+            "motion_Hz": [0.0, float(rotor.highest_hz)],
+            "motion": "lateral vibration of the shaft in y; the rotor stands, or its gyroscopic effect is small",
+        },
+    }
+    return references(tracker_run(rotor, facts)) | metadata(described)
 
 
 def build_native_rotor_fmu(

@@ -10,16 +10,21 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from inspect import getmodule
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
+from rigtwin.estimator.tracking import tracker
+from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
+from rigtwin.estimator.tracking.reduced_rotor import to_arrays as to_reduced_arrays
 from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmu_src.model_description import Model, variability
 from rigtwin.fmu_src.rotor_variables import HELD_FORCE, effects_in_fmu
+from rigtwin.fmu_src.tracker_variables import KALMAN_FILTER, NO_NETWORK
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model import design, speed_tables, system
@@ -31,11 +36,12 @@ NATIVE = Path(__file__).with_name("native")
 
 # What every FMU has, what the rotor adds, and the shell of each FMI version.
 INSTANCE = ("instance",)
+TRACKER_CORE = ("linalg", "tracker")
 ROTOR_CORE = ("exciter", "laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
 # Files that declare a function of another file themselves.
-_DECLARE_THEMSELVES = ("estimator_model.c",)
+_DECLARE_THEMSELVES = ("estimator_model.c", "tracker_model.c")
 
 # Numbers that decide what the core computes stand in these modules and in the effects'; C leaves their underscore out.
 _MODULES_WITH_CONSTANTS = (design, speed_tables, system, stepper, simulator, nonlinear_stepper, exciter)
@@ -58,6 +64,53 @@ def estimator_sources(model: Model, onnx_file: Path, fmi: str) -> dict[str, str]
     network = f'{_PRINTED}#include "names.h"\n\n{network_code(onnx_file, "network")}'
     printed = {"variables.c": variables_code(model), "network.c": network}
     return _with_names(model, {**_written((*INSTANCE, SHELLS[fmi], "estimator_model")), **printed})
+
+
+def tracker_sources(model: Model, rotor: ReducedRotor, nodes: Sequence[int], fmi: str) -> dict[str, str]:
+    """The same of ``StiffnessTracker``, which reads the accelerations of some nodes, from 1."""
+    printed = {
+        "variables.c": variables_code(model),
+        "reduced.c": reduced_code(rotor),
+        "tracker_variables.h": _tracker_header(model, nodes),
+        "constants.h": _constants_code(TRACKER_CORE, (tracker,)),
+    }
+    return _with_names(model, {**_written((*INSTANCE, *TRACKER_CORE, SHELLS[fmi], "tracker_model")), **printed})
+
+
+def reduced_code(rotor: ReducedRotor) -> str:
+    """``reduced.c``: the numbers of a reduced rotor."""
+    arrays = {
+        name: value for name, value in to_reduced_arrays(rotor).items() if name not in ("ln_k", "k_b", "highest_hz")
+    }
+    low, high = rotor.k_b.tolist()
+    numbers = {
+        "lowest_ln_k": rotor.ln_k[0],
+        "spacing": rotor.ln_k[1] - rotor.ln_k[0],
+        "least_k_b": low,
+        "most_k_b": high,
+        "highest_hz": rotor.highest_hz,
+    }
+    members = [f"    .r = {rotor.r},\n", f"    .n_stiffnesses = {len(rotor.ln_k)},\n"]
+    members += [f"    .{name} = {_number(float(value))},\n" for name, value in numbers.items()]
+    members += [f"    .{name} = {name.upper()},\n" for name in arrays]
+    return f"""{_PRINTED}#include "tracker.h"
+
+{"".join(_array(name.upper(), value) for name, value in arrays.items())}extern const ReducedRotor REDUCED;
+
+const ReducedRotor REDUCED = {{
+{"".join(members)}}};
+"""
+
+
+def _tracker_header(model: Model, nodes: Sequence[int]) -> str:
+    """``tracker_variables.h``: where the tracker's parameters are."""
+    places = [v.name for v in model.table if v.causality == "parameter"]
+    named = {"BEARING_DAMPING_AT" if name == "bearing_damping" else name.upper(): name for name in places}
+    lines = [f"#define {name} {model.reference(variable)}\n" for name, variable in named.items()]
+    places_of_nodes = ", ".join(str(node - 1) for node in nodes)
+    lines += [f"#define N_SENSORS {len(nodes)}\n", f"#define SENSOR_NODES {{{places_of_nodes}}}\n"]
+    lines += [f"#define KALMAN_FILTER {KALMAN_FILTER}\n", f'#define NO_NETWORK "{NO_NETWORK}"\n']
+    return _PRINTED + "".join(lines)
 
 
 def _with_names(model: Model, sources: dict[str, str]) -> dict[str, str]:
@@ -108,17 +161,18 @@ def core_code(model: Model) -> dict[str, str]:
     names = {"names.h": _PRINTED}
     return {
         **names,
-        "constants.h": _constants_code(),
+        "constants.h": _constants_code(
+            ROTOR_CORE, dict.fromkeys([*_MODULES_WITH_CONSTANTS, *map(getmodule, effects_in_fmu())])
+        ),
         "design.h": _design_header(model),
         "design.c": _design_code(model),
     }
 
 
-def _constants_code() -> str:
-    """``constants.h``: every number in Python that the core calls by name and does not define itself."""
-    core = "".join((NATIVE / f"{name}.c").read_text(encoding="utf-8") for name in ROTOR_CORE)
+def _constants_code(names: Iterable[str], modules: Iterable[ModuleType | None]) -> str:
+    """``constants.h``: every number in these Python modules that the core calls by name and does not define itself."""
+    core = "".join((NATIVE / f"{name}.c").read_text(encoding="utf-8") for name in names)
     called = set(re.findall(r"\b[A-Z]\w+", core)) - set(re.findall(r"#define (\w+)", core))
-    modules = dict.fromkeys([*_MODULES_WITH_CONSTANTS, *map(getmodule, effects_in_fmu())])
     named = [(name.lstrip("_"), value) for module in modules for name, value in vars(module).items()]
     lines = [
         f"#define {name} {value!r}\n" for name, value in named if name in called and isinstance(value, int | float)

@@ -11,9 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
+from rigtwin.estimator.tracking.tracker import Belief, StiffnessTracker
 from rigtwin.fmu_src.beside import ReferenceRun, run_through
 from rigtwin.fmu_src.estimator_variables import estimator_variables
 from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
+from rigtwin.fmu_src.tracker_variables import TrackerFacts, tracker_variables
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import Structure
@@ -27,6 +30,9 @@ _AMPLITUDE, _PERIODS = 0.5, 6.5
 
 # Of the estimator's run: steps of a second, and the relative growth of the first shift in each.
 _ESTIMATES, _GROWTH = 10, 0.01
+
+# Seconds of the tracker's run.
+_TRACKED = 0.12
 
 
 def rotor_run(structure: Structure, facts: RotorFacts) -> ReferenceRun:
@@ -66,6 +72,29 @@ def estimator_run(model: Path) -> ReferenceRun:
         return [estimate.k_b, estimate.k_b_std, estimate.k_b_low, estimate.k_b_high, float(estimate.valid)]
 
     return run_through(np.arange(_ESTIMATES + 1.0), inputs, _outputs(table), answer)
+
+
+def tracker_run(rotor: ReducedRotor, facts: TrackerFacts) -> ReferenceRun:
+    """A tracker that listens to its own rotor under noise: until it begins, and some values more."""
+    table = tracker_variables(facts)
+    starts = {v.name: float(v.start or 0.0) for v in table}
+    belief = Belief(
+        starts["k_b_start"], starts["bearing_damping"], starts["shaft_damping_ratio"], driven_node=facts.excitation_node
+    )
+    number = round(_TRACKED / facts.step)
+    force = np.random.default_rng(0).standard_normal(number + 1)
+    # What the rotor does does not matter: the tracker's answers are compared, not its success.
+    names = [f"node_{node}.acceleration_y" for node in facts.nodes]
+    inputs = {"force": force, **{name: np.roll(force, place + 1) for place, name in enumerate(names)}}
+    tracker = StiffnessTracker(rotor, facts.nodes, belief)
+
+    def answer(_time: float, h: float, values: dict[str, float]) -> Sequence[float]:
+        if h:
+            tracker.step(h, values["force"], np.array([values[name] for name in names]))
+        tracked = tracker.tracked
+        return [tracked.k_b, tracked.k_b_low, tracked.k_b_high, float(tracked.valid)]
+
+    return run_through(facts.step * np.arange(number + 1), inputs, _outputs(table), answer)
 
 
 def _outputs(table: Sequence[Variable]) -> list[str]:

@@ -143,11 +143,16 @@ def build(
     array_output: Annotated[
         bool, typer.Option(help="FMI 3.0: all accelerations as one array, too; not every importer reads arrays.")
     ] = False,
+    tracker: Annotated[bool, typer.Option(help="StiffnessTracker.fmu, too: k_b that changes in time.")] = False,
+    tracker_node: Annotated[
+        list[int] | None, typer.Option(min=1, max=MOST_NODES, help="Node that the tracker reads; repeat.")
+    ] = None,
 ) -> None:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
-    from rigtwin.commands.build import build_fmus
+    from rigtwin.commands.build import BuildRequest, build_fmus
 
-    build_fmus(rig, out, train=train, native=native, array_output=array_output)
+    read = tuple(tracker_node or ())
+    build_fmus(BuildRequest(rig, out, train, native, array_output, tracker or bool(read), read))
 
 
 @app.command(short_help="Measure a run on the virtual rig, fit its modes.")

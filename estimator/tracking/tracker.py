@@ -4,10 +4,10 @@ An extended Kalman filter of the reduced rotor [jazwinski1970] estimates the mot
 bearing stiffness, the disks' masses, the dampings and the gain of the force. The stiffness walks, the others stay. What
 keeps it honest:
 
-* at the start, and after an alarm, several filters with other stiffnesses run until one of them wins by its likelihood (a
-  Gaussian sum [alspach1972]), and measurements count for less than their errors say, as little is linear yet;
+* at the start, and after an alarm, several filters with other stiffnesses run until one of them wins by its likelihood
+  (a Gaussian sum [alspach1972]), and measurements count for less than their errors say, as little is linear yet;
 * innovations that are larger than their errors for long raise the alarm;
-* a force of few frequencies cannot tell all parameters apart. It is recognised since its last values foretell each other
+* a force of few frequencies cannot tell all parameters apart. It is known by its last values, which foretell each other
   (it is not persistently exciting [ljung1999]); the stiffness is not corrected then, and its error grows.
 
 ``native/tracker.c`` is the same in C; its numbers are printed from here.
@@ -24,12 +24,15 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh, expm
 
-from rigtwin.estimator.tracking.reduction import ReducedRotor
+from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
 from rigtwin.rotor.model.arrays import FloatArray
 
 # The parameters of a filter, the first four those that its matrices depend on.
 STIFFNESS, DISK_MASS, BEARING_DAMPING, SHAFT_DAMPING, GAIN = range(5)
 _N, _IN_MATRICES, _N_FORCES = 5, 4, 3
+
+# Nodes that a tracker can read.
+MOST_SENSORS = 8
 
 # How far a parameter may be from where the matrices were made; for differences by parameters.
 NEAR_STIFFNESS, NEAR_MASS, NEAR_DAMPING = 0.05, 0.003, 0.1
@@ -39,9 +42,9 @@ DIFFERENCE = 1e-3
 # linear; and the largest squared innovation in an average.
 OUTLIER, FARTHEST, UTMOST = 4.0, 0.2, 50.0
 
-# Seconds of the windows in which the loudness is taken before a filter begins, and the factor between two of them within
-# which it is steady; seconds over which loudness and size of the motion are averaged afterwards; this size at the start
-# over what the loudness says; and noise that nobody states, over it.
+# Seconds of the windows in which the loudness is taken before a filter begins, and the factor between two of them
+# within which it is steady; seconds over which loudness and size of the motion are averaged afterwards; that size at
+# the start over what the loudness says; and noise that nobody states, over it.
 GAUGED, STEADY, HEARD, REMEMBERED, LOUDEST = 0.05, 2.0, 0.2, 0.05, 2.0
 NOISE_SHARE = 0.02
 
@@ -52,12 +55,12 @@ FORCE_DOUBT = 1e-3
 CAUTION, CALMING = 1000.0, 0.02
 CAUTION_AFTER_ALARM, CALMING_AFTER_ALARM = 30.0, 0.01
 
-# An alarm: innovations averaged over so many seconds, by so many of the average's standard errors, not before that time.
+# An alarm: innovations averaged over so many seconds, by so many of the average's errors, not before that time.
 AVERAGED, ALARM, SETTLED = 0.003, 7.0, 0.5
 
-# After an alarm: error of ln k_b of each filter; spread of their stiffnesses; squared doubt of the motion over its size;
-# walk of ln k_b in a second; seconds for which several filters run at least and at most; and how far behind in the
-# logarithm of the likelihood one ends.
+# After an alarm: error of ln k_b of each filter; spread of their stiffnesses; squared doubt of the motion over its
+# size; walk of ln k_b in a second; seconds for which several filters run at least and at most; and how far behind in
+# the logarithm of the likelihood one ends.
 WIDTH, SPREAD, DOUBT, FAST_WALK = 0.15, 0.6, 0.1, 1.5
 TOGETHER, LONGEST, HOPELESS = 0.005, 0.05, 12.0
 
@@ -99,7 +102,7 @@ class Belief:
     gain_std: float = 0.02
     walk: float = 0.04  # standard deviation of ln k_b after a second
     acceleration_std: float = 0.0  # standard error of a value [m/s^2]; 0: 2 % of the rms
-    driven_node: int = 1  # of the force, from 1
+    driven_node: int = 2  # of the force, from 1
 
     def __post_init__(self) -> None:
         for name in ("k_b", "bearing_damping", "shaft_damping_ratio"):
@@ -203,7 +206,7 @@ class StiffnessTracker:
         self._state = _State()
 
     def step(self, h: float, force: float, accelerations: FloatArray) -> None:
-        """Take up the force [N] and the accelerations (n_nodes,) [m/s^2] of an instant h seconds after the one before."""
+        """Take up the force [N] and the accelerations (n_nodes,) [m/s^2] of an instant, h seconds after the last."""
         o = self._state
         other, o.step = abs(h - o.step) > 1e-9 * h, h
         if not o.count:
@@ -257,7 +260,7 @@ class StiffnessTracker:
     # -- matrices ----------------------------------------------------------------------------------------------
 
     def _matrices(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """T (2 r, 2 r + 3) and Y (n_sensors, 2 r + 1) at some parameters; the force is a parabola through three instants."""
+        """T (2 r, 2 r + 3) and Y (n_sensors, 2 r + 1) at parameters; the force is a parabola through three instants."""
         rotor, h = self._rotor, self._state.step
         r, n = rotor.r, 2 * rotor.r
         damping, ratio = math.exp(p[BEARING_DAMPING]), math.exp(p[SHAFT_DAMPING])

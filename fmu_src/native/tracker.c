@@ -8,14 +8,8 @@
 #include <string.h>
 
 /* Room for states, for parameters and a row of a covariance, for forces between which the motion is followed. */
-enum { STATES = 2 * MOST_COORDINATES, N_FORCES = 3, WIDE = STATES + N_FORCES, ALL = STATES + N_PARAMETERS + 3 };
+enum { STATES = 2 * MOST_COORDINATES, WIDE = STATES + N_FORCES, ALL = STATES + N_PARAMETERS + 3 };
 enum { SEEN = STATES + 1, READ = MOST_SENSORS * SEEN, MOVED = STATES * WIDE };
-
-/* The first parameters are those that the matrices depend on. */
-enum { IN_MATRICES = 4 };
-
-/* Room for the last forces, and how many of them must not foretell each other: as many as there are parameters. */
-enum { PAST = 512, ORDER = N_PARAMETERS };
 
 /* How far a parameter may be from where the matrices were made. */
 static const double NEAR[IN_MATRICES] = {NEAR_STIFFNESS, NEAR_MASS, NEAR_DAMPING, NEAR_DAMPING};
@@ -558,10 +552,21 @@ void tracker_save(const Tracker *s, double *state)
     memcpy(state, &s->now, sizeof s->now);
 }
 
-void tracker_restore(Tracker *s, const Belief *belief, const double *state)
+/* Whether a number can be the place of something. */
+static int is_place(double number, double end)
 {
+    return number >= 0 && number < end && number == floor(number);
+}
+
+int tracker_restore(Tracker *s, const Belief *belief, const double *state)
+{
+    State o;
+    memcpy(&o, state, sizeof o);
+    if (!is_place(o.n, FILTERS + 1) || !is_place(o.best, fmax(o.n, 1)) || !is_place(o.newest, PAST) || !(o.step >= 0))
+        return 1;
     believe(s, belief);
-    memcpy(&s->now, state, sizeof s->now);
-    for (int k = 0; k < (int)s->now.n; k++)
+    s->now = o;
+    for (int k = 0; k < (int)o.n; k++)
         linearise(s, k);
+    return 0;
 }

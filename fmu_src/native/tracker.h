@@ -46,9 +46,10 @@ double tracker_error(const Tracker *tracker);
 /* Whether to believe them. */
 int tracker_valid(const Tracker *tracker);
 
-/* What it remembers, as doubles; restoring takes the belief that it was saved under. */
+/* What it remembers, as doubles. Restoring takes the belief that it was saved under, and returns 1 where these doubles
+   are no state. */
 int tracker_size(void);
 void tracker_save(const Tracker *tracker, double *state);
-void tracker_restore(Tracker *tracker, const Belief *belief, const double *state);
+int tracker_restore(Tracker *tracker, const Belief *belief, const double *state);
 
 #endif

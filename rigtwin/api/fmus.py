@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
@@ -22,7 +22,9 @@ from rigtwin.fmu_src.build import (
     build_estimator_fmu,
     build_native,
     build_native_rotor_fmu,
+    build_native_tracker_fmu,
     build_rotor_fmu,
+    build_tracker_fmu,
     is_shipped,
 )
 from rigtwin.fmu_src.built_here import is_built_here
@@ -122,6 +124,20 @@ def build_compiled(rig: Rig, folder: Path, *, array_output: bool) -> list[Path]:
         raise UserError(
             f"the network cannot be turned into C without the package {error.name}: pip install onnx"
         ) from error
+
+
+def build_trackers(rig: Rig, folder: Path, nodes: Sequence[int], *, native: bool) -> list[Path]:
+    """StiffnessTracker.fmu, which reads these nodes, default the driven one; with ``native`` for FMI 2.0 and 3.0, too.
+
+    Raises UserError where it cannot be built.
+    """
+    try:
+        built = [build_tracker_fmu(rig, folder, nodes)]
+        for fmi in ("2.0", "3.0") if native else ():
+            built.append(build_native_tracker_fmu(rig, folder / f"fmi{fmi[0]}", nodes, fmi=fmi))
+    except (BuildError, CompileError) as error:
+        raise UserError(str(error)) from error
+    return built
 
 
 @contextmanager

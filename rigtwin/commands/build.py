@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
-from rigtwin.api.fmus import ESTIMATOR_FMU, SHIPPED_RIG, build_compiled, build_fmu, is_shipped
+from rigtwin.api.fmus import ESTIMATOR_FMU, SHIPPED_RIG, build_compiled, build_fmu, build_trackers, is_shipped
 from rigtwin.api.rigs import load_rig
 from rigtwin.console import note, say
 from rigtwin.errors import UserError
@@ -13,25 +14,41 @@ from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.scratch import replacing
 
 
-def build_fmus(source: str, out: Path, *, train: bool, native: bool, array_output: bool = False) -> None:
-    """Build RotorRig.fmu of a rig, and the estimator FMU where there is a network for it.
+@dataclass(frozen=True)
+class BuildRequest:
+    """What was asked for on the command line."""
+
+    rig: str
+    out: Path
+    train: bool
+    native: bool
+    array_output: bool = False
+    tracker: bool = False
+    tracker_nodes: tuple[int, ...] = ()  # default the driven one
+
+
+def build_fmus(request: BuildRequest) -> None:
+    """Build RotorRig.fmu of a rig, the estimator FMU where there is a network for it, and the tracker if asked for.
 
     Raises UserError where the shipped rig is to be trained, or an array is asked for that no FMU would have.
     """
-    if array_output and not native:
+    if request.array_output and not request.native:
         raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
-    rig = load_rig(source)
-    if is_shipped(rig) and train:
+    rig = load_rig(request.rig)
+    if is_shipped(rig) and request.train:
         raise UserError(f"--train: the rig {SHIPPED_RIG} has its network already; rigtwin train makes another one")
-    if train:
-        _trained(source, out)
+    if request.train:
+        _trained(request.rig, request.out)
     else:
-        for path in build_fmu(rig, out):
+        for path in build_fmu(rig, request.out):
             say(str(path))
-    if not train and not is_shipped(rig):
+    if not request.train and not is_shipped(rig):
         note(_without_estimator(rig))
-    if native:
-        for path in build_compiled(rig, out, array_output=array_output):
+    if request.native:
+        for path in build_compiled(rig, request.out, array_output=request.array_output):
+            say(str(path))
+    if request.tracker:
+        for path in build_trackers(rig, request.out, request.tracker_nodes, native=request.native):
             say(str(path))
 
 

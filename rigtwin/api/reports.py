@@ -15,7 +15,7 @@ from rigtwin.api.fmus import SHIPPED_RIG
 from rigtwin.api.rigs import as_rig
 from rigtwin.api.runs import MODE_HEADER, mode_row
 from rigtwin.errors import UserError, existing, for_users
-from rigtwin.pages.figures import Curve, frf_figure, rotor_picture
+from rigtwin.pages.figures import Curve, frf_figure, rotor_drawing
 from rigtwin.pages.page import write_page
 from rigtwin.pages.provenance import provenance
 from rigtwin.rotor.model import html
@@ -90,7 +90,7 @@ def _write(campaign: Campaign, out: Path, estimator: Path | None, trust: bool) -
         title=campaign.title or "Measured runs",
         result=_result(campaign, answers, why_none),
         rig=rig,
-        picture=rotor_picture(rig),
+        drawing=rotor_drawing(rig),
         frf=frf_figure([_curve(run) for run in campaign.runs]) if campaign.runs else None,
         notes=_notes(campaign.runs),
         mode_header=("run", "support", *MODE_HEADER),

@@ -82,14 +82,22 @@ class Gallery:
         return path
 
     def open(self, name: str) -> Opened:
-        """A page in a tab of its own."""
+        """A page in a tab of its own; the next one begins to load meanwhile."""
+        opened = self._begin(name)
+        following = list(PAGES)[list(PAGES).index(name) + 1 :][:1]
+        for next_name in following:
+            self._begin(next_name)
+        opened.tab.wait_for_load_state()
+        return opened
+
+    def _begin(self, name: str) -> Opened:
         if name not in self.opened:
             tab = self._browser.new_page(viewport=WIDE, offline=True)
             opened = self.opened[name] = Opened(name, self.path(name), tab)
             tab.on("console", lambda said: opened.complaints.append(f"{said.type}: {said.text}"))
             tab.on("pageerror", lambda error: opened.complaints.append(str(error)))
             tab.on("request", lambda asked: opened.requests.append(asked.url))
-            tab.goto(opened.path.as_uri())
+            tab.goto(opened.path.as_uri(), wait_until="commit")
         return self.opened[name]
 
 

@@ -617,6 +617,17 @@ def report(
     )
 
 
+@app.command(name="app", short_help="The diagnosis as a page in the browser.")
+def app_command(
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of this machine; 0 for any that is free.")] = 8050,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Open no browser, print the address alone.")] = False,
+) -> None:
+    """Drop a campaign into the browser, watch its diagnosis, read the report. Nobody else can reach it."""
+    from rigtwin.commands.app import run_app
+
+    run_app(port, browser=not no_browser)
+
+
 def main() -> None:
     """The ``rigtwin`` command."""
     for name, value in ONE_THREAD.items():

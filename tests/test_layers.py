@@ -37,6 +37,9 @@ MAY_IMPORT = {
         "rigtwin.rotor", "rigtwin.sim", "rigtwin.estimator", "rigtwin.gap", "rigtwin.fmu_src", "rigtwin.pages",
         "rigtwin.errors", "rigtwin.wording", "rigtwin.scale_out", "rigtwin.scratch", "rigtwin.workers",
     ),
+    "rigtwin.app": (
+        "rigtwin.api", "rigtwin.pages", "rigtwin.errors", "rigtwin.scale_out", "rigtwin.scratch", "rigtwin.workers",
+    ),
     "rigtwin.pages": (
         "rigtwin.rotor", "rigtwin.sim", "rigtwin.gap", "rigtwin.fmu_src", "rigtwin.estimator", "rigtwin.wording",
     ),

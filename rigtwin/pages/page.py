@@ -18,6 +18,20 @@ from rigtwin.wording import unbroken
 
 def write_page(template: str, path: Path, **content: Any) -> Path:
     """Render a template; an existing page is replaced only when the new one is complete."""
+    shared = {
+        "plotly_js": Markup(plotly_js()),
+        "colours": Markup(style_variables()),
+        "on_dark": json_in_html({light.lower(): dark for light, dark in ON_DARK.items()}),
+    }
+    text = render(template, **shared, **content)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8", errors="replace")  # names of files may be any bytes
+    return path
+
+
+def render(template: str, **content: Any) -> str:
+    """A template with its content."""
     environment = Environment(
         loader=PackageLoader("rigtwin.pages", "templates"),
         autoescape=select_autoescape(),
@@ -26,16 +40,7 @@ def write_page(template: str, path: Path, **content: Any) -> Path:
         lstrip_blocks=True,
     )
     environment.filters |= {"figure": _figure_html, "unbroken": unbroken}
-    shared = {
-        "plotly_js": Markup(plotly_js()),
-        "colours": Markup(style_variables()),
-        "on_dark": json_in_html({light.lower(): dark for light, dark in ON_DARK.items()}),
-    }
-    text = environment.get_template(template).render(**shared, **content)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as beside:
-        beside.write_text(text, encoding="utf-8", errors="replace")  # names of files may be any bytes
-    return path
+    return environment.get_template(template).render(**content)
 
 
 def plotly_js() -> str:

@@ -137,11 +137,15 @@ def build(
     array_output: Annotated[
         bool, typer.Option(help="FMI 3.0: all accelerations as one array, too; not every importer reads arrays.")
     ] = False,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PLATFORM", help="With --native: here, x86_64-linux, ...; repeat. Default all."),
+    ] = None,
 ) -> None:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
     from rigtwin.commands.build import build_fmus
 
-    build_fmus(rig, out, train=train, native=native, array_output=array_output)
+    build_fmus(rig, out, train=train, native=native, array_output=array_output, targets=target or ())
 
 
 @app.command(short_help="Measure a run on the virtual rig, fit its modes.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from rigtwin.api.fmus import ESTIMATOR_FMU, SHIPPED_RIG, build_compiled, build_fmu, is_shipped
@@ -12,13 +13,17 @@ from rigtwin.errors import UserError
 from rigtwin.sim.formats.atomic import replacing
 
 
-def build_fmus(source: str, out: Path, *, train: bool, native: bool, array_output: bool = False) -> None:
+def build_fmus(
+    source: str, out: Path, *, train: bool, native: bool, array_output: bool = False, targets: Sequence[str] = ()
+) -> None:
     """Build RotorRig.fmu of a rig, and the estimator FMU where there is a network for it.
 
     Raises UserError where the shipped rig is to be trained, or an array is asked for that no FMU would have.
     """
     if array_output and not native:
         raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
+    if targets and not native:
+        raise UserError("--target: the FMUs on Python run on every platform; add --native")
     rig = load_rig(source)
     if is_shipped(rig) and train:
         raise UserError(f"--train: the rig {SHIPPED_RIG} has its network already; rigtwin train makes another one")
@@ -34,7 +39,7 @@ def build_fmus(source: str, out: Path, *, train: bool, native: bool, array_outpu
             "quarter of an hour or so)"
         )
     if native:
-        for path in build_compiled(rig, out, array_output=array_output):
+        for path in build_compiled(rig, out, array_output=array_output, targets=targets):
             say(str(path))
 
 

@@ -328,6 +328,17 @@ def test_a_killed_app_leaves_no_process_and_the_next_command_removes_its_folder(
     assert list(tmp_path.glob("rigtwin_*")) == []
 
 
+def test_the_process_that_diagnoses_ends_when_the_app_has_ended(tmp_path):
+    """Its stdin is then closed; the diagnosis of this campaign would take longer than this test waits."""
+    campaign = Path(__file__).resolve().parents[2] / "benchmarks" / "stored_campaigns" / "ross_pedestals" / "measured"
+    command = [sys.executable, "-m", "rigtwin.app.worker", str(campaign), str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as worker:
+        assert worker.stdin
+        worker.stdin.close()
+        assert worker.wait(timeout=8) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_command_says_where_it_is_and_ends_at_an_interrupt(tmp_path):
     command = [sys.executable, "-m", "rigtwin", "app", "--port", "0", "--no-browser"]
     environment = {**os.environ, "TMPDIR": str(tmp_path)}

@@ -203,6 +203,16 @@ def test_a_printed_page_is_light_and_has_its_first_figure_on_its_first_sheet(pag
         assert set(grounds) <= {"rgb(255, 255, 255)"}
 
 
+def test_a_page_is_drawn_for_paper_before_it_is_printed_and_for_the_screen_afterwards(gallery):
+    """A browser tells so before it lays the page out for paper."""
+    page = gallery.open("lists")
+    page.show(scheme="dark")
+    ground = "getComputedStyle(document.querySelector('.figure .main-svg')).backgroundColor"
+    for event, colour in (("beforeprint", "rgb(255, 255, 255)"), ("afterprint", "rgb(20, 24, 29)")):
+        page.tab.evaluate(f"dispatchEvent(new Event('{event}'))")
+        assert page.tab.evaluate(ground) == colour
+
+
 # -- a page of a diagnosis --------------------------------------------------------------------------------
 
 
@@ -238,9 +248,9 @@ def test_the_place_that_a_diagnosis_names_is_ringed_on_the_drawing(gallery, name
 
 def test_the_meaning_of_a_variable_has_a_column_to_itself(gallery):
     page = gallery.open("rotor_fmu")
-    page.show()
+    page.show(NARROW)
     width = page.tab.evaluate("document.querySelector('.variables td:last-child').getBoundingClientRect().width")
-    assert width > 300
+    assert width > 250
 
 
 def test_plotly_is_the_one_that_is_published():

@@ -21,7 +21,7 @@ const draw = (() => {
     layout.font = {size};
     layout.margin = {...layout.margin, ...(shrunk ? {} : {l: 48, r: 10})};
     for (const key of Object.keys(layout).filter(key => /^[xy]axis/.test(key))) {
-      layout[key] = {...layout[key], nticks: layout[key].nticks || 6, title: {...layout[key].title, font: {size}}};
+      layout[key] = {...layout[key], nticks: layout[key].nticks || 6, title: {...layout[key].title, font: {size: shrunk ? 8 : size}}};
     }
   };
   const drawOne = name => {

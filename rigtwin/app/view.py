@@ -146,7 +146,7 @@ def _decoded(content: str) -> bytes:
 
 
 def _error(words: str) -> html.P:
-    return html.P(words, className="error", role="alert")
+    return html.P(words, role="alert")
 
 
 def _progress(progress: Progress) -> list[Any]:

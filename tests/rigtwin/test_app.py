@@ -335,7 +335,10 @@ def test_the_process_that_diagnoses_ends_when_the_app_has_ended(tmp_path):
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as worker:
         assert worker.stdin
         worker.stdin.close()
-        assert worker.wait(timeout=8) == 1
+        try:
+            assert worker.wait(timeout=8) == 1
+        finally:
+            worker.kill()
     assert list(tmp_path.iterdir()) == []
 
 

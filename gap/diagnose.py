@@ -11,6 +11,7 @@ from rigtwin.gap.answer.held_out import Confirm
 from rigtwin.gap.answer.report import Answer, Outcome, report
 from rigtwin.gap.audit.findings import amplitude_dependent, audit, usable
 from rigtwin.gap.clock import Clock
+from rigtwin.gap.document import Finding
 from rigtwin.gap.explain import Explained, Task, explain, library_of
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import nonlinear
@@ -18,11 +19,14 @@ from rigtwin.gap.peaks.diagnosis import diagnose_peaks
 from rigtwin.gap.prepare import prepared, without_odd_lines
 from rigtwin.gap.search.nominal import fit_lines_alike
 from rigtwin.gap.search.race import Progress
-from rigtwin.gap.search.workers import helped_by
 from rigtwin.gap.verdict.ranking import decide
 from rigtwin.gap.verdict.standing import scale_of
 from rigtwin.rotor.effects.library import EFFECTS
+from rigtwin.shared_work import helped_by, seconds_left, seconds_to_work
 from rigtwin.sim.campaign import Campaign
+
+# Seconds of processor time that a search takes at most, unless another number is asked for.
+TIME_LIMIT = 300.0
 
 
 @threadpool_limits.wrap(limits=1)  # the matrices are small: several threads make it five times slower
@@ -32,6 +36,7 @@ def diagnose(
     progress: Progress | None = None,
     confirm: Confirm | None = None,
     helpers: Executor | None = None,
+    seconds: float = TIME_LIMIT,
 ) -> Outcome:
     """Say where the gap between the campaign and its model lies, what causes it, and how far it shrinks.
 
@@ -42,14 +47,14 @@ def diagnose(
     progress : called with (done, total, words)
     confirm : measures the corrected rotor on the virtual rig, for the after-figure; None: the model's figure stands
     helpers : workers that fits are shared with, one thread each; the answer is the same without
+    seconds : of processor time that the search may take; what was found until then is judged, and a finding says so
 
     Raises
     ------
     ValueError : an excluded effect does not exist
     MeasurementError : a run has a node that the rig lacks
     """
-    if unknown := sorted(set(exclude) - set(EFFECTS)):
-        raise ValueError(f"exclude: no effect {', '.join(unknown)}; see rigtwin effects")
+    _check_known(exclude)
     clock = Clock()
     findings = audit(campaign)
     clock.lap("audit")
@@ -60,10 +65,21 @@ def diagnose(
     findings += odd
     clock.lap("recalibration")
     task = Task(whole, nominal, library_of(whole, exclude), amplitude_dependent(findings), progress, clock)
-    with helped_by(helpers):
+    with helped_by(helpers), seconds_to_work(seconds):
         found = explain(task)
+        findings += _ended_early(seconds) if seconds_left() <= 0 else ()
     answer = _judge(whole, found, clock)
     return report(campaign, answer, findings, exclude, confirm, clock)
+
+
+def _check_known(effect_ids: Sequence[str]) -> None:
+    if unknown := sorted(set(effect_ids) - set(EFFECTS)):
+        raise ValueError(f"exclude: no effect {', '.join(unknown)}; see rigtwin effects")
+
+
+def _ended_early(seconds: float) -> tuple[Finding, ...]:
+    words = f"The search ended after {seconds:g} s of work, before everything was tried: it may have missed a cause"
+    return (Finding("search", "warning", f"{words}. Give it more time."),)
 
 
 def _judge(whole: Problem, found: Explained, clock: Clock) -> Answer:

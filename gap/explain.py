@@ -30,6 +30,7 @@ from rigtwin.gap.search.race import RACE, Progress, Search, best_first, polish_l
 from rigtwin.gap.verdict.adequacy import judge, not_shared
 from rigtwin.gap.verdict.standing import adequate, excess_of, scale_of
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
+from rigtwin.shared_work import seconds_left, seconds_to_work
 from rigtwin.sim.campaign import Run
 
 
@@ -42,6 +43,9 @@ class SeveralEffects:
 
 
 _SEVERAL = SeveralEffects()
+
+# Seconds in which the leading fits are made exact where the time of the search is up.
+_CLOSING = 30.0
 
 
 @dataclass(frozen=True)
@@ -193,7 +197,8 @@ def _finish(task: Task, found: Search, *, with_pairs: bool = True) -> tuple[Prob
         fits = _add_pairs(task, found)
         task.clock.lap("pairs")
     finer = problem.made(refined=True)
-    return finer, polish_leaders(finer, fits, reach(fits[0]))
+    with seconds_to_work(max(seconds_left(), _CLOSING)):
+        return finer, polish_leaders(finer, fits, reach(fits[0]))
 
 
 def _bend_where_it_helps(task: Task, found: Search) -> tuple[Search, bool]:

@@ -10,30 +10,31 @@ array([100.6, 324. ])
 
 The rooms behind them:
 
-=============  ==================================================================  ====================
-room           what it holds                                                       start here
-=============  ==================================================================  ====================
-``rotor``      geometry, finite elements, effects, solvers                         ``load_rig``
-``sim``        the virtual test rig, campaigns, file formats                       ``sweep``
-``estimator``  the network that turns shifts and amplitude ratio into k_b          ``StiffnessEstimator``
-``fmu_src``    what goes into the FMUs, and how they are built                     ``build_rotor_fmu``
-``gap``        the diagnosis of the gap between a campaign and its model           ``diagnose``
-``blind``      sealed campaigns of a second implementation, and their judge        ``make_all``
-``api``        what commands and notebooks do with all of them                     ``sweep``
-``commands``   what each ``rigtwin`` command reads and prints                      ``run_diagnose``
-``pages``      the HTML pages and their figures                                    ``write_page``
-``app``        the diagnosis as a page in the browser                              ``AppServer``
-``cli``        the commands and their options                                      ``app``
-``errors``     the one error that a user sees                                      ``UserError``
-``exits``      exit codes, and what a user sees of an error                        ``CommandGroup``
-``interrupt``  Ctrl-C and SIGTERM                                                  ``install``
-``console``    tables, progress bars, JSON                                         ``progress``
-``workers``    processes that end with this one                                    ``worker_pool``
-``scratch``    temporary folders, and files that are replaced as a whole           ``replacing``
-``parsing``    TOML and JSON                                                       ``parse_toml``
-``scale_out``  processes here, or the workers of a dask cluster                    ``executor``
-``wording``    numbers as they are printed                                         ``with_error``
-=============  ==================================================================  ====================
+===============  ==================================================================  ====================
+room             what it holds                                                       start here
+===============  ==================================================================  ====================
+``rotor``        geometry, finite elements, effects, solvers                         ``load_rig``
+``sim``          the virtual test rig, campaigns, file formats                       ``sweep``
+``estimator``    the network that turns shifts and amplitude ratio into k_b          ``StiffnessEstimator``
+``fmu_src``      what goes into the FMUs, and how they are built                     ``build_rotor_fmu``
+``gap``          the diagnosis of the gap between a campaign and its model           ``diagnose``
+``blind``        sealed campaigns of a second implementation, and their judge        ``make_all``
+``api``          what commands and notebooks do with all of them                     ``sweep``
+``commands``     what each ``rigtwin`` command reads and prints                      ``run_diagnose``
+``pages``        the HTML pages and their figures                                    ``write_page``
+``app``          the diagnosis as a page in the browser                              ``AppServer``
+``cli``          the commands and their options                                      ``app``
+``errors``       the one error that a user sees                                      ``UserError``
+``exits``        exit codes, and what a user sees of an error                        ``CommandGroup``
+``interrupt``    Ctrl-C and SIGTERM                                                  ``install``
+``console``      tables, progress bars, JSON                                         ``progress``
+``shared_work``  items of work that helpers share, within a time                    ``each``
+``workers``      processes that end with this one                                    ``worker_pool``
+``scratch``      temporary folders, and files that are replaced as a whole           ``replacing``
+``parsing``      TOML and JSON                                                       ``parse_toml``
+``scale_out``    processes here, or the workers of a dask cluster                    ``executor``
+``wording``      numbers as they are printed                                         ``with_error``
+===============  ==================================================================  ====================
 """
 
 from __future__ import annotations

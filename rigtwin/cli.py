@@ -333,13 +333,17 @@ def diagnose(
     workers: Annotated[
         int | None, typer.Option(min=1, max=MOST_WORKERS, help="Processes for the fits; default one for each core.")
     ] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(min=0, help="Seconds of work after which no further cause is tried; default 300.")
+    ] = None,
     as_json: JSON = False,
 ) -> None:
     """Where the gap between a campaign and the nominal model lies, which effect causes it, how far it shrinks."""
     from rigtwin.commands.diagnose import DiagnosisRequest, run_diagnose
 
     excluded = tuple(name.strip() for names in exclude or () for name in names.rstrip(", ").split(","))
-    run_diagnose(DiagnosisRequest(campaign, out, excluded, fmu=not no_fmu, as_json=as_json, workers=workers))
+    request = DiagnosisRequest(campaign, out, excluded, not no_fmu, as_json, workers, time_limit)
+    run_diagnose(request)
 
 
 @app.command(short_help="A diagnosis applied to runs it never saw.")

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("rotor", "sim", "estimator", "fmu_src", "gap", "blind")
 
 # Temporary folders, files that are replaced, TOML and JSON, with the standard library alone: open to all but ``blind``.
-GROUND = ("rigtwin.scratch", "rigtwin.parsing")
+GROUND = ("rigtwin.scratch", "rigtwin.parsing", "rigtwin.shared_work")
 
 # Each room may import itself and what stands here. A dotted entry opens one module, not the room.
 MAY_IMPORT = {
@@ -35,7 +35,8 @@ MAY_IMPORT = {
     "rigtwin.blind.judge": ("rigtwin.blind",),
     "rigtwin.api": (
         "rigtwin.rotor", "rigtwin.sim", "rigtwin.estimator", "rigtwin.gap", "rigtwin.fmu_src", "rigtwin.pages",
-        "rigtwin.errors", "rigtwin.wording", "rigtwin.scale_out", "rigtwin.scratch", "rigtwin.workers",
+        "rigtwin.errors", "rigtwin.wording", "rigtwin.scale_out", "rigtwin.scratch", "rigtwin.shared_work",
+        "rigtwin.workers",
     ),
     "rigtwin.app": (
         "rigtwin.api", "rigtwin.pages", "rigtwin.errors", "rigtwin.scale_out", "rigtwin.scratch", "rigtwin.workers",

@@ -21,6 +21,7 @@ from rigtwin.gap.inference.observed import Observed, derivatives, misfit, weight
 from rigtwin.gap.model.run_model import RunModel
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from rigtwin.shared_work import seconds_left
 
 if TYPE_CHECKING:
     from rigtwin.gap.inference.problem import Problem
@@ -64,7 +65,7 @@ def rough(problem: Problem, hypothesis: Hypothesis, u: FloatArray, steps: int) -
         parts = [compare(problem, observed, m) for observed, m in zip(problem.observed, modals, strict=True)]
         return soften(np.concatenate(parts))
 
-    return minimise(residual, u, hypothesis.ends, hypothesis.log, problem.with_k_b, steps)
+    return minimise(residual, u, hypothesis.ends, hypothesis.log, problem.with_k_b, steps if seconds_left() > 0 else 0)
 
 
 def shows_resonances(problem: Problem, hypothesis: Hypothesis) -> bool:
@@ -162,7 +163,9 @@ def refine(problem: Problem, fit: Fit, *, anchors: int, steps: int = 12) -> Fit:
 def try_fit(
     problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, *, anneal: Sequence[float], steps: int
 ) -> Fit | None:
-    """``fit``, or None where a start or a step has no model."""
+    """``fit``, or None where a start or a step has no model, or the time of the search is up."""
+    if seconds_left() <= 0:
+        return None
     try:
         return fit(problem, hypothesis, u, nu, anneal=anneal, steps=steps)
     except (ValueError, np.linalg.LinAlgError):
@@ -219,7 +222,8 @@ class _Descent:
                 break
             here = linear
             gained, total = total - value, here.chi2 + float(nu**2 @ self.prior)
-            if gained < max(JOINT.enough, (JOINT.enough_before if added else JOINT.enough_relative) * total):
+            enough = max(JOINT.enough, (JOINT.enough_before if added else JOINT.enough_relative) * total)
+            if gained < enough or seconds_left() <= 0:
                 break
         return here
 

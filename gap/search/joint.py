@@ -30,9 +30,9 @@ from rigtwin.gap.model.forward import Forward
 from rigtwin.gap.model.linear import over_receptance
 from rigtwin.gap.search.race import Stage, best_first, first_of_each, fitted, reach
 from rigtwin.gap.search.starts import Start
-from rigtwin.gap.search.workers import each
 from rigtwin.rotor.effects.structure import MeasuredJoint
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.shared_work import each
 from rigtwin.sim.campaign import Run
 
 

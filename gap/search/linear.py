@@ -24,8 +24,8 @@ from rigtwin.gap.search.starts import Start, begin, promises, several, worth_fro
 from rigtwin.gap.search.strategies.bearing_stiffness import MeasuredStiffness, law_starts, measured_stiffness
 from rigtwin.gap.search.strategies.registry import strategy_of
 from rigtwin.gap.search.strategies.strategy import Strategy
-from rigtwin.gap.search.workers import each
 from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.shared_work import each
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,8 @@ def weak_starts(
         strategy = strategy_of(hypothesis)
         promising = Strategy() if quiet else strategy
         tried = strategy.scan(problem, hypothesis, nominal) or promising.promise(problem, score, hypothesis)
-        found.append((tried[0].gain, [promise.start for promise in tried[: RACE.rivals]]))
+        if tried:  # else the time is up
+            found.append((tried[0].gain, [promise.start for promise in tried[: RACE.rivals]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
     if quiet:
         return [

@@ -28,7 +28,7 @@ from rigtwin.gap.search.race import (
 )
 from rigtwin.gap.search.starts import Promise, Start, begin, promises, worth_from
 from rigtwin.gap.search.strategies.registry import strategy_of
-from rigtwin.gap.search.workers import each
+from rigtwin.shared_work import each
 
 
 @dataclass(frozen=True)

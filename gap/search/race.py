@@ -16,7 +16,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.nominal import NOMINAL_FITS
 from rigtwin.gap.search.starts import Start
-from rigtwin.gap.search.workers import each
+from rigtwin.shared_work import each
 
 T = TypeVar("T")
 

@@ -120,6 +120,7 @@ def diagnose(
     fmu: bool = True,
     workers: int | None = 1,
     progress: Progress | None = None,
+    time_limit_s: float | None = None,
 ) -> Diagnosed:
     """Say where the gap between a campaign and its model lies, what causes it, and how far it shrinks.
 
@@ -131,6 +132,8 @@ def diagnose(
     workers : processes that share the fits, this one among them; None: one for each core. Scripts that use more than
         one need ``if __name__ == "__main__":``, because the others import them. The answer does not depend on it.
     progress : called with (done, total, words)
+    time_limit_s : seconds of processor time after which no further candidate is tried, and a warning in the audit
+        says so; default 300
 
     Returns
     -------
@@ -148,6 +151,7 @@ def diagnose(
         ...
     rigtwin.errors.UserError: --exclude: there is no effect 'open_crak'; did you mean open_crack? ...
     """
+    from rigtwin.gap.diagnose import TIME_LIMIT
     from rigtwin.gap.diagnose import diagnose as find_gap
 
     exclude = _known(exclude)
@@ -155,7 +159,9 @@ def diagnose(
         campaign = load_campaign(campaign)
     confirm = partial(_confirmed_if_possible, campaign, progress=progress) if fmu else None
     with shared_among(workers if campaign.runs else 1) as helpers:  # lists of resonances need no fits
-        outcome = find_gap(campaign, exclude=exclude, progress=progress, confirm=confirm, helpers=helpers)
+        outcome = find_gap(
+            campaign, exclude, progress, confirm, helpers, TIME_LIMIT if time_limit_s is None else time_limit_s
+        )
     return Diagnosed(campaign, outcome.diagnosis, outcome.curves)
 
 

@@ -33,6 +33,7 @@ class DiagnosisRequest:
     fmu: bool  # whether the FMU of the rig is built and asked
     as_json: bool
     workers: int | None = None  # processes, this one among them; default one for each core
+    time_limit_s: float | None = None  # seconds of work; default that of ``diagnose``
 
 
 def run_diagnose(request: DiagnosisRequest) -> None:
@@ -40,7 +41,12 @@ def run_diagnose(request: DiagnosisRequest) -> None:
     with _folder(request.out):  # what cannot be written is refused before the work
         with _progress() as progress:
             found = diagnose(
-                request.campaign, exclude=request.exclude, fmu=request.fmu, workers=request.workers, progress=progress
+                request.campaign,
+                exclude=request.exclude,
+                fmu=request.fmu,
+                workers=request.workers,
+                progress=progress,
+                time_limit_s=request.time_limit_s,
             )
         page = found.save(request.out)
     if request.as_json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,9 +15,9 @@ from rigtwin.gap.search.laws.search import search_nonlinear
 from rigtwin.gap.search.linear import search, weak_starts
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.gap.search.race import polish_all
-from rigtwin.gap.search.workers import each, helped_by
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from rigtwin.scale_out import executor
+from rigtwin.shared_work import each, helped_by, seconds_left, seconds_to_work
 from tests.gap.conftest import STRUCTURE, all_but, both_supports, of, problem_of
 from tests.gap.test_nonlinear import runs_of
 
@@ -122,3 +123,17 @@ def test_nothing_is_known_from_the_item_before():
     problem = problem_of(*both_supports())
     assert list(each_from_scratch(problem, left_behind, [1, 2, 3])) == [(1, 1), (2, 1), (3, 1)]
     assert not problem.forward._known
+
+
+def left(_: int) -> float:
+    return seconds_left()
+
+
+def test_helpers_work_no_longer_than_is_left():
+    assert seconds_left() == math.inf
+    with executor(workers=1) as pool, seconds_to_work(60.0):
+        with helped_by(pool):
+            pool.submit(square, 1).result()  # it is there
+            told = list(each(left, range(20)))
+        assert all(0 < seconds <= 60.0 for seconds in told)
+    assert seconds_left() == math.inf

@@ -17,8 +17,8 @@ from rigtwin.gap.inference.observed import residual
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.race import first_of_each
 from rigtwin.gap.search.starts import Start
-from rigtwin.gap.search.workers import Item, Result, each
 from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.shared_work import Item, Result, each, seconds_left
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,11 @@ def robust_fit(
 ) -> Fit | None:
     """A fit in which a line far from the data counts by the logarithm of its misfit.
 
-    Its ``chi2`` is that loss; ``precision`` is that of the weighted lines. None where the start has no model.
+    Its ``chi2`` is that loss; ``precision`` is that of the weighted lines. None where the start has
+    no model or the time is up.
     """
+    if seconds_left() <= 0:
+        return None
     fit = fit_at_start(problem, hypothesis, u, problem.unit(hypothesis, u) if nu is None else nu)
     for _ in range(rounds):
         try:

@@ -33,8 +33,8 @@ from rigtwin.gap.search.race import Progress, Search, best_first, first_of_each
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest, axis
 from rigtwin.gap.search.strategies.registry import law_strategy_of
-from rigtwin.gap.search.workers import each
 from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.shared_work import each
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.linear import MODES, Modal
 from rigtwin.gap.model.transients import as_read, transients
-from rigtwin.gap.search.workers import each
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.shared_work import each
 
 
 @dataclass(frozen=True)

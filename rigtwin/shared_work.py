@@ -1,11 +1,13 @@
-"""Independent fits of a search, shared with helpers: workers of an executor, most often processes.
+"""Independent items of work, shared with helpers, workers of an executor; and the seconds that the work may take.
 
-What a search maps over comes in the order of its items whoever did it, so that an answer does not depend on helpers.
+What is mapped over comes in the order of its items whoever did it, so that an answer does not depend on helpers.
 """
 
 from __future__ import annotations
 
+import math
 import pickle
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -20,6 +22,24 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _helpers: ContextVar[Executor | None] = ContextVar("helpers", default=None)
+
+# Processor time of this process at which the work ends: an answer should not depend on what else the machine does.
+_end: ContextVar[float] = ContextVar("end", default=math.inf)
+
+
+@contextmanager
+def seconds_to_work(seconds: float) -> Iterator[None]:
+    """Inside the block work that asks for ``seconds_left`` ends when this process has worked so long."""
+    token = _end.set(time.process_time() + seconds)
+    try:
+        yield
+    finally:
+        _end.reset(token)
+
+
+def seconds_left() -> float:
+    """What is left of ``seconds_to_work``; zero and less: the time is up."""
+    return _end.get() - time.process_time()
 
 
 @contextmanager
@@ -45,7 +65,7 @@ def each(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[
     with scratch_folder("search_") as folder:
         # Here and now: what the function refers to may change while helpers work.
         (packed := folder / "function").write_bytes(pickle.dumps(function))
-        futures = [helpers.submit(_unpacked, packed, item) for item in reversed(items)][::-1]
+        futures = [helpers.submit(_unpacked, packed, item, seconds_left()) for item in reversed(items)][::-1]
         try:
             for item, future in zip(items, futures, strict=True):
                 yield function(item) if future.cancel() else future.result()
@@ -54,9 +74,10 @@ def each(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[
                 future.cancel()
 
 
-def _unpacked(packed: Path, item: Any) -> Any:
-    """What a helper does."""
-    return _function(packed)(item)
+def _unpacked(packed: Path, item: Any, seconds: float) -> Any:
+    """What a helper does, in the seconds that are left."""
+    with seconds_to_work(seconds):
+        return _function(packed)(item)
 
 
 @lru_cache(maxsize=1)

@@ -100,7 +100,7 @@ def _layout() -> html.Main:
                 accept=",".join((".zip", *SUFFIXES)),
                 style={},
             ),
-            html.Div(id="progress", role="status", **{"aria-live": "polite"}),
+            html.Div(id="progress", role="status"),
             html.Button("Cancel", id="cancel", disabled=True),
             html.Div(id="result"),
             dcc.Interval(id="clock", interval=_LOOK_EVERY, disabled=True),

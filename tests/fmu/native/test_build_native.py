@@ -15,8 +15,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from rigtwin.api.fmus import manifest
 from rigtwin.api import fmus
+from rigtwin.api.fmus import manifest
 from rigtwin.fmu_src import compiling
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import TARGETS, CompileError, compiler, this_machine

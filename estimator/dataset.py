@@ -22,7 +22,7 @@ from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 from rigtwin.sim.sensors import SensorNoise
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep

@@ -20,7 +20,7 @@ from rigtwin.estimator.features import FEATURE_NAMES
 from rigtwin.estimator.network import K_REF, Curve, Limits, StiffnessNetwork
 from rigtwin.estimator.prior import PRIOR, Prior
 from rigtwin.estimator.runtime import CARD_KEY, OUTPUT_NAMES
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 
 UNITS = {"delta_f": "Hz", "amplitude_ratio": "1", "k_b": "N/m"}
 

@@ -118,9 +118,10 @@ def _beside_native(fmi: str) -> dict[str, bytes]:
 
 def _rotor_extra(rig: Rig, structure: Structure, facts: RotorFacts) -> dict[str, bytes]:
     """A reference run of the rotor, and what it is the model of."""
+    held = Condition(k_b=facts.k_b_start, rigid_support=True, spin_speed=facts.spin_speed_start)
     rigid, bearing = (
-        elastic_frequencies_hz(build_system(structure, Condition(k_b=facts.k_b_start, rigid_support=support)), plane=1)
-        for support in (True, False)
+        elastic_frequencies_hz(build_system(structure, condition), plane=1)
+        for condition in (held, replace(held, rigid_support=False))
     )
     described = {
         "model": "RotorRig",
@@ -132,6 +133,7 @@ def _rotor_extra(rig: Rig, structure: Structure, facts: RotorFacts) -> dict[str,
             "force_signal_Hz": [0.0, highest_frequency(facts.step)],
             "communication_step_s": facts.step,
             "motion": "small lateral vibration of the shaft at a constant spin speed",
+            **({"spin_speed_rad_per_s": [facts.spin_speed_min, facts.spin_speed_max]} if rig.has_tables else {}),
         },
     }
     return references(rotor_run(structure, facts)) | metadata(described)
@@ -161,8 +163,14 @@ _BAND = 1.2
 
 
 def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
-    """What the variable table needs to know of a rig."""
-    system = build_system(structure, Condition(rigid_support=True))
+    """What the variable table needs to know of a rig.
+
+    Supports that follow the spin speed set the range of ``spin_speed`` and its start, the lowest of their speeds. The
+    step is that of a rotor whose supports are all rigid.
+    """
+    system = build_system(structure.with_bearings_for_tables(), Condition(rigid_support=True))
+    spin = [_outward(end, up) for end, up in zip(structure.spin_range, (False, True), strict=True)]
+    ranges = {"spin_speed_min": spin[0], "spin_speed_max": spin[1]} if rig.has_tables else {}
     return RotorFacts(
         n_nodes=len(rig.nodes_m),
         excitation_node=rig.excitation_node,
@@ -173,7 +181,17 @@ def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
         k_b_max=rig.k_b.max_N_per_m,
         length=rig.length,
         step=recommended_step(_BAND * float(elastic_frequencies_hz(system, plane=1)[1])),
+        spin_speed_start=structure.lowest_spin_speed,
+        **ranges,
     )
+
+
+def _outward(value: float, up: bool) -> float:
+    """A number that a host may write with six digits, rounded so that it still lies inside; a table allows as much."""
+    if not value or not np.isfinite(value):
+        return value
+    unit = 10.0 ** (np.floor(np.log10(abs(value))) - 5)
+    return float(f"{(np.ceil if up else np.floor)(value / unit) * unit:.6g}")
 
 
 def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:

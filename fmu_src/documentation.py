@@ -34,7 +34,7 @@ _STEEL, _DISK, _BEARING = "#9db4c8", "#5b7083", "#c9683c"
 
 def rotor_pages(rig: Rig, facts: RotorFacts, *, needs_python: bool = True) -> dict[str, bytes]:
     """``model.png`` and ``documentation/index.html`` of the rotor FMU, by path in the archive."""
-    system = build_system(assemble(rig), Condition(k_b=facts.k_b_start))
+    system = build_system(assemble(rig), Condition(k_b=facts.k_b_start, spin_speed=facts.spin_speed_start))
     f1 = float(elastic_frequencies_hz(system, plane=1)[0])
     page = _PAGES.get_template("rotor.html").render(
         rig=rig,
@@ -110,11 +110,12 @@ def draw_rotor(axes: Axes, rig: Rig) -> None:
     """Draw shaft, disks, lumped masses, supports and node numbers; lengths in mm."""
     left, half = 0.0, 1.0
     for segment in rig.segment:
-        diameter = segment.diameter_m or 2 * (segment.area_m2 or 0.0) ** 0.5 / 1.7725
-        half = max(half, 500 * diameter)
-        axes.add_patch(
-            Rectangle((1e3 * left, -500 * diameter), 1e3 * segment.length_m, 1e3 * diameter, fc=_STEEL, ec="k", lw=0.6)
-        )
+        ends, (outer, bores) = (1e3 * left, 1e3 * (left + segment.length_m)), segment.outline
+        half = max(half, *(500 * diameter for diameter in outer))
+        corners = [(at, side * 500 * d) for side in (1, -1) for at, d in list(zip(ends, outer, strict=True))[::side]]
+        axes.add_patch(Polygon(corners, closed=True, fc=_STEEL, ec="k", lw=0.6))
+        for side in (1, -1) if any(bores) else ():
+            axes.plot(ends, [side * 500 * bore for bore in bores], "k--", lw=0.6)
         left += segment.length_m
     for disk in rig.disk:
         x = 1e3 * rig.nodes_m[disk.node - 1]

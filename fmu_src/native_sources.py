@@ -22,7 +22,7 @@ from rigtwin.fmu_src.model_description import Model, variability
 from rigtwin.fmu_src.rotor_variables import HELD_FORCE, effects_in_fmu
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
-from rigtwin.rotor.model import design, system
+from rigtwin.rotor.model import design, speed_tables, system
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import Structure, to_arrays
 from rigtwin.rotor.time import exciter, nonlinear_stepper, simulator, stepper
@@ -38,7 +38,7 @@ SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 _DECLARE_THEMSELVES = ("estimator_model.c",)
 
 # Numbers that decide what the core computes stand in these modules and in the effects'; C leaves their underscore out.
-_MODULES_WITH_CONSTANTS = (design, system, stepper, simulator, nonlinear_stepper, exciter)
+_MODULES_WITH_CONSTANTS = (design, speed_tables, system, stepper, simulator, nonlinear_stepper, exciter)
 
 _PRINTED = "/* Printed when the FMU was built; do not edit. */\n"
 
@@ -242,7 +242,7 @@ def rig_code(model: Model, structure: Structure) -> str:
     """``rig.c``: the rotor's numbers, and where the exciter's variables are."""
     arrays = to_arrays(structure)
     counts = {"n_mesh": "x", "n_nodes": "stations", "n_disks": "disk_node", "n_supports": "support_node"}
-    counts |= {"n_joints": "joint_node"}
+    counts |= {"n_joints": "joint_node", "n_rows": "table_support"}
     members = [f"    .{count} = {len(arrays[name])},\n" for count, name in counts.items()]
     members += [f"    .{name} = {name.upper()},\n" for name in arrays]
     driven = ("force", "force_amplitude", "force_frequency", HELD_FORCE)

@@ -29,6 +29,9 @@ class RotorFacts:
     k_b_max: float
     length: float  # of the shaft [m]
     step: float = 2e-5  # that the FMU recommends [s]
+    spin_speed_start: float = 0.0
+    spin_speed_min: float = -1e5
+    spin_speed_max: float = 1e5
 
 
 def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
@@ -53,7 +56,15 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
             0.0,
             1e6,
         ),
-        Variable("spin_speed", "input", "Spin speed about +x", "rad/s", 0.0, -1e5, 1e5),
+        Variable(
+            "spin_speed",
+            "input",
+            "Spin speed about +x",
+            "rad/s",
+            rig.spin_speed_start,
+            rig.spin_speed_min,
+            rig.spin_speed_max,
+        ),
     )
     parameters = (
         Variable(

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from rigtwin.parsing import parse_json
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 
 SCHEMA = "rigtwin.diagnosis/1"
 FILE_NAME = "diagnosis.json"

@@ -87,9 +87,15 @@ EFFECT_SETTINGS = Annotated[
     list[str] | None, typer.Option("--set", metavar="ID.PARAM=VALUE", help="Parameter of an effect; repeat.")
 ]
 PICTURE = Annotated[Path | None, typer.Option(help="Picture: .png, .svg or .pdf.")]
-RPM_MIN = Annotated[float, typer.Option(help="Lowest spin speed [rev/min].")]
+RPM_MIN = Annotated[
+    float | None,
+    typer.Option(help="Lowest spin speed [rev/min]; default that of the supports' tables, if there are any."),
+]
 RPM_MAX = Annotated[
-    float | None, typer.Option(help="Highest spin speed [rev/min]; default a fifth above the fourth critical speed.")
+    float | None,
+    typer.Option(
+        help="Highest spin speed [rev/min]; default a fifth above the fourth critical speed, or the tables' end."
+    ),
 ]
 
 
@@ -449,7 +455,7 @@ def modes(
 @app.command(short_help="Whirl frequencies over spin speed, and critical speeds.")
 def campbell(
     rig: RIG_ARGUMENT = RIG,
-    rpm_min: RPM_MIN = 0.0,
+    rpm_min: RPM_MIN = None,
     rpm_max: RPM_MAX = None,
     speeds: Annotated[int, typer.Option(min=3, max=10_000, help="Speeds at which modes are computed.")] = 61,
     number: Annotated[
@@ -512,7 +518,7 @@ def unbalance(
         list[float] | None, typer.Option(help="Its angle from y towards z [degrees], as --moment; default 0.")
     ] = None,
     read: Annotated[list[int] | None, typer.Option(help="Node whose motion is shown; repeat. Default all.")] = None,
-    rpm_min: RPM_MIN = 0.0,
+    rpm_min: RPM_MIN = None,
     rpm_max: RPM_MAX = None,
     speeds: Annotated[
         int, typer.Option(min=2, max=100_000, help="Evenly spaced speeds; more are added at critical speeds.")

@@ -88,6 +88,17 @@ def replacing(path: Path) -> Iterator[Path]:
         raise OSError(error.errno or errno.EIO, f"cannot be written ({error.strerror or error})", str(path)) from error
 
 
+def check_writable(path: Path) -> None:
+    """Raises OSError where a file that work is to end in cannot be written; leaves nothing behind."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder; give the file a name inside it", str(path))
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written ({folder}: {error.strerror})", str(path)) from error
+
+
 def _family_of(file: Path) -> str:
     """How the names of the folders begin in which a file is made."""
     return f".{file.name}.{PREFIX}"

@@ -28,6 +28,7 @@ from pydantic import (
 
 from rigtwin.parsing import parse_toml
 from rigtwin.rotor.geometry.rig import Rig, load_rig, shipped_rigs
+from rigtwin.scratch import replacing
 from rigtwin.sim.campaign import (
     STATED_DAMPING,
     UNKNOWN_DAMPING,
@@ -38,7 +39,6 @@ from rigtwin.sim.campaign import (
     Run,
     SupportKind,
 )
-from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.formats.run_file import SUFFIXES, read_run, write_beside
 from rigtwin.sim.formats.settings import RunSettings, explain, stored_settings
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rigtwin.rotor.frequency.measured import channel_groups
 from rigtwin.rotor.model.arrays import FloatArray
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 from rigtwin.sim.lines import LineReader, channels_of
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.setup import Rig, SweepPlan

@@ -16,7 +16,7 @@ from rigtwin.fmu_src.documentation import _rows
 from rigtwin.fmu_src.estimator_variables import estimator_variables
 from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
 from rigtwin.fmu_src.variables import Variable
-from rigtwin.rotor.geometry.rig import Disk, Joint, Mass, Rig, Segment, SupportTable
+from rigtwin.rotor.geometry.rig import Disk, Joint, Mass, Rig, Segment, SpeedCoefficients, SupportTable
 
 ROOT = Path(__file__).resolve().parent.parent
 CONTRACTS = (ROOT / "docs" / "contracts.md").read_text(encoding="utf-8")
@@ -39,7 +39,7 @@ def test_every_fmu_variable_stands_in_the_contracts_as_it_is(variable):
     assert _table_row(variable) in CONTRACTS
 
 
-@pytest.mark.parametrize("table", [Rig, Segment, Disk, Joint, Mass, SupportTable])
+@pytest.mark.parametrize("table", [Rig, Segment, Disk, Joint, Mass, SupportTable, SpeedCoefficients])
 def test_every_key_of_a_rig_file_is_documented(table):
     section = CONTRACTS.split("## Rig files")[1].split("## Measured data")[0]
     for key in table.model_fields:

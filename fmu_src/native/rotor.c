@@ -187,10 +187,9 @@ static void weaken(Assembly *a, int element, const double added[4])
 {
     const Structure *s = a->s;
     const double length = s->x[element + 1] - s->x[element];
-    double sound[4], F[4], before[16], after[16];
+    double F[4], before[16], after[16];
     for (int plane = 0; plane < 2; plane++) {
-        const double EI = s->bending_stiffness[2 * element + plane];
-        cantilever(length, EI, s->shear_stiffness[2 * element + plane], sound);
+        const double EI = s->bending_stiffness[2 * element + plane], *sound = s->flexibility + 4 * (2 * element + plane);
         for (int k = 0; k < 4; k++)
             F[k] = sound[k] + added[k] / EI;
         element_stiffness(F, length, after);
@@ -340,11 +339,41 @@ static void hold(Assembly *a, int place, double stiffness)
         add_at(a->K, a->size, place, stiffness);
 }
 
+/* What a support that follows the spin speed adds there: a straight line between two rows of its table. */
+static const char *add_table(Assembly *a, int support)
+{
+    const Structure *s = a->s;
+    const double spin = a->d->condition.spin_speed, *speeds = s->table_spin_speed;
+    int first = 0, last, row;
+    while (first < s->n_rows && s->table_support[first] != support)
+        first++;
+    if (first == s->n_rows)
+        return 0;
+    for (last = first; last + 1 < s->n_rows && s->table_support[last + 1] == support; last++)
+        ;
+    if (!(spin >= speeds[first] - TABLE_END * speeds[first] && spin <= speeds[last] + TABLE_END * speeds[last]))
+        return "spin_speed lies outside the table of a support: choose one inside, or extend the table in the rig file";
+    for (row = first; row < last - 1 && speeds[row + 1] <= spin; row++)
+        ;
+    const double share = fmin(fmax((spin - speeds[row]) / (speeds[row + 1] - speeds[row]), 0), 1);
+    for (int i = 0; i < 2; i++)
+        for (int k = 0; k < 2; k++) {
+            const int at = (DOF * s->support_node[support] + i) * a->size + DOF * s->support_node[support] + k;
+            const int here = 4 * row + 2 * i + k;
+            a->K[at] += (1 - share) * s->table_stiffness[here] + share * s->table_stiffness[here + 4];
+            a->C[at] += (1 - share) * s->table_damping[here] + share * s->table_damping[here + 4];
+        }
+    return 0;
+}
+
 /* Supports with a stiffness of their own, and bearings replaced by rigid supports. */
-static void add_fixed_supports(Assembly *a)
+static const char *add_fixed_supports(Assembly *a)
 {
     const Structure *s = a->s;
     for (int k = 0; k < s->n_supports; k++) {
+        const char *wrong = add_table(a, k);
+        if (wrong)
+            return wrong;
         double stiffness = s->support_stiffness[k], damping = s->support_damping[k];
         if (is_bearing(s, k)) {
             if (!a->d->condition.rigid_support)
@@ -359,6 +388,7 @@ static void add_fixed_supports(Assembly *a)
             add_at(a->C, a->size, place, damping);
         }
     }
+    return 0;
 }
 
 static Pattern difference(const Pattern *one, const Pattern *other)
@@ -718,14 +748,16 @@ const char *system_build(System *system, const Structure *structure, const Desig
     add_shaft(&a);
     add_joints(&a);
     add_bodies(&a);
-    add_fixed_supports(&a);
-    const char *wrong = add_bearings(&a);
+    const char *wrong = add_fixed_supports(&a);
+    if (!wrong)
+        wrong = add_bearings(&a);
     if (wrong)
         return wrong;
     add_at_nodes(&a);
     add_in_joints(&a);
     keep_free(system, &a);
     system->n_forces = a.n_forces;
+    system->follows_speed = structure->n_rows > 0;
     return 0;
 }
 

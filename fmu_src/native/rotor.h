@@ -10,12 +10,13 @@
 
 /* Free-free rotor, degrees of freedom node by node as (y, z, theta_y, theta_z); see rotor/model/structure.py. */
 typedef struct {
-    int n_mesh, n_nodes, n_disks, n_supports, n_joints;
+    int n_mesh, n_nodes, n_disks, n_supports, n_joints, n_rows;
     const double *M, *K, *G, *K_tension;  /* (n, n), n = 4 n_mesh */
     const double *x;                      /* (n_mesh) */
     const int *stations;                  /* (n_nodes) mesh node of each rig node */
     const double *bending_stiffness;      /* (n_mesh - 1, 2) E I in y and z */
     const double *shear_stiffness;        /* (n_mesh - 1, 2) kappa G A in y and z */
+    const double *flexibility;            /* (n_mesh - 1, 2, 2, 2) of each element's cantilever in y and z */
     const double *diameter;               /* (n_mesh - 1) */
     const int *disk_node;                 /* (n_disks) */
     const double *disk_mass, *disk_thickness, *disk_lumped_diametral, *disk_lumped_polar;
@@ -23,6 +24,9 @@ typedef struct {
     const double *support_stiffness;      /* nan: k_b; inf: rigid */
     const double *support_tilt_stiffness; /* inf: rigid */
     const double *support_damping;
+    const int *table_support;             /* (n_rows) support of each row of a table, from 0 */
+    const double *table_spin_speed;       /* (n_rows) ascending for each support */
+    const double *table_stiffness, *table_damping; /* (n_rows, 2, 2) in (y, z) */
     const int *joint_node;                /* (n_joints) mesh node on the left; the next one is on the right */
     const double *joint_stiffness, *joint_tilt_stiffness, *joint_damping, *joint_tilt_damping;
 } Structure;
@@ -36,7 +40,7 @@ typedef struct {
 
 /* M q'' + (C + Omega G) q' + K q = f on the n degrees of freedom that are free to move. */
 typedef struct {
-    int n;
+    int n, follows_speed;            /* whether supports follow the spin speed: K need not be symmetric then */
     double *M, *K, *C, *G, *K_shaft; /* (n, n) */
     int *free, *plane;               /* (n) */
     LocalForce *forces;

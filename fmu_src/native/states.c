@@ -24,6 +24,19 @@ static int couples_planes(const System *system)
     return 0;
 }
 
+/* Skew (n, n): the part of K that puts energy into whirl; returns whether there is any. */
+static int circulatory(const System *system, double *skew)
+{
+    const int n = system->n;
+    int any = 0;
+    for (int i = 0; system->follows_speed && i < n; i++)
+        for (int j = 0; j < n; j++) {
+            skew[i * n + j] = (system->K[i * n + j] - system->K[j * n + i]) / 2;
+            any = any || skew[i * n + j] != 0;
+        }
+    return any;
+}
+
 /* K of the degrees of freedom with mass, the massless ones following statically; slide on the way. */
 static const char *condense(States *s, const System *system, double *K, double *work, int *rows)
 {
@@ -98,6 +111,9 @@ static const char *undamped_modes(States *s, const System *system, double *work,
     for (int i = 0; i < m; i++)
         for (int j = 0; j < m; j++)
             M[i * m + j] = system->M[s->heavy_at[i] * n + s->heavy_at[j]];
+    for (int i = 0; system->follows_speed && i < m; i++)
+        for (int j = 0; j < i; j++) /* the modes are those of the symmetric part */
+            K[i * m + j] = K[j * m + i] = (K[i * m + j] + K[j * m + i]) / 2;
     memset(s->Phi, 0, (size_t)m * m * sizeof *s->Phi);
     for (int plane = 1; plane <= (coupled ? 1 : 2); plane++) {
         int count = 0;
@@ -206,10 +222,15 @@ const char *states_build(States *s, const System *system, double zeta, double sp
     modal(s, system->K_shaft, shaft, rest);
     modal(s, system->C, support, rest);
     modal(s, system->G, gyroscopic, rest);
+    double *skew = rest, *whirling = skew + n * n;
+    const int whirls = circulatory(system, skew);
+    if (whirls)
+        modal(s, skew, whirling, whirling + m * m);
     memset(s->A, 0, (size_t)N * N * sizeof *s->A);
+    for (int i = 0; i < m; i++)
+        s->scale[i] = s->omega[i] > 0 ? s->omega[i] : 1;
     for (int i = 0; i < m; i++) {
         const int strained = s->omega[i] > 0;
-        s->scale[i] = strained ? s->omega[i] : 1;
         s->A[i * N + m + i] = s->scale[i];
         s->A[(m + i) * N + i] = -s->omega[i];
         for (int j = 0; j < m; j++) {
@@ -217,6 +238,8 @@ const char *states_build(States *s, const System *system, double zeta, double sp
             if (strained && s->omega[j] > 0)
                 damping += 2 * zeta * shaft[i * m + j] / (sqrt(s->omega[i]) * sqrt(s->omega[j]));
             s->A[(m + i) * N + m + j] = -damping;
+            if (whirls)
+                s->A[(m + i) * N + j] -= whirling[i * m + j] / s->scale[j];
         }
     }
     return l ? add_massless(s, system, spin, work, ints + 2 * n) : 0;

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from rigtwin.api.fmus import rotor_fmu
-from rigtwin.api.rigs import effect_of
+from rigtwin.api.rigs import effect_of, refuse_tables
 from rigtwin.errors import UserError, existing, for_users
 from rigtwin.gap.curves import Curve
 from rigtwin.gap.document import FILE_NAME as DIAGNOSIS_FILE
@@ -29,9 +29,9 @@ from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model import html
 from rigtwin.rotor.model.arrays import ComplexArray
 from rigtwin.scale_out import executor
+from rigtwin.scratch import replacing
 from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.campaign_folder import load_campaign
-from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.setup import SetupError
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, measure_lines
@@ -157,6 +157,7 @@ def diagnose(
     exclude = _known(exclude)
     if not isinstance(campaign, Campaign):
         campaign = load_campaign(campaign)
+    refuse_tables(load_rig(campaign.rig), "a diagnosis")
     confirm = partial(_confirmed_if_possible, campaign, progress=progress) if fmu else None
     with shared_among(workers if campaign.runs else 1) as helpers:  # lists of resonances need no fits
         outcome = find_gap(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rigtwin.api.fmus import SHIPPED_RIG, open_estimator, trained_rig
-from rigtwin.api.rigs import as_rig
+from rigtwin.api.rigs import as_rig, refuse_tables
 from rigtwin.errors import UserError, existing, for_users
 from rigtwin.estimator.features import Features, features_of_peaks, features_of_runs
 from rigtwin.estimator.root_finding import StiffnessFinder
@@ -247,6 +247,7 @@ def _with_objections(features: Features, estimate: Estimate, card: dict[str, Any
 
 
 def _by_model(rig: Rig) -> _Method:
+    refuse_tables(rig, "an estimate of k_b")
     damping = Condition(bearing_damping=rig.bearing_damping_Ns_per_m, shaft_damping_ratio=rig.shaft_damping_ratio)
     limits = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
     finder = StiffnessFinder(assemble(rig), damping, limits, rig.excitation_node)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 
 # XML 1.0 has no place for these, however they are escaped.
 _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from rigtwin.api.diagnoses import read_diagnosis
+from rigtwin.api.rigs import load_rig, refuse_tables
 from rigtwin.errors import UserError, for_users
 from rigtwin.gap.curves import nrmse
 from rigtwin.gap.document import Diagnosis
@@ -16,9 +17,9 @@ from rigtwin.pages.figures import BLUE, INK, VERMILION
 from rigtwin.pages.overlay_page import Layer, Overlay, Table, write_overlays
 from rigtwin.rotor.model import html
 from rigtwin.rotor.model.condition import Condition
+from rigtwin.scratch import replacing
 from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.campaign_folder import load_campaign
-from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.formats.run_file import write_beside
 from rigtwin.wording import counted
 
@@ -126,6 +127,7 @@ def predict(diagnosis: Diagnosis | str | Path, campaign: Campaign | str | Path) 
     where = campaign.title if isinstance(campaign, Campaign) else str(campaign)
     if not isinstance(campaign, Campaign):
         campaign = load_campaign(campaign)
+    refuse_tables(load_rig(campaign.rig), "a prediction")
     if not campaign.runs:
         raise UserError(f"{where}: the campaign has no run, only resonance lists; there are no lines to predict")
     files = _files(campaign, where)

@@ -19,10 +19,10 @@ from rigtwin.pages.figures import Curve, frf_figure, rotor_drawing
 from rigtwin.pages.page import write_page
 from rigtwin.pages.provenance import provenance
 from rigtwin.rotor.model import html
+from rigtwin.scratch import check_writable
 from rigtwin.sim.campaign import Campaign, Channel, MeasurementError, Run
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.sim.formats import read_run
-from rigtwin.sim.formats.atomic import check_writable
 from rigtwin.sim.formats.settings import UnknownSupportError
 from rigtwin.sim.modal_fit import try_modes
 from rigtwin.wording import counted, interval, stiffness_with_error, with_error

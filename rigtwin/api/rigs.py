@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from rigtwin.errors import UserError, for_users
 from rigtwin.rotor.effects import EFFECTS, Effect
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.frequency.modal import damped_modes
+from rigtwin.rotor.frequency.whirl import RPM
 from rigtwin.rotor.geometry import rig as rig_files
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig
@@ -20,6 +22,7 @@ from rigtwin.rotor.model import html
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.rotor.model.speed_tables import SpinSpeedError
 from rigtwin.sim.campaign import Channel, Run, SupportKind
 from rigtwin.wording import close_to
 
@@ -56,6 +59,15 @@ def shipped_rigs() -> list[str]:
     True
     """
     return rig_files.shipped_rigs()
+
+
+def refuse_tables(rig: Rig, what: str) -> None:
+    """Raises UserError for a rig with supports that follow the spin speed, which ``what`` cannot take."""
+    if rig.has_tables:
+        raise UserError(
+            f"rig {rig.name} has supports with tables, and {what} knows bearings of stiffness k_b at rest only; "
+            "rigtwin modes, campbell, critical-speeds, unbalance, build and sweep take such a rig"
+        )
 
 
 def as_rig(rig: Rig | str | Path) -> Rig:
@@ -109,6 +121,7 @@ def model_modes(
     array([ 96.5, 298. ])
     """
     rig = as_rig(rig)
+    refuse_tables(rig, "model_modes")
     system = build_system(assemble(rig), _condition(rig, k_b, support), as_effects(effects)).in_plane(1)
     modes = damped_modes(system)
     return ModelModes(rig.name, modes.frequency_hz[:n_modes], modes.damping_ratio[:n_modes])
@@ -123,6 +136,7 @@ def model_response(
     support: SupportKind = "bearing",
     effects: Sequence[Effect | str] = (),
     excitation_node: int | None = None,
+    spin_rpm: float = 0.0,
 ) -> Run:
     """The accelerance that the finite-element model computes, as a run without noise.
 
@@ -134,6 +148,7 @@ def model_response(
     frequency_hz : (n_freq,) increasing [Hz]
     k_b, support, effects : as in ``model_modes``
     excitation_node : where the force acts, along y; default the rig's
+    spin_rpm : spin [rev/min]; supports with tables have their stiffness and damping at this speed
 
     Returns
     -------
@@ -141,7 +156,8 @@ def model_response(
 
     Raises
     ------
-    UserError : the rig cannot be read, there is no such node, k_b or a frequency is not positive
+    UserError : the rig cannot be read, there is no such node, k_b or a frequency is not positive, or a support's
+        table does not hold the spin speed
 
     >>> import rigtwin
     >>> run = rigtwin.model_response("nit-rourkela", [50.0, 96.5, 150.0], k_b=1e7)
@@ -150,13 +166,17 @@ def model_response(
     """
     rig = as_rig(rig)
     node = excitation_node or rig.excitation_node
-    condition = _condition(rig, k_b, support, node)
+    condition = replace(_condition(rig, k_b, support, node), spin_speed=spin_rpm * RPM)
     lines = np.asarray(frequency_hz, dtype=float)
     channels = tuple(Channel(n) for n in range(1, len(rig.nodes_m) + 1))
-    blank = Run(lines, np.zeros((len(lines), len(channels)), complex), channels, support, excitation_node=node)
+    settings: dict[str, Any] = {"support": support, "excitation_node": node, "spin_rpm": spin_rpm}
+    blank = Run(lines, np.zeros((len(lines), len(channels)), complex), channels, **settings)
     blank.check_nodes(len(rig.nodes_m))
-    H = measured_response(assemble(rig), condition, as_effects(effects), lines)
-    return Run(lines, H, channels, support, excitation_node=node, name=f"model of {rig.name}")
+    try:
+        H = measured_response(assemble(rig), condition, as_effects(effects), lines)
+    except SpinSpeedError as error:
+        raise UserError(str(error)) from error
+    return Run(lines, H, channels, **settings, name=f"model of {rig.name}")
 
 
 def _condition(rig: Rig, k_b: float | None, support: SupportKind, node: int | None = None) -> Condition:

@@ -17,6 +17,7 @@ from rigtwin.api.values import as_kind
 from rigtwin.errors import UserError, for_users
 from rigtwin.estimator.dataset import noisy
 from rigtwin.rotor.effects import Effect
+from rigtwin.rotor.frequency.whirl import RPM
 from rigtwin.rotor.geometry.rig import Rig as RigFile
 from rigtwin.rotor.model import html
 from rigtwin.scale_out import executor
@@ -217,6 +218,7 @@ def measure(
         fmu = stack.enter_context(rotor_fmu(request.source))
         description = describe(fmu)
         rig, guid = _rig(description, request), str(description.guid)
+        _check_spin(description, request.spin_rpm)
         host = stack.enter_context(host_of(fmu, trust=request.trust))
         name = request.source.name if isinstance(request.source, RigFile) else request.source
         for place, result in _measure(host, fmu.resolve(), rig, plans, request.executor, progress):
@@ -238,6 +240,16 @@ def _measure(
         for number, done in enumerate(runs, start=1):
             count(number)
             yield done
+
+
+def _check_spin(description: ModelDescription, spin_rpm: float) -> None:
+    """Raises UserError for a spin that the FMU has not; supports with tables narrow its range."""
+    (speed,) = (v for v in description.modelVariables if v.name == "spin_speed")
+    low, high = (float(end) / RPM if end else None for end in (speed.min, speed.max))
+    if low is not None and high is not None and not low <= spin_rpm <= high:
+        raise UserError(
+            f"spin_rpm = {spin_rpm:g}: this rotor has spin speeds from {low:.5g} to {high:.5g} rev/min; give one"
+        )
 
 
 def _rig(description: ModelDescription, request: SweepRequest) -> Rig:

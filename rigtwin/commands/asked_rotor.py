@@ -16,13 +16,14 @@ from rigtwin.console import note, print_json, say
 from rigtwin.errors import UserError
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.frequency.stiffness_map import BearingRange
+from rigtwin.rotor.frequency.whirl import RPM
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING, Condition
 from rigtwin.rotor.model.rotor_model import RotorModel, build_model
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.rotor.model.system import LinearSystem
-from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.scratch import check_writable
 from rigtwin.wording import stiffness
 
 # Kinds of picture by the suffix of their file.
@@ -94,6 +95,7 @@ def asked_rotor(request: RotorRequest) -> AskedRotor:
         if request.rigid and value is not None:
             raise UserError(f"{option} does nothing beside --rigid, which replaces the bearings: leave one of them out")
     rig = load_rig(request.source)
+    _check_bearings(rig, request, effects)
     given = (request.bearing_damping, request.shaft_damping_ratio)
     bearing_damping, shaft_damping_ratio = (
         own if value is None else value
@@ -101,6 +103,7 @@ def asked_rotor(request: RotorRequest) -> AskedRotor:
     )
     if bearing_damping > MOST_BEARING_DAMPING:
         raise UserError(f"--bearing-damping {bearing_damping:g}: at most {MOST_BEARING_DAMPING:g} N s/m")
+    structure = assemble(rig)
     with user_errors():
         condition = Condition(
             k_b=rig.k_b.start_N_per_m if request.k_b is None else request.k_b,
@@ -108,8 +111,22 @@ def asked_rotor(request: RotorRequest) -> AskedRotor:
             bearing_damping=bearing_damping,
             shaft_damping_ratio=shaft_damping_ratio,
             excitation_node=rig.excitation_node,
+            spin_speed=structure.lowest_spin_speed,
         )
-    return AskedRotor(rig, assemble(rig), condition, effects)
+    return AskedRotor(rig, structure, condition, effects)
+
+
+def _check_bearings(rig: Rig, request: RotorRequest, effects: Sequence[Effect]) -> None:
+    """Raises UserError for what acts on bearings, where a rig has none."""
+    if rig.has_bearings:
+        return
+    given = {"--k-b": request.k_b, "--bearing-damping": request.bearing_damping, "--rigid": request.rigid or None}
+    options = [option for option, value in given.items() if value is not None]
+    options += [f"--effect {effect.id}" for effect in effects if effect.location == "bearings"]
+    if options:
+        raise UserError(
+            f'{options[0]} acts on supports with stiffness = "k_b", and rig {rig.name} has none: leave it out'
+        )
 
 
 def check_picture(out: Path) -> None:
@@ -162,10 +179,17 @@ def user_errors() -> Iterator[None]:
 
 def held(asked: AskedRotor) -> str:
     """'nit-rourkela on bearings of 10.00 MN/m, 20 N s/m'."""
-    condition = asked.condition
-    if condition.rigid_support:
-        return f"{asked.rig.name} on rigid supports"
-    return f"{asked.rig.name} on bearings of {stiffness(condition.k_b)} MN/m, {condition.bearing_damping:g} N s/m"
+    condition, tables = asked.condition, len(asked.structure.speed_tables)
+    words = ["on rigid supports" if condition.rigid_support else _bearings(condition)] if asked.rig.has_bearings else []
+    if tables:
+        low, high = (speed / RPM for speed in asked.structure.spin_range)
+        supports = "a support with a table" if tables == 1 else f"{tables} supports with tables"
+        words.append(f"{'' if words else 'on '}{supports} from {low:.6g} to {high:.6g} rev/min")
+    return f"{asked.rig.name} {' and '.join(words)}"
+
+
+def _bearings(condition: Condition) -> str:
+    return f"on bearings of {stiffness(condition.k_b)} MN/m, {condition.bearing_damping:g} N s/m"
 
 
 def say_rotor(asked: AskedRotor, more: str = "") -> None:
@@ -184,11 +208,12 @@ def say_effects(asked: AskedRotor) -> None:
 def rotor_record(asked: AskedRotor) -> dict[str, Any]:
     """The same for a machine."""
     condition = asked.condition
+    no_bearings = condition.rigid_support or not asked.rig.has_bearings
     return {
         "rig": asked.rig.name,
         "rigid_support": condition.rigid_support,
-        "k_b": None if condition.rigid_support else condition.k_b,
-        "bearing_damping": None if condition.rigid_support else condition.bearing_damping,
+        "k_b": None if no_bearings else condition.k_b,
+        "bearing_damping": None if no_bearings else condition.bearing_damping,
         "shaft_damping_ratio": condition.shaft_damping_ratio,
         "effects": {effect.id: {name: getattr(effect, name) for name in effect.roles()} for effect in asked.effects},
         "rigid_body_motions": int(np.count_nonzero(~asked.system.modes.elastic)),

@@ -30,8 +30,7 @@ from rigtwin.console import note, say
 from rigtwin.errors import UserError
 from rigtwin.parsing import parse_json
 from rigtwin.scale_out import ONE_THREAD, executor
-from rigtwin.scratch import scratch_folder
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing, scratch_folder
 from rigtwin.workers import end_with
 
 PAGE = "blind.md"

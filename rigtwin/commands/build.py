@@ -10,7 +10,8 @@ from rigtwin.api.fmus import ESTIMATOR_FMU, SHIPPED_RIG, build_compiled, build_f
 from rigtwin.api.rigs import load_rig
 from rigtwin.console import note, say
 from rigtwin.errors import UserError
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.rotor.geometry.rig import Rig
+from rigtwin.scratch import replacing
 
 
 def build_fmus(
@@ -33,14 +34,21 @@ def build_fmus(
         for path in build_fmu(rig, out):
             say(str(path))
     if not train and not is_shipped(rig):
-        note(
-            f"{ESTIMATOR_FMU} is not built: the shipped network knows the rig {SHIPPED_RIG} only; "
-            f"rigtwin estimate --rig finds k_b of {rig.name} on its model, and --train trains one for {rig.name} (a "
-            "quarter of an hour or so)"
-        )
+        note(_without_estimator(rig))
     if native:
         for path in build_compiled(rig, out, array_output=array_output, targets=targets):
             say(str(path))
+
+
+def _without_estimator(rig: Rig) -> str:
+    """Why there is no estimator FMU of a rig, and what there is instead."""
+    if rig.has_tables:
+        return f"{ESTIMATOR_FMU} is not built: {rig.name} has supports with tables, and k_b says nothing about them"
+    return (
+        f"{ESTIMATOR_FMU} is not built: the shipped network knows the rig {SHIPPED_RIG} only; "
+        f"rigtwin estimate --rig finds k_b of {rig.name} on its model, and --train trains one for {rig.name} (a "
+        "quarter of an hour or so)"
+    )
 
 
 def _trained(source: str, out: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rigtwin.api.checks import Checked, check_fmu
 from rigtwin.console import output, print_json, say
-from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.scratch import check_writable
 
 
 def run_check(

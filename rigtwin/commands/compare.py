@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rigtwin.api.comparisons import COMPARISON_HEADER, RUN_HEADER, compare
 from rigtwin.console import note, print_json, say, table
-from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.scratch import check_writable
 
 
 def run_compare(a: Path, b: Path, out: Path | None, *, as_json: bool) -> None:

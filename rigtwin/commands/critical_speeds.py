@@ -25,9 +25,11 @@ from rigtwin.errors import UserError
 from rigtwin.rotor.frequency.stiffness_map import (
     CriticalSpeedMap,
     Reading,
+    TableReading,
     critical_speed_map,
     natural_frequency_map,
     stiffness_readings,
+    table_readings,
 )
 from rigtwin.rotor.frequency.whirl import RPM
 from rigtwin.rotor.model.arrays import FloatArray
@@ -74,6 +76,7 @@ def run_critical_speeds(request: RotorRequest, stiffnesses: StiffnessRange, n: i
     with user_errors():
         speeds = critical_speed_map(asked.on_bearings, k_b, n)
         measured = _measured(campaign, asked, k_b) if campaign else []
+        on_tables = table_readings(asked.on_bearings, speeds)
     if request.out:
         _draw(asked, speeds, measured, request.out)
 
@@ -81,8 +84,10 @@ def run_critical_speeds(request: RotorRequest, stiffnesses: StiffnessRange, n: i
         say(f"{asked.rig.name}, undamped, on bearings of {exponent(k_b[0])} to {exponent(k_b[-1])} N/m")
         say_effects(asked)
         _print(asked, speeds, measured)
+        _print_tables(asked, speeds, on_tables)
 
-    tell(request, {**_rotor(asked), **_record(speeds, measured)}, text, lumped_disks(asked))
+    record = {**_rotor(asked), **_record(speeds, measured), "supports_with_tables": _tables(asked, on_tables)}
+    tell(request, record, text, lumped_disks(asked))
 
 
 SHIPPED = "nit-rourkela"
@@ -140,6 +145,48 @@ def _print(asked: AskedRotor, speeds: CriticalSpeedMap, measured: Sequence[Reson
         table(("measured", "support", "Hz", "the model at rest has it at"), map(_row, measured))
 
 
+def _print_tables(asked: AskedRotor, speeds: CriticalSpeedMap, readings: Sequence[TableReading]) -> None:
+    """What k_b stands for where supports have tables, and where their direct stiffness meets the map."""
+    if not asked.structure.speed_tables:
+        return
+    say("k_b takes the place of the supports with tables: alike in y and z, without cross-coupling")
+    if not readings:
+        say("no direct stiffness of a table meets a line of this map")
+        return
+    rows = [
+        (
+            str(one.node),
+            _COEFFICIENTS[one.plane],
+            f"{one.k_b:.4g}",
+            f"{one.spin_speed / RPM:.1f}",
+            DIRECTIONS[int(speeds.direction[-1, one.whirl])],
+        )
+        for one in readings
+    ]
+    table(("node", "table's", "meets the map at, N/m", "rev/min", "whirl"), rows)
+
+
+_COEFFICIENTS = {1: "kyy", 2: "kzz"}
+
+
+def _tables(asked: AskedRotor, readings: Sequence[TableReading]) -> list[dict[str, Any]]:
+    """The direct stiffnesses of supports with tables and where they meet the map, for a machine."""
+    return [
+        {
+            "node": one.node,
+            "spin_rpm": (one.spin_speed / RPM).tolist(),
+            "kyy_N_per_m": one.stiffness[:, 0, 0].tolist(),
+            "kzz_N_per_m": one.stiffness[:, 1, 1].tolist(),
+            "meets": [
+                {"of": _COEFFICIENTS[r.plane], "k_b": r.k_b, "spin_rpm": r.spin_speed / RPM, "whirl": r.whirl + 1}
+                for r in readings
+                if r.node == one.node
+            ],
+        }
+        for one in asked.structure.speed_tables
+    ]
+
+
 def _row(one: Resonance) -> tuple[str, str, str, str]:
     frequency = f"{one.frequency_hz:#.5g}"
     if one.rigid:
@@ -180,4 +227,4 @@ def _draw(asked: AskedRotor, speeds: CriticalSpeedMap, measured: Sequence[Resona
     marks = [MeasuredResonance(one.frequency_hz, one.rigid, tuple(r.k_b for r in one.readings)) for one in measured]
     n = -(-speeds.spin_speed.shape[1] // 2)
     standing = natural_frequency_map(asked.on_bearings, speeds.k_b)[:, :n] if marks else np.zeros((len(speeds.k_b), 0))
-    save_figure(critical_speed_figure(speeds, standing, marks), out)
+    save_figure(critical_speed_figure(speeds, standing, marks, asked.structure.speed_tables), out)

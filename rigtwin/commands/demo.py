@@ -23,9 +23,9 @@ from rigtwin.pages.provenance import provenance
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.structure import Structure
+from rigtwin.scratch import check_writable, replacing
 from rigtwin.sim.campaign import Campaign, Channel, Run
 from rigtwin.sim.campaign_folder import save_campaign
-from rigtwin.sim.formats.atomic import check_writable, replacing
 from rigtwin.sim.modal_fit import fit_modes
 from rigtwin.sim.session import FmuSession
 from rigtwin.sim.stepped_sine import Rig, SweepPlan, sweep

@@ -17,7 +17,7 @@ from rigtwin.console import note, print_json, say, stages, table
 from rigtwin.gap.document import FILE_NAME as DIAGNOSIS_FILE
 from rigtwin.gap.document import Diagnosis, Shrink
 from rigtwin.pages.diagnosis_words import NO_CAUSE, at_edge, cause_title, explained, finite, k_b_words, named, share
-from rigtwin.sim.formats.atomic import check_writable
+from rigtwin.scratch import check_writable
 from rigtwin.wording import counted
 
 _VERIFIED = {"fmu": "verified by the FMU", "rig": "verified on the virtual rig", "model": "by the fitting model alone"}

@@ -15,6 +15,7 @@ from rigtwin.commands.asked_rotor import (
     rotor_record,
     say_rotor,
     tell,
+    user_errors,
 )
 from rigtwin.console import say, table
 from rigtwin.errors import UserError
@@ -40,7 +41,8 @@ def run_modes(request: RotorRequest, spin_rpm: float, n_modes: int) -> None:
         )
     asked = asked_rotor(request)
     spin_speed = spin_rpm * RPM
-    modes = _lowest(listed_modes(asked.system, spin_speed), n_modes)
+    with user_errors():
+        modes = _lowest(listed_modes(asked.system, spin_speed), n_modes)
     direction = whirl_direction(asked.system, modes.shape) * (np.sign(spin_speed) or 1.0)
     shapes = shaft_shapes(asked.system, modes.shape, np.array(asked.rig.nodes_m))
     if request.out:

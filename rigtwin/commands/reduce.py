@@ -12,9 +12,9 @@ import numpy as np
 from rigtwin.commands.files import run_table, told_settings
 from rigtwin.console import print_json, progress, say
 from rigtwin.errors import UserError
+from rigtwin.scratch import check_writable
 from rigtwin.sim.campaign import Run
 from rigtwin.sim.formats import SUFFIXES, RunSettings, write_run
-from rigtwin.sim.formats.atomic import check_writable
 from rigtwin.sim.formats.record_file import read_record, record_paths
 from rigtwin.sim.formats.reduction_plan import ReductionPlan, read_plan
 from rigtwin.sim.formats.settings import READING, check_settings

@@ -12,9 +12,9 @@ from rigtwin.api.runs import MODE_HEADER, mode_row
 from rigtwin.api.sweeps import LEAST_LINES, SweepRequest, Swept, measure
 from rigtwin.console import note, print_json, progress, say, table
 from rigtwin.errors import UserError
+from rigtwin.scratch import check_writable
 from rigtwin.sim.campaign import Run, SweepDirection
 from rigtwin.sim.formats import SUFFIXES
-from rigtwin.sim.formats.atomic import check_writable
 from rigtwin.sim.lines import HOW_TO_SETTLE, NotSettledError
 from rigtwin.sim.modal_fit import Mode, driving_point
 from rigtwin.sim.stepped_sine import SweepPlan

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigtwin.api.fmus import SHIPPED_RIG, build_rotor, build_rotor_for_the_rig, is_shipped, trained_rig
+from rigtwin.api.rigs import refuse_tables
 from rigtwin.console import note, progress, say
 from rigtwin.errors import UserError
 from rigtwin.estimator.dataset import FEATURE_PLAN, Dataset, feature_plan, measure_rigs, read_dataset, write_dataset
@@ -71,6 +72,7 @@ def train(plan: TrainingPlan) -> Trained:
     if plan.seed == CALIBRATION_SEED:
         raise UserError(f"--seed {plan.seed}: the calibration rigs are drawn from that one; take another")
     rig = load_rig(plan.rig)
+    refuse_tables(rig, "training")
     prior, sweep_plan = PRIOR, FEATURE_PLAN
     if not is_shipped(rig):
         structure = assemble(rig)

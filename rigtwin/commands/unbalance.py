@@ -23,9 +23,18 @@ from rigtwin.console import say, table
 from rigtwin.errors import UserError
 from rigtwin.rotor.effects import unbalance_at
 from rigtwin.rotor.frequency.shapes import semi_axes
-from rigtwin.rotor.frequency.whirl import RPM, critical_speeds, speeds_through_resonances, unbalance_response
+from rigtwin.rotor.frequency.whirl import (
+    RPM,
+    speeds_through_resonances,
+    synchronous_whirls,
+    unbalance_response,
+    unstable_speeds,
+)
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+
+# Evenly spaced speeds at which a rotor is asked whether it is stable.
+_LOOKED_AT = 61
 
 # Lowest speed where none is given, over the highest.
 _LOWEST = 0.01
@@ -84,16 +93,16 @@ def run_unbalance(request: RotorRequest, weights: Weights, speeds: SpeedRange, r
     unbalanced = asked.also_with([unbalance_at(node, moment, np.radians(phase)) for node, moment, phase in placed])
     nodes = tuple(dict.fromkeys(read)) or _moving(asked)
     with user_errors():
-        highest = speeds.highest(asked)
-        lowest = speeds.lowest_rpm * RPM or _LOWEST * highest
+        lowest, highest = speeds.ends(asked, _LOWEST)
         spin_speed = speeds_through_resonances(asked.system, lowest, highest, speeds.n)
-        critical = critical_speeds(asked.system, asked.system.n)
-    response = unbalance_response(unbalanced.model, spin_speed)[:, :, [node - 1 for node in nodes]]
-    forward = critical.spin_speed[(critical.direction >= 0) & (critical.spin_speed < highest)]
+        critical = synchronous_whirls(asked.system, lowest, highest)
+        unstable = unstable_speeds(asked.system, np.linspace(lowest, highest, _LOOKED_AT))
+        response = unbalance_response(unbalanced.model, spin_speed)[:, :, [node - 1 for node in nodes]]
+    met = critical.spin_speed[(critical.direction >= 0) | bool(asked.structure.speed_tables)]
     if request.out:
         from rigtwin.pages.rotor_figures import save_figure, unbalance_figure
 
-        save_figure(unbalance_figure(spin_speed, response, nodes, forward), request.out)
+        save_figure(unbalance_figure(spin_speed, response, nodes, met), request.out)
 
     def text() -> None:
         say_rotor(asked)
@@ -101,10 +110,14 @@ def run_unbalance(request: RotorRequest, weights: Weights, speeds: SpeedRange, r
             say(f"unbalance of {moment:g} kg m at node {node}, {phase:g} degrees from y towards z")
         if not asked.system.C.any():
             say("the rotor has no damping: at its critical speeds the response is infinite")
-        _print(spin_speed, response, nodes, forward)
+        if len(unstable):
+            low, high = unstable[[0, -1]] / RPM
+            say(f"unstable from about {low:.0f} to {high:.0f} rev/min: there no steady response is ever reached")
+        _print(spin_speed, response, nodes, met)
 
     given = {"unbalances": [{"node": n, "moment_kg_m": m, "phase_deg": p} for n, m, p in placed]}
-    record = {**rotor_record(asked), **given, **_record(spin_speed, response, nodes, forward)}
+    record = {**rotor_record(asked), **given, **_record(spin_speed, response, nodes, met)}
+    record["unstable_rpm"] = (unstable / RPM).tolist()
     tell(request, record, text, lumped_disks(asked))
 
 

@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup, escape
 
 from rigtwin.pages.palette import ON_DARK, style_variables
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.scratch import replacing
 from rigtwin.wording import unbroken
 
 

@@ -22,7 +22,8 @@ from rigtwin.rotor.frequency.stiffness_map import CriticalSpeedMap
 from rigtwin.rotor.frequency.whirl import RPM, Campbell, Crossings
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
-from rigtwin.sim.formats.atomic import replacing
+from rigtwin.rotor.model.speed_tables import SpeedTable
+from rigtwin.scratch import replacing
 
 _STYLE: dict[Any, Any] = {
     "font.size": 9.0,
@@ -166,8 +167,15 @@ def _orbit_panel(axes: Any, rig: Rig, x: FloatArray, mode: DrawnMode) -> None:
 # -- spinning ------------------------------------------------------------------------------------
 
 
-def campbell_figure(diagram: Campbell, met: Crossings, multiple: float) -> Figure:
-    """Whirl frequencies over spin speed, coloured by direction, with a line of the speed and what meets it."""
+def campbell_figure(
+    diagram: Campbell, met: Crossings, multiple: float, limits: Sequence[tuple[float, float]] = ()
+) -> Figure:
+    """Whirl frequencies over spin speed, coloured by direction, with a line of the speed and what meets it.
+
+    Parameters
+    ----------
+    limits : spin speed [rev/min] and frequency [Hz] at which modes begin to grow
+    """
     rpm = diagram.spin_speed / RPM
     with _drawing(4.4) as figure:
         axes = figure.subplots()
@@ -183,8 +191,10 @@ def campbell_figure(diagram: Campbell, met: Crossings, multiple: float) -> Figur
             above = {"xytext": (-4, 5), "ha": "right"} if direction < 0 else {"xytext": (4, -10), "ha": "left"}
             place = speed, multiple * speed / 60
             axes.annotate(f"{speed:.0f}", place, textcoords="offset points", fontsize=7.5, **above)
+        if limits:
+            axes.plot(*zip(*limits, strict=True), "X", color=PURPLE, ms=9, label="grows from here")
         axes.set(xlabel="spin speed, rev/min", ylabel="whirl frequency, Hz", xlim=(rpm[0], rpm[-1]), ylim=(0, top))
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.1), ncols=4)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.1), ncols=5)
     return figure
 
 
@@ -203,13 +213,17 @@ def _lines(axes: Axes, x: FloatArray, columns: FloatArray, *, label: str, **styl
 
 
 def critical_speed_figure(
-    speeds: CriticalSpeedMap, standing_hz: FloatArray, measured: Sequence[MeasuredResonance]
+    speeds: CriticalSpeedMap,
+    standing_hz: FloatArray,
+    measured: Sequence[MeasuredResonance],
+    tables: Sequence[SpeedTable] = (),
 ) -> Figure:
     """Critical speeds over bearing stiffness; resonances that were measured at rest on the standing rotor's lines.
 
     Parameters
     ----------
     standing_hz : (n_k, n_modes) natural frequencies of the standing rotor, drawn if anything was measured [Hz]
+    tables : supports that follow the spin speed; their direct stiffnesses are drawn over it
     """
     with _drawing(4.4) as figure:
         axes = figure.subplots()
@@ -219,6 +233,12 @@ def critical_speed_figure(
             shown = np.where(speeds.direction == direction, speeds.spin_speed / RPM, np.nan)
             _lines(axes, speeds.k_b, shown, color=colour, linestyle=style, label=words)
         _draw_measured(axes, speeds.k_b, measured)
+        for place, (words, colour) in enumerate((("kyy of tables", PURPLE), ("kzz of tables", ORANGE))):
+            for number, table in enumerate(tables):
+                label = "_" if number else words
+                axes.plot(
+                    table.stiffness[:, place, place], table.spin_speed / RPM, ".-", color=colour, label=label, lw=1
+                )
         axes.set(xscale="log", yscale="log", xlabel="bearing stiffness k_b, N/m", ylabel="critical speed, rev/min")
         axes.set_xlim(speeds.k_b[0], speeds.k_b[-1])
         in_hertz: Any = (lambda rpm: rpm / 60, lambda hertz: hertz * 60)

@@ -89,7 +89,7 @@ class RigScale:
 
 def scale_of(structure: Structure, force: float = 0.0) -> RigScale:
     """The scale of a rotor, and the largest force [N] that it was tested with."""
-    system = build_system(structure, Condition(rigid_support=True))
+    system = build_system(structure, Condition(rigid_support=True, spin_speed=structure.lowest_spin_speed))
     Phi, omega = system.modes.Phi, system.modes.omega
     in_shaft = work(system.K_shaft, Phi) / np.maximum(omega, 1e-300) ** 2
     bending = omega[(in_shaft > BENT) & system.modes.elastic]

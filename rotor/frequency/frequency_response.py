@@ -22,7 +22,7 @@ def dynamic_stiffness(system: LinearSystem, omega: FloatArray, spin_speed: float
     -------
     (n_freq, n, n) dynamic stiffness [N/m]
     """
-    w = np.asarray(omega, dtype=float)[:, None, None]
+    w, system = np.asarray(omega, dtype=float)[:, None, None], system.at(spin_speed)
     return system.K + 1j * w * (system.C + spin_speed * system.G) - w**2 * system.M
 
 
@@ -96,6 +96,7 @@ def driven_receptance(
     -------
     (n_freq, n_out, 1) receptance [m/N]
     """
+    system = system.at(spin_speed)
     if plane := system.plane_of_motion(exciter, spin_speed):
         inside = system.plane == plane
         system, exciter, outputs = system.in_plane(plane), exciter[inside], outputs[:, inside]

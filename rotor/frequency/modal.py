@@ -156,6 +156,7 @@ def listed_modes(system: LinearSystem, spin_speed: float = 0.0) -> ListedModes:
     >>> modes.frequency_hz[:2].round(1), modes.alike[:2]
     (array([100.6, 324. ]), array([ True,  True]))
     """
+    system = system.at(spin_speed)
     if system.couples_planes(spin_speed):
         return _list_of(system, spin_speed)
     in_y, in_z = (_list_of(system, spin_speed, plane) for plane in (1, 2))

@@ -1,16 +1,17 @@
-"""The spinning rotor: whirl over spin speed, critical speeds, unbalance response."""
+"""The spinning rotor: whirl over spin speed, critical speeds, stability, unbalance response."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
 
 from rigtwin.rotor.frequency.frequency_response import dynamic_stiffness
 from rigtwin.rotor.frequency.modal import damped_modes, damping_ratio
-from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rigtwin.rotor.model.rotor_model import RotorModel
 from rigtwin.rotor.model.system import LinearSystem, work
 
@@ -24,8 +25,15 @@ _PLANAR = 1e-3
 # Modes above those that are followed, so that a line that comes down from above does not push one of them out.
 _SPARE = 6
 
-# Accuracy of a crossing, relative to the spin speed.
-_CROSSING = 1e-12
+# Accuracy of a crossing, relative to the spin speed; and what a line may be away from it there, relative to its
+# frequency. A line that ends between two speeds, because its whirl stops oscillating, meets nothing.
+_CROSSING, _MEETS = 1e-12, 1e-6
+
+# Damping ratio below which a mode counts as growing; what is undamped has one of round-off.
+_GROWING = -1e-9
+
+# Speeds at which the whirls of a rotor whose supports follow the speed are computed to find its critical speeds.
+_SPEEDS = 61
 
 # Speeds around a critical one at which the response to unbalance is computed, and how far out in half bandwidths:
 # they lie a tenth of a half bandwidth apart at the peak, which then is right to 0.2 %.
@@ -40,6 +48,10 @@ class Campbell:
     eigenvalue: ComplexArray  # (n_speeds, n_modes) lambda [1/s]
     shape: ComplexArray  # (n_speeds, n, n_modes) displacement shapes
     direction: FloatArray  # (n_speeds, n_modes) 1 forward (y towards z, with a positive spin), -1 backward, 0 planar
+
+    def lowest(self, n: int) -> Campbell:
+        """The first n modes."""
+        return Campbell(self.spin_speed, self.eigenvalue[:, :n], self.shape[:, :, :n], self.direction[:, :n])
 
     @property
     def frequency_hz(self) -> FloatArray:
@@ -99,7 +111,7 @@ def followed_campbell(system: LinearSystem, spin_speed: FloatArray, n_modes: int
     spin_speed : (n_speeds,) Omega [rad/s], increasing
     n_modes : how many are followed: the lowest ones at the lowest speed above zero; fewer where fewer oscillate
 
-    Raises ValueError where none oscillates.
+    Raises ValueError where none oscillates, SpinSpeedError for a speed that a support's table does not hold.
     """
     rows = [_whirl(system, float(Omega), n_modes + _SPARE) for Omega in spin_speed]
     start = int(np.argmax(spin_speed > 0))
@@ -164,20 +176,53 @@ def crossings(system: LinearSystem, diagram: Campbell, multiple: float = 1.0) ->
     diagram : of ``followed_campbell``
     multiple : 1 for the synchronous line
     """
+    return _zeros(system, diagram, lambda value, Omega: value.imag - multiple * Omega)
+
+
+def stability_limits(system: LinearSystem, diagram: Campbell) -> Crossings:
+    """Spin speeds at which a whirl begins to grow by itself, or stops growing: its damping ratio goes through zero.
+
+    On fluid-film bearings this is the onset of oil whip, a forward whirl at about half of the spin speed
+    [muszynska1986].
+
+    Parameters
+    ----------
+    system : the rotor of the diagram
+    diagram : of ``followed_campbell``
+    """
+    return _zeros(system, diagram, lambda value, Omega: value.real + _GROWING * np.abs(value))
+
+
+def unstable_speeds(system: LinearSystem, spin_speed: FloatArray) -> FloatArray:
+    """Of spin speeds (n_speeds,) [rad/s] those at which some mode grows; none where no support follows the speed."""
+    if not system.by_speed:
+        return np.zeros(0)
+    return np.array([Omega for Omega in spin_speed.tolist() if grows(damped_modes(system, Omega).eigenvalue).any()])
+
+
+def grows(eigenvalue: ComplexArray) -> BoolArray:
+    """Whether modes with these eigenvalues [1/s] grow by themselves."""
+    return eigenvalue.real > -_GROWING * np.abs(eigenvalue)
+
+
+def _zeros(system: LinearSystem, diagram: Campbell, distance: Callable[[Any, Any], Any]) -> Crossings:
+    """Spin speeds at which a function of eigenvalue [1/s] and spin speed [rad/s] goes through zero along a line."""
     from scipy.optimize import brentq  # as in ``follow``
 
-    distance = diagram.eigenvalue.imag - multiple * diagram.spin_speed[:, None]  # (n_speeds, n_modes)
+    every = distance(diagram.eigenvalue, diagram.spin_speed[:, None])  # (n_speeds, n_modes)
     found = []
-    for row, mode in np.argwhere(np.sign(distance[:-1]) != np.sign(distance[1:])).tolist():
+    for row, mode in np.argwhere(np.sign(every[:-1]) != np.sign(every[1:])).tolist():
         near = diagram.shape[row : row + 2, :, mode]
         speeds = diagram.spin_speed[row : row + 2].tolist()
-        ends = dict(zip(speeds, distance[row : row + 2, mode].tolist(), strict=True))
+        ends = dict(zip(speeds, every[row : row + 2, mode].tolist(), strict=True))
 
         def off(Omega: float, near: ComplexArray = near, ends: dict[float, float] = ends) -> float:
-            return ends[Omega] if Omega in ends else _most_alike(system, Omega, near)[0].imag - multiple * Omega
+            return ends[Omega] if Omega in ends else distance(_most_alike(system, Omega, near)[0], Omega)
 
         Omega = float(brentq(off, *speeds, xtol=_CROSSING * max(speeds)))  # type: ignore[arg-type]
-        found.append((Omega, *_most_alike(system, Omega, near), mode))
+        value, direction = _most_alike(system, Omega, near)
+        if abs(distance(value, Omega)) <= _MEETS * abs(value):
+            found.append((Omega, value, direction, mode))
     found.sort(key=lambda crossing: crossing[0])
     places, values, directions, modes = zip(*found, strict=True) if found else ((), (), (), ())
     return Crossings(
@@ -218,13 +263,20 @@ def critical_speeds(system: LinearSystem, n: int = 4) -> CriticalSpeeds:
     diametral one). Rigid-body motions have no critical speed. They follow the others, since no spring holds them:
     A_re eta_e + A_rr eta_r = 0 with A = I - i Phi' G Phi.
 
+    Where supports follow the spin speed this has no meaning; see ``synchronous_whirls``.
+
     Parameters
     ----------
     system : the supported rotor
     n : how many
 
-    Raises ValueError where rigid-body motions have no inertia at synchronous whirl (a sphere about its centre).
+    Raises ValueError where rigid-body motions have no inertia at synchronous whirl (a sphere about its centre), and
+    where supports follow the spin speed.
     """
+    if system.by_speed:
+        raise ValueError(
+            "supports that follow the spin speed have no undamped critical speeds; see their Campbell diagram"
+        )
     modes = system.modes
     e, r = np.flatnonzero(modes.elastic), np.flatnonzero(~modes.elastic)
     A = np.eye(len(modes.omega)) - 1j * (modes.Phi.T @ system.G @ modes.Phi)
@@ -241,6 +293,26 @@ def critical_speeds(system: LinearSystem, n: int = 4) -> CriticalSpeeds:
     eta = eta[:, caught][:, order] / modes.omega[e][:, None]
     shape = modes.Phi[:, e] @ eta + modes.Phi[:, r] @ (follower @ eta)
     return CriticalSpeeds(1 / np.sqrt(flexibility[caught][order]), whirl_direction(system, shape), shape)
+
+
+def synchronous_whirls(system: LinearSystem, lowest: float, highest: float) -> Crossings:
+    """What an unbalance may excite up to a spin speed: the critical speeds with the damped eigenvalues there.
+
+    The critical speeds are those of ``critical_speeds``. Where supports follow the spin speed they are the speeds at
+    which the damped whirls meet the synchronous line (``crossings``).
+
+    Parameters
+    ----------
+    system : the supported rotor
+    lowest, highest : limits [rad/s]; the lower one holds for supports that follow the speed only
+    """
+    if system.by_speed:
+        return crossings(system, followed_campbell(system, np.linspace(lowest, highest, _SPEEDS), system.n))
+    critical = critical_speeds(system, system.n)
+    places = np.flatnonzero(critical.spin_speed < highest)
+    speeds = critical.spin_speed[places]
+    values = [_most_alike(system, float(s), critical.shape[:, p][None])[0] for s, p in zip(speeds, places, strict=True)]
+    return Crossings(speeds, np.array(values, dtype=complex), critical.direction[places], places)
 
 
 def unbalance_response(model: RotorModel, spin_speed: FloatArray) -> ComplexArray:
@@ -284,11 +356,8 @@ def speeds_through_resonances(system: LinearSystem, lowest: float, highest: floa
     (n_speeds,) Omega [rad/s], ascending
     """
     speeds = [np.linspace(lowest, highest, n)]
-    critical = critical_speeds(system, system.n)
     offsets = np.sinh(np.linspace(-_REACH_OF_PEAK, _REACH_OF_PEAK, _LINES_OF_PEAK))
-    for place in np.flatnonzero(critical.spin_speed < highest):
-        Omega = float(critical.spin_speed[place])
-        value, _ = _most_alike(system, Omega, critical.shape[:, place][None])
+    for value in synchronous_whirls(system, lowest, highest).eigenvalue.tolist():
         speeds.append(value.imag - offsets * value.real)
     every = np.unique(np.concatenate(speeds))
     return every[(every >= lowest) & (every <= highest)]

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from rigtwin.rotor.geometry.rig import SAME_PLACE_M, Rig
+from rigtwin.rotor.geometry.rig import SAME_PLACE_M, Rig, Segment
 from rigtwin.rotor.model.arrays import FloatArray, IntArray
-from rigtwin.rotor.model.elements import ElementMatrices, ElementType, Section, euler_bernoulli, timoshenko
+from rigtwin.rotor.model.elements import (
+    Cone,
+    ElementMatrices,
+    ElementType,
+    Section,
+    cantilever_flexibility,
+    euler_bernoulli,
+    timoshenko,
+)
 from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 
 
@@ -55,9 +63,10 @@ def assemble(rig: Rig, *, element: ElementType = timoshenko, elements_between_no
         K_tension=K_tension,
         x=x,
         stations=stations,
-        bending_stiffness=np.array([[s.bending_stiffness for s in pair] for pair in sections]),
-        shear_stiffness=np.array([[_shear_stiffness(s, element) for s in pair] for pair in sections]),
-        diameter=np.array([(64 * pair[0].second_moment / math.pi) ** 0.25 for pair in sections]),
+        bending_stiffness=np.array([[s.at(0.5).bending_stiffness for s in pair] for pair in sections]),
+        shear_stiffness=np.array([[_shear_stiffness(s.at(0.5), element) for s in pair] for pair in sections]),
+        flexibility=_flexibilities(sections, x, element),
+        diameter=np.array([(64 * pair[0].at(0.5).second_moment / math.pi) ** 0.25 for pair in sections]),
         disk_node=np.array([stations[d.node - 1] for d in rig.disk], dtype=np.int64),
         disk_mass=np.array([d.mass for d in rig.disk]),
         disk_thickness=np.array([d.thickness_m or 0.0 for d in rig.disk]),
@@ -75,6 +84,20 @@ def _supports(rig: Rig, stations: IntArray) -> dict[str, Any]:
         "support_stiffness": np.array([_number(s.stiffness) for s in rig.support]),
         "support_tilt_stiffness": np.array([_number(s.tilt_stiffness_Nm_per_rad) for s in rig.support]),
         "support_damping": np.array([s.damping_Ns_per_m for s in rig.support]),
+        **_tables(rig),
+    }
+
+
+def _tables(rig: Rig) -> dict[str, Any]:
+    """The columns of a structure that hold the supports which follow the spin speed."""
+    tables = [(number, s.table) for number, s in enumerate(rig.support) if s.table]
+    rows = [number for number, table in tables for _ in table.spin_rpm]
+    stiffness, damping = ([m for _, table in tables for m in table.matrices(letter)] for letter in ("k", "c"))
+    return {
+        "table_support": np.array(rows, dtype=np.int64),
+        "table_spin_speed": np.array([rpm * math.pi / 30 for _, table in tables for rpm in table.spin_rpm]),
+        "table_stiffness": np.array(stiffness, dtype=float).reshape(-1, 2, 2),
+        "table_damping": np.array(damping, dtype=float).reshape(-1, 2, 2),
     }
 
 
@@ -90,7 +113,7 @@ def _joints(rig: Rig, x: FloatArray) -> dict[str, Any]:
 
 
 def _number(stiffness: str | float) -> float:
-    return {"k_b": math.nan, "rigid": math.inf}[stiffness] if isinstance(stiffness, str) else stiffness
+    return {"k_b": math.nan, "rigid": math.inf, "table": 0.0}[stiffness] if isinstance(stiffness, str) else stiffness
 
 
 def _shear_stiffness(section: Section, element: ElementType) -> float:
@@ -110,12 +133,29 @@ def _mesh(rig: Rig, elements_between_nodes: int) -> FloatArray:
     return np.sort(np.append(x, twice))
 
 
-def _sections(rig: Rig, x: FloatArray) -> list[tuple[Section, Section]]:
+_Pair = tuple[Section | Cone, Section | Cone]  # as the y plane and the z plane see it
+
+
+def _sections(rig: Rig, x: FloatArray) -> list[_Pair]:
     """Of every element between the mesh nodes."""
-    borders = np.cumsum([s.length_m for s in rig.segment])
-    pairs = [segment.sections() for segment in rig.segment]
-    places = np.searchsorted(borders, (x[:-1] + x[1:]) / 2)
-    return [pairs[min(int(place), len(pairs) - 1)] for place in places]
+    borders = np.cumsum([0.0] + [s.length_m for s in rig.segment])
+    places = np.searchsorted(borders[1:], (x[:-1] + x[1:]) / 2).clip(max=len(rig.segment) - 1)
+    return [_part(rig.segment[k], (x[e : e + 2] - borders[k]) / rig.segment[k].length_m) for e, k in enumerate(places)]
+
+
+def _part(segment: Segment, ends: FloatArray) -> _Pair:
+    """A segment between two places x / L (2,)."""
+    if not segment.cone:
+        return segment.sections()
+    part = segment.cone.part(*(float(f"{end:.12g}") for end in ends))  # without round-off: many elements are alike
+    return part, part
+
+
+def _flexibilities(sections: Sequence[_Pair], x: FloatArray, element: ElementType) -> FloatArray:
+    """(n_elements, 2, 2, 2) see ``Structure.flexibility``; zero of the element within a joint."""
+    of = cache(partial(cantilever_flexibility, sheared=element is not euler_bernoulli))
+    lengths = [_rounded(length) for length in np.diff(x)]
+    return np.array([[of(s, length) for s in pair] for pair, length in zip(sections, lengths, strict=True)])
 
 
 def _rounded(length: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -60,18 +59,22 @@ def _label(x: float, y: float, words: str, colour: str = "currentColor") -> str:
 
 def _diameters(rig: Rig) -> list[float]:
     """Of shaft and disks [m]; a section of another shape has that of its circle."""
-    return [*(_diameter(s.diameter_m, s.area_m2) for s in rig.segment), *(d.diameter_m or 0.0 for d in rig.disk)]
-
-
-def _diameter(diameter_m: float | None, area_m2: float | None) -> float:
-    return diameter_m or math.sqrt(4 * (area_m2 or 0.0) / math.pi)
+    return [*(d for s in rig.segment for d in s.outline[0]), *(d.diameter_m or 0.0 for d in rig.disk)]
 
 
 def _shaft(rig: Rig, x, upward: float, middle: float) -> str:
+    """Each segment, and its bore dashed."""
     parts, left = [], 0.0
     for segment in rig.segment:
-        height = max(upward * _diameter(segment.diameter_m, segment.area_m2), 2.0)
-        parts.append(_box(x(left), x(left + segment.length_m), middle, height, "#9db4c8"))
+        ends, (outer, bores) = (x(left), x(left + segment.length_m)), segment.outline
+        heights = [max(upward * diameter, 2.0) / 2 for diameter in outer]
+        outline = [(ends[0], -heights[0]), (ends[1], -heights[1]), (ends[1], heights[1]), (ends[0], heights[0])]
+        points = " ".join(f"{at:.1f},{middle + up:.1f}" for at, up in outline)
+        parts.append(f'<polygon points="{points}" fill="#9db4c8"/>')
+        for side in (-0.5, 0.5) if any(bores) else ():
+            start, stop = (middle + side * upward * bore for bore in bores)
+            line = f"M{ends[0]:.1f} {start:.1f}L{ends[1]:.1f} {stop:.1f}"
+            parts.append(f'<path d="{line}" stroke-dasharray="3 2" stroke-width="0.8" fill="none"/>')
         left += segment.length_m
     return "".join(parts)
 

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from rigtwin.parsing import parse_toml
 from rigtwin.rotor.model.condition import MOST_BEARING_DAMPING
-from rigtwin.rotor.model.elements import Section, cowper_shear_factor
+from rigtwin.rotor.model.elements import Cone, Section, cowper_shear_factor, round_section
 
 # No rotor has numbers beyond these in whatever units, and products of a few of them are still numbers.
 _LEAST, _MOST = 1e-30, 1e30
@@ -49,9 +49,15 @@ class _Table(BaseModel):
 
 logger = logging.getLogger(__name__)
 
+# The keys that make a segment a cone.
+_CONICAL = ("diameter_left_m", "diameter_right_m", "bore_left_m", "bore_right_m")
+
 
 class Segment(_Table):
-    """A stretch of shaft, round (``diameter_m``) or of any doubly symmetric section.
+    """A stretch of shaft, round (``diameter_m``), conical or of any doubly symmetric section.
+
+    A cone gives ``diameter_left_m`` and ``diameter_right_m``, and for a conical bore ``bore_left_m`` and
+    ``bore_right_m``; in between both follow straight lines.
 
     A general section gives ``area_m2``, ``second_moment_y_m4`` (bending in y, that is about the
     z axis), ``second_moment_z_m4`` (default: the same) and ``shear_factor`` (default: a solid circle's).
@@ -63,6 +69,10 @@ class Segment(_Table):
     poisson: Annotated[float, Field(ge=0, lt=0.5)] = 0.3
     diameter_m: Positive | None = None
     bore_m: NonNegative = 0.0
+    diameter_left_m: Positive | None = None
+    diameter_right_m: Positive | None = None
+    bore_left_m: NonNegative | None = None
+    bore_right_m: NonNegative | None = None
     area_m2: Positive | None = None
     second_moment_y_m4: Positive | None = None
     second_moment_z_m4: Positive | None = None
@@ -70,8 +80,14 @@ class Segment(_Table):
 
     @model_validator(mode="after")
     def _one_kind_of_section(self) -> Segment:
+        if self._is_conical:
+            self._check_cone()
+            return self
         if self.diameter_m is None and None in (self.area_m2, self.second_moment_y_m4):
-            raise ValueError("give diameter_m, or both of area_m2 and second_moment_y_m4")
+            raise ValueError(
+                "give diameter_m, or both of area_m2 and second_moment_y_m4, or for a cone both of diameter_left_m and "
+                "diameter_right_m"
+            )
         if self.diameter_m is not None and (self.area_m2 or self.second_moment_y_m4 or self.second_moment_z_m4):
             raise ValueError("give diameter_m or area_m2 with second_moment_y_m4, not both")
         if self.diameter_m is None and self.bore_m:
@@ -80,21 +96,62 @@ class Segment(_Table):
             raise ValueError("bore_m must be smaller than diameter_m")
         return self
 
+    @property
+    def _is_conical(self) -> bool:
+        return any(getattr(self, key) is not None for key in _CONICAL)
+
+    def _check_cone(self) -> None:
+        """Both ends are given, each with a wall, and nothing of another section."""
+        others = ("diameter_m", "area_m2", "second_moment_y_m4", "second_moment_z_m4")
+        for key in (key for key in others if getattr(self, key) is not None):
+            raise ValueError(f"{key} does not go with a cone; leave it out, or give both ends the same diameter")
+        if self.diameter_left_m is None or self.diameter_right_m is None:
+            raise ValueError("a cone needs both of diameter_left_m and diameter_right_m")
+        if (self.bore_left_m is None) != (self.bore_right_m is None):
+            raise ValueError("a conical bore needs both of bore_left_m and bore_right_m; a straight one has bore_m")
+        if self.bore_left_m is not None and self.bore_m:
+            raise ValueError("give bore_m, or both of bore_left_m and bore_right_m")
+        for end, diameter, bore in zip(("left", "right"), *self._ends, strict=True):
+            if bore >= diameter:
+                raise ValueError(f"the bore must be smaller than diameter_{end}_m at the {end} end")
+
+    @property
+    def _ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Diameters and bores of a round segment, each left and right [m]."""
+        left, right = (end or self.diameter_m or 0.0 for end in (self.diameter_left_m, self.diameter_right_m))
+        bores = (self.bore_m if end is None else end for end in (self.bore_left_m, self.bore_right_m))
+        return (left, right), tuple(bores)  # type: ignore[return-value]
+
+    @property
+    def cone(self) -> Cone | None:
+        """The cone; None of a segment that is none."""
+        if not self._is_conical:
+            return None
+        return Cone(*self._ends, self.density_kg_per_m3, self.youngs_modulus_Pa, self.poisson, self.shear_factor)
+
+    @property
+    def outline(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Outer diameters and bores at the left and the right end [m]; another section has those of its circle."""
+        if self.area_m2 is not None:
+            diameter = math.sqrt(4 * self.area_m2 / math.pi)
+            return (diameter, diameter), (0.0, 0.0)
+        return self._ends
+
     def sections(self) -> tuple[Section, Section]:
-        """The section as the y plane and the z plane see it."""
-        shear_modulus = self.youngs_modulus_Pa / (2 * (1 + self.poisson))
+        """The section as the y plane and the z plane see it; of a cone that in the middle."""
+        density, E, nu = self.density_kg_per_m3, self.youngs_modulus_Pa, self.poisson
+        if self.cone:
+            middle = self.cone.at(0.5)
+            return middle, middle
         if self.diameter_m is not None:
-            area = math.pi * (self.diameter_m**2 - self.bore_m**2) / 4
-            second_y = second_z = math.pi * (self.diameter_m**4 - self.bore_m**4) / 64
-            kappa = self.shear_factor or cowper_shear_factor(self.poisson, self.bore_m / self.diameter_m)
-        else:
-            assert self.area_m2 and self.second_moment_y_m4
-            area, second_y = self.area_m2, self.second_moment_y_m4
-            kappa = self.shear_factor or cowper_shear_factor(self.poisson, 0.0)
-            second_z = self.second_moment_z_m4 or second_y
+            section = round_section(self.diameter_m, self.bore_m, density, E, nu, self.shear_factor)
+            return section, section
+        assert self.area_m2 and self.second_moment_y_m4
+        kappa = self.shear_factor or cowper_shear_factor(nu, 0.0)
+        second_z = self.second_moment_z_m4 or self.second_moment_y_m4
         return tuple(
-            Section(area, second, self.density_kg_per_m3, self.youngs_modulus_Pa, shear_modulus, kappa)
-            for second in (second_y, second_z)
+            Section(self.area_m2, second, density, E, E / (2 * (1 + nu)), kappa)
+            for second in (self.second_moment_y_m4, second_z)
         )  # type: ignore[return-value]
 
 
@@ -172,13 +229,61 @@ class Mass(_Table):
     mass_kg: Positive
 
 
+_Coefficients = list[Annotated[float, Field(allow_inf_nan=False, ge=-_MOST, le=_MOST)]]
+
+
+class SpeedCoefficients(_Table):
+    """Stiffness [N/m] and damping [N s/m] of a support at some spin speeds [rev/min], as programs for fluid-film
+    bearings list them: k_yz is the force in -y for a displacement in z. Coefficients that are left out are zero.
+    """
+
+    spin_rpm: Annotated[list[NonNegative], Field(min_length=2)]
+    kyy_N_per_m: _Coefficients
+    kyz_N_per_m: _Coefficients = []
+    kzy_N_per_m: _Coefficients = []
+    kzz_N_per_m: _Coefficients
+    cyy_Ns_per_m: _Coefficients
+    cyz_Ns_per_m: _Coefficients = []
+    czy_Ns_per_m: _Coefficients = []
+    czz_Ns_per_m: _Coefficients
+
+    @model_validator(mode="after")
+    def _one_value_for_each_speed(self) -> SpeedCoefficients:
+        if any(b <= a for a, b in pairwise(self.spin_rpm)):
+            raise ValueError("spin_rpm must increase")
+        n = len(self.spin_rpm)
+        for name in SpeedCoefficients.model_fields:
+            if (given := len(getattr(self, name))) not in ((n,) if name in self.model_fields_set else (0, n)):
+                raise ValueError(f"{name} has {given} values, and spin_rpm has {n}: give one for each speed")
+        return self
+
+    def matrices(self, letter: Literal["k", "c"]) -> list[list[list[float]]]:
+        """(n_speeds, 2, 2) in (y, z): stiffness "k" [N/m] or damping "c" [N s/m]."""
+        unit = {"k": "N_per_m", "c": "Ns_per_m"}[letter]
+        none = [0.0] * len(self.spin_rpm)
+        columns = [getattr(self, f"{letter}{pair}_{unit}") or none for pair in ("yy", "yz", "zy", "zz")]
+        return [[[yy, yz], [zy, zz]] for yy, yz, zy, zz in zip(*columns, strict=True)]
+
+
 class SupportTable(_Table):
-    """A support: ``stiffness`` [N/m] is a number, "k_b" (a bearing) or "rigid"; tilt likewise."""
+    """A support: ``stiffness`` [N/m] is a number, "k_b" (a bearing), "rigid" or "table"; tilt is a number or "rigid".
+
+    With "table", ``table`` holds stiffness and damping over the spin speed.
+    """
 
     node: Annotated[int, Field(ge=1)]
-    stiffness: Literal["k_b", "rigid"] | NonNegative
+    stiffness: Literal["k_b", "rigid", "table"] | NonNegative
     tilt_stiffness_Nm_per_rad: Literal["rigid"] | NonNegative = 0.0
     damping_Ns_per_m: NonNegative = 0.0
+    table: SpeedCoefficients | None = None
+
+    @model_validator(mode="after")
+    def _has_the_table_that_it_names(self) -> SupportTable:
+        if (self.stiffness == "table") != (self.table is not None):
+            raise ValueError('stiffness = "table" and a [support.table] go together: give both, or neither')
+        if self.table and self.damping_Ns_per_m:
+            raise ValueError("damping_Ns_per_m goes with a stiffness that is a number; a table has its own damping")
+        return self
 
     @model_validator(mode="after")
     def _bearing_damper_is_a_parameter(self) -> SupportTable:
@@ -273,9 +378,10 @@ class Rig(_Table):
             raise ValueError(f"excitation_node {self.excitation_node} does not exist, the rig has {len(x)} nodes")
         if len({s.node for s in self.support}) < len(self.support):
             raise ValueError("two supports at one node: merge them")
-        if not any(s.stiffness == "k_b" for s in self.support):
+        if not any(s.stiffness in ("k_b", "table") for s in self.support):
             raise ValueError('no support has stiffness = "k_b": there is no bearing to identify')
         self._check_joints()
+        self._check_tables()
         return self
 
     def _check_joints(self) -> None:
@@ -294,6 +400,26 @@ class Rig(_Table):
                 )
             if any(abs(x - other) <= SAME_PLACE_M for other in places[: place - 1]):
                 raise ValueError(f"joint {place}: there is another joint at {x:g} m; merge them")
+
+    def _check_tables(self) -> None:
+        """There is a spin speed that all tables of supports hold."""
+        tables = [(s.node, s.table.spin_rpm[0], s.table.spin_rpm[-1]) for s in self.support if s.table]
+        for node, low, high in tables:
+            if any(low > other or least > high for _, least, other in tables):
+                raise ValueError(
+                    f"the table of the support at node {node} runs from {low:g} to {high:g} rev/min, and another one "
+                    "has none of these speeds: the rotor could never spin"
+                )
+
+    @property
+    def has_tables(self) -> bool:
+        """Whether supports follow the spin speed."""
+        return any(s.table for s in self.support)
+
+    @property
+    def has_bearings(self) -> bool:
+        """Whether a support has the stiffness k_b."""
+        return any(s.stiffness == "k_b" for s in self.support)
 
     @property
     def joints_m(self) -> list[float]:
@@ -417,7 +543,7 @@ def _in_words(kind: str, message: str, location: tuple[int | str, ...]) -> str:
     if kind == "extra_forbidden":
         known = [
             key
-            for table in (Rig, Segment, Disk, Mass, SupportTable, Joint, BearingStiffness)
+            for table in (Rig, Segment, Disk, Mass, SupportTable, SpeedCoefficients, Joint, BearingStiffness)
             for key in table.model_fields
         ]
         close = get_close_matches(str(location[-1]), known, n=1)

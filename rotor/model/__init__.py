@@ -12,6 +12,7 @@ module            what it holds                                   start here
 ``printed_laws``  the laws as code, printed by ``build_laws.py``
 ``local_force``   a law at a joint                                ``LocalForce``
 ``rotor_model``   structure, condition and effects to matrices    ``build_model``
+``speed_tables``  supports that follow the spin speed             ``SpeedTable``
 ``system``        the linear rotor, its modes and damping         ``LinearSystem``
 ``html``          tables and drawings for notebooks               ``curves``
 ``state_space``   the first-order form that all solvers share     ``StateSpace``

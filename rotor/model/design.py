@@ -15,7 +15,7 @@ import numpy as np
 
 from rigtwin.rotor.model.arrays import FloatArray, IntArray
 from rigtwin.rotor.model.condition import Condition
-from rigtwin.rotor.model.elements import shape_functions
+from rigtwin.rotor.model.elements import shape_functions, stiffness_of, uniform_flexibility
 from rigtwin.rotor.model.force_laws import ForceLaw
 from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 
@@ -191,7 +191,7 @@ def local_flexibility(structure: Structure, x: float, plane: int) -> float:
     if min(before, after) < _SAME:  # a node, or beyond the shaft's ends
         return 0.0
     EI, GA = structure.bending_stiffness[element, plane - 1], structure.shear_stiffness[element, plane - 1]
-    parts = (_element_stiffness(_cantilever_flexibility(length, EI, GA), length) for length in (before, after))
+    parts = (stiffness_of(uniform_flexibility(length, EI, GA), length) for length in (before, after))
     left, right = parts
     return float(np.linalg.inv(left[2:, 2:] + right[:2, :2])[0, 0])
 
@@ -203,32 +203,20 @@ def shaft_stiffness(design: Design) -> FloatArray:
     """(n, n) stiffness of the shaft with its modulus, hubs and cracks [N/m].
 
     An element whose bending stiffness changes along its length is built from the sum of its
-    flexibilities. This is exact for forces at its ends, wherever the change is.
+    flexibilities. This is exact for forces at its ends, wherever the change is. What is added to a cone is that of
+    its middle section.
     """
     structure = design.structure
     K = structure.K.copy()
     for element, added in _added_flexibility(design).items():
         length = structure.x[element + 1] - structure.x[element]
         for plane in (1, 2):
-            EI = structure.bending_stiffness[element, plane - 1]
-            GA = structure.shear_stiffness[element, plane - 1]
-            sound = _cantilever_flexibility(length, EI, GA)
+            EI, sound = structure.bending_stiffness[element, plane - 1], structure.flexibility[element, plane - 1]
             signs = PLANE_SIGNS[plane - 1]
-            change = _element_stiffness(sound + added / EI, length) - _element_stiffness(sound, length)
+            change = stiffness_of(sound + added / EI, length) - stiffness_of(sound, length)
             places = DOF_PER_NODE * element + PLANE_PLACES[plane - 1]
             K[np.ix_(places, places)] += signs[:, None] * change * signs
     return design.modulus_factor * K
-
-
-def _cantilever_flexibility(L: float, EI: float, GA: float) -> FloatArray:
-    """Deflection and slope of a cantilever's end under a force and a moment there."""
-    return np.array([[L**3 / (3 * EI) + L / GA, L**2 / (2 * EI)], [L**2 / (2 * EI), L / EI]])
-
-
-def _element_stiffness(flexibility: FloatArray, L: float) -> FloatArray:
-    """(4, 4) stiffness of an element from the flexibility of its cantilever."""
-    relative = np.array([[-1.0, -L, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])  # end 2 as seen from end 1
-    return relative.T @ np.linalg.solve(flexibility, relative)
 
 
 def _added_flexibility(design: Design) -> dict[int, FloatArray]:

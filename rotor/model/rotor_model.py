@@ -22,6 +22,7 @@ from rigtwin.rotor.model.design import (
     shaft_stiffness,
 )
 from rigtwin.rotor.model.local_force import LocalForce
+from rigtwin.rotor.model.speed_tables import SpeedSupports
 from rigtwin.rotor.model.structure import DOF_PER_NODE, PLANE_PLACES, PLANE_SIGNS, Structure
 from rigtwin.rotor.model.system import LinearSystem, block
 
@@ -327,23 +328,37 @@ class _Assembly:
                 sensors[plane - 1, node - 1, places] = weights
         return sensors
 
+    def _by_speed(self, K: FloatArray, C: FloatArray, free: IntArray) -> SpeedSupports | None:
+        """The supports with tables, over the matrices of everything else."""
+        tables = self.structure.speed_tables
+        dofs = [[self.structure.dof(table.node, plane) for plane in (1, 2)] for table in tables]
+        places = tuple(np.flatnonzero(np.isin(free, pair)) for pair in dofs)
+        return SpeedSupports(K, C, tables, places) if tables else None
+
     def _on_free(self) -> RotorModel:
         sensors = self._sensors()
         self._tie(sensors)
         free = np.flatnonzero(~self.held)
         pairs = (self.size - self.structure.n) // 2
         plane = np.concatenate([self.structure.plane, np.tile([1, 2], pairs)]) if pairs else self.structure.plane
+        K, C = block(self.K, free), block(self.C, free)
+        by_speed = self._by_speed(K, C, free)
+        spin_speed = self.design.condition.spin_speed if by_speed else None
+        if by_speed:
+            K, C = by_speed.at(self.design.condition.spin_speed)
         system = LinearSystem(
             M=block(self.M, free),
-            K=block(self.K, free),
+            K=K,
             G=block(self.G, free),
             K_shaft=block(self.K_shaft, free),
-            C_support=block(self.C, free),
+            C_support=C,
             shaft_damping_ratio=self.design.shaft_damping_ratio,
             free=free,
             plane=plane[free],
             sensors=sensors[:, :, free],
             structure=self.structure,
+            by_speed=by_speed,
+            spin_speed=spin_speed,
         )
         unbalances = tuple(
             Unbalance(moment, phase, np.array([system.unit_vector(node, plane) for plane in (1, 2)]))

@@ -2,7 +2,9 @@
 
 The state is x = (s eta, eta', w). The first part are the modal coordinates of q = Phi eta, scaled by
 s = omega so that the undamped part is skew-symmetric; then the modal velocities; w is the deviation
-of massless degrees of freedom (between a spring and a dashpot in series) from their static position.
+of massless degrees of freedom (between a spring and a dashpot in series) from their static position. Where K is not
+symmetric, its skew part K_c acts on the modes of its symmetric part as the force -Phi' K_c Phi eta. This is exact,
+since no mode is left out.
 """
 
 from __future__ import annotations
@@ -50,6 +52,7 @@ class StateSpace:
     """
 
     def __init__(self, system: LinearSystem, spin_speed: float = 0.0, modes_below_hz: float = np.inf):
+        system = system.at(spin_speed)
         every = system.modes
         n_kept = int(np.searchsorted(every.omega, 2 * np.pi * modes_below_hz))
         modes = Modes(every.omega[:n_kept], every.Phi[:, :n_kept])
@@ -66,6 +69,8 @@ class StateSpace:
         A[:m, m : 2 * m] = np.diag(self._scale)
         A[m : 2 * m, :m] = -np.diag(modes.omega)
         A[m : 2 * m, m : 2 * m] = -self._Phi.T @ block(C, heavy) @ self._Phi
+        if system.circulatory is not None:
+            A[m : 2 * m, :m] -= self._Phi.T @ block(system.circulatory, heavy) @ self._Phi / self._scale
         if k:
             self._add_massless(A, system, C)
         self.A = A

@@ -6,13 +6,14 @@ Plain arrays only, so that an FMU can carry them: no file format, no geometry.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigtwin.rotor.model.arrays import FloatArray, IntArray
+from rigtwin.rotor.model.speed_tables import SpeedTable
 
 DOF_PER_NODE = 4  # y, z, theta_y, theta_z
 
@@ -22,6 +23,9 @@ DOF_PER_NODE = 4  # y, z, theta_y, theta_z
 PLANE_PLACES = (np.array([0, 3, 4, 7]), np.array([1, 2, 5, 6]))
 PLANE_SIGNS = (np.array([1.0, 1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0, -1.0]))
 
+# The columns of a support that follows the spin speed.
+_TABLES = ("table_support", "table_spin_speed", "table_stiffness", "table_damping")
+
 
 @dataclass(frozen=True)
 class Structure:
@@ -29,6 +33,10 @@ class Structure:
 
     Supports are columns of equal length: mesh node, stiffness [N/m] (nan: the parameter k_b; inf:
     rigid), tilt stiffness [N m/rad] (inf: rigid), damping [N s/m].
+
+    A support whose stiffness and damping follow the spin speed has rows of its own: its number (from 0), a spin speed
+    [rad/s] and the matrices there in (y, z). The rows of one support stand together, speeds ascending. What the columns
+    hold of such a support, stiffness and damping of zero, adds nothing.
 
     Joints are columns, too: the mesh node on the left, stiffness [N/m], tilt stiffness [N m/rad] (inf: rigid), damping
     [N s/m] and tilt damping [N m s/rad] between it and the next one, which stands at the same position. The element in
@@ -41,9 +49,10 @@ class Structure:
     K_tension: FloatArray  # (n, n) geometric stiffness per newton of axial tension [1/m]
     x: FloatArray  # (n_mesh,) positions of the mesh nodes [m]
     stations: IntArray  # (n_nodes,) mesh node of each rig node, counted from 0
-    bending_stiffness: FloatArray  # (n_mesh - 1, 2) E I of each element for bending in y and in z [N m^2]
+    bending_stiffness: FloatArray  # (n_mesh - 1, 2) E I in the middle of each element for bending in y, in z [N m^2]
     shear_stiffness: FloatArray  # (n_mesh - 1, 2) kappa G A [N]; inf: no shear flexibility
-    diameter: FloatArray  # (n_mesh - 1,) of a round bar with the element's bending stiffness in y [m]
+    flexibility: FloatArray  # (n_mesh - 1, 2, 2, 2) of each element in y and in z, see ``cantilever_flexibility``
+    diameter: FloatArray  # (n_mesh - 1,) of a round bar with that bending stiffness in y [m]
     disk_node: IntArray  # (n_disks,) mesh node
     disk_mass: FloatArray  # (n_disks,) [kg]
     disk_thickness: FloatArray  # (n_disks,) length of the hub [m]; zero where not known
@@ -53,6 +62,10 @@ class Structure:
     support_stiffness: FloatArray  # (n_supports,)
     support_tilt_stiffness: FloatArray  # (n_supports,)
     support_damping: FloatArray  # (n_supports,)
+    table_support: IntArray  # (n_rows,)
+    table_spin_speed: FloatArray  # (n_rows,)
+    table_stiffness: FloatArray  # (n_rows, 2, 2) [N/m]
+    table_damping: FloatArray  # (n_rows, 2, 2) [N s/m]
     joint_node: IntArray  # (n_joints,)
     joint_stiffness: FloatArray  # (n_joints,)
     joint_tilt_stiffness: FloatArray  # (n_joints,)
@@ -91,6 +104,36 @@ class Structure:
         middle = (x.min() + x.max()) / 2 if len(x) else 0.0
         sides = np.sign(x - middle).astype(int)
         return tuple(zip(x.tolist(), sides.tolist(), self.support_tilt_stiffness[places].tolist(), strict=True))
+
+    @cached_property
+    def speed_tables(self) -> tuple[SpeedTable, ...]:
+        """Of every support that follows the spin speed, in the order of the supports."""
+        return tuple(self._table(int(support)) for support in np.unique(self.table_support))
+
+    def _table(self, support: int) -> SpeedTable:
+        rows = self.table_support == support
+        node = int(np.flatnonzero(self.stations == self.support_node[support])[0]) + 1
+        return SpeedTable(node, self.table_spin_speed[rows], self.table_stiffness[rows], self.table_damping[rows])
+
+    @property
+    def spin_range(self) -> tuple[float, float]:
+        """Lowest and highest spin speed that all tables of supports hold [rad/s]; (-inf, inf) without tables."""
+        tables = self.speed_tables
+        low, high = ([float(table.spin_speed[end]) for table in tables] for end in (0, -1))
+        return max(low, default=-np.inf), min(high, default=np.inf)
+
+    @property
+    def lowest_spin_speed(self) -> float:
+        """Spin speed of a rotor of which nobody said how fast it spins [rad/s]: 0, or the lowest of all tables."""
+        return max(0.0, self.spin_range[0])
+
+    def with_bearings_for_tables(self) -> Structure:
+        """The same with a bearing of stiffness k_b in place of every support that follows the spin speed."""
+        rows = np.zeros(0, dtype=np.int64)
+        stiffness = self.support_stiffness.copy()
+        stiffness[self.table_support] = np.nan
+        tables = {name: getattr(self, name)[rows] for name in _TABLES}
+        return replace(self, support_stiffness=stiffness, **tables)
 
     @cached_property
     def sensors(self) -> FloatArray:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, lapack, qr
 
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
+from rigtwin.rotor.model.speed_tables import SpeedSupports
 from rigtwin.rotor.model.structure import Structure
 
 # Largest strain energy, relative to the sum of its unsigned parts, that counts as round-off. A mode with so little
@@ -36,7 +37,11 @@ def work(matrix: FloatArray, shapes: FloatArray | ComplexArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """M q'' + (C + Omega G) q' + K q = f on the degrees of freedom that are free to move."""
+    """M q'' + (C + Omega G) q' + K q = f on the degrees of freedom that are free to move.
+
+    Supports may follow the spin speed: K and ``C_support`` are then those of one speed, and ``at`` gives others. Their
+    K need not be symmetric. Its symmetric part is the one that stores energy; the undamped modes are that part's.
+    """
 
     M: FloatArray  # (n, n)
     K: FloatArray  # (n, n) shaft and supports
@@ -48,6 +53,26 @@ class LinearSystem:
     plane: IntArray  # (n,) plane each degree of freedom moves in, 1 = y or 2 = z
     sensors: FloatArray  # (2, n_nodes, n) deflection that the accelerometer of each plane and node sees
     structure: Structure
+    by_speed: SpeedSupports | None = None  # the supports that follow the spin speed
+    spin_speed: float | None = None  # that these supports belong to [rad/s]; None: there are none
+
+    def at(self, spin_speed: float) -> LinearSystem:
+        """The rotor at a spin speed [rad/s]: itself unless supports follow the speed.
+
+        Raises SpinSpeedError outside a support's table.
+        """
+        if self.spin_speed is None or spin_speed == self.spin_speed:
+            return self
+        if self.by_speed is None:
+            raise ValueError("a rotor in one plane stays at its spin speed: take the plane after the speed")
+        K, C = self.by_speed.at(spin_speed)
+        return replace(self, K=K, C_support=C, spin_speed=float(spin_speed))
+
+    @cached_property
+    def circulatory(self) -> FloatArray | None:
+        """(n, n) skew part of K, which puts energy into whirl in one direction; None where K is symmetric."""
+        skew = (self.K - self.K.T) / 2 if self.spin_speed is not None else np.zeros(0)
+        return skew if skew.any() else None
 
     @property
     def n(self) -> int:
@@ -102,7 +127,7 @@ class LinearSystem:
         return self.sensors[plane - 1]
 
     def couples_planes(self, spin_speed: float = 0.0) -> bool:
-        """Whether the motions in y and in z are coupled."""
+        """Whether the motions in y and in z are coupled; supports are taken as they are, at their own speed."""
         y, z = (np.flatnonzero(self.plane == plane) for plane in (1, 2))
         if not len(y) or not len(z):
             return False
@@ -120,7 +145,8 @@ class LinearSystem:
         """The rotor's motion in one plane, for planes that do not couple."""
         keep = np.flatnonzero(self.plane == plane)
         matrices = {name: block(getattr(self, name), keep) for name in ("M", "K", "G", "K_shaft", "C_support")}
-        return replace(self, **matrices, free=self.free[keep], plane=self.plane[keep], sensors=self.sensors[:, :, keep])
+        parts = {"free": self.free[keep], "plane": self.plane[keep], "sensors": self.sensors[:, :, keep]}
+        return replace(self, **matrices, **parts, by_speed=None)
 
 
 @dataclass(frozen=True)
@@ -140,12 +166,15 @@ def undamped_modes(system: LinearSystem) -> Modes:
     """Undamped modes, each in one plane where the planes do not couple.
 
     Solving plane by plane keeps degenerate y and z modes apart, so that a force in y leaves z
-    exactly at rest. Massless degrees of freedom follow statically.
+    exactly at rest. Massless degrees of freedom follow statically. Of a K that is not symmetric, the symmetric part
+    counts.
 
     Raises ValueError when the stiffness is negative: the rotor buckles.
     """
     heavy = system.heavy
     M, K = block(system.M, heavy), system.condensed_stiffness
+    if system.circulatory is not None:
+        K = (K + K.T) / 2
     groups = [np.flatnonzero(system.plane[heavy] == plane) for plane in (1, 2)]
     if system.couples_planes():
         groups = [np.arange(len(heavy))]

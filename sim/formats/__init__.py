@@ -21,7 +21,6 @@ module              what it holds                                            sta
 ``record_file``     one record from a file                                   ``read_record``
 ``record_csv``      records in the text of oscilloscopes and loggers         ``read``
 ``reduction_plan``  which channel of a record is what, and the method        ``read_plan``
-``atomic``          a file appears whole or not at all                       ``replacing``
 ==================  =======================================================  ===========================
 """
 

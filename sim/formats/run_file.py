@@ -8,9 +8,9 @@ from typing import NamedTuple, Unpack
 
 import numpy as np
 
+from rigtwin.scratch import replacing
 from rigtwin.sim.campaign import MeasurementError, Run
 from rigtwin.sim.formats import csv_file, hdf5, matlab, uff
-from rigtwin.sim.formats.atomic import replacing
 from rigtwin.sim.formats.corrections import corrected
 from rigtwin.sim.formats.recording import Recording, check_frequencies, check_run, falls
 from rigtwin.sim.formats.settings import READING, RunSettings, check_settings, settle, stored_settings

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from rigtwin.commands import fmus
+from rigtwin.api import fmus
 from rigtwin.fmu_src.build import build_estimator_fmu
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_check import STEP, with_slave

@@ -12,7 +12,9 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 
+import rigtwin
 from rigtwin.rotor.effects import DiskInertia, Gyroscopic, unbalance_at
+from rigtwin.rotor.frequency.frequency_response import accelerance
 from rigtwin.rotor.frequency.modal import elastic_frequencies_hz, listed_modes, natural_frequencies_hz
 from rigtwin.rotor.frequency.whirl import RPM, critical_speeds, unbalance_response
 from rigtwin.rotor.geometry.assembly import assemble
@@ -20,7 +22,7 @@ from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model, build_system
 from tests.rigtwin.conftest import run, run_json
-from tests.tolerances import EIGENVALUE_ROUND_OFF, ROUND_OFF
+from tests.tolerances import EIGENVALUE_ROUND_OFF, ROUND_OFF, SPECTRAL
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "examples" / "nit-rourkela-paper"
@@ -226,6 +228,107 @@ def test_modes_load_no_library_that_they_do_not_need(tmp_path):
     assert loaded & heavy == set()
 
 
+# -- supports with tables ------------------------------------------------------------------------
+
+OILED = ROOT / "examples" / "journal_bearings.toml"
+
+
+def test_modes_on_tables_are_those_at_the_spin_speed_and_say_where_the_rotor_is_unstable():
+    found = run_json("modes", OILED, "--spin-rpm", 9000, "--modes", 3)
+    structure = assemble(load_rig(OILED))
+    system = build_system(structure, Condition(shaft_damping_ratio=0.002, spin_speed=9000 * RPM))
+    modes = listed_modes(system, 9000 * RPM)
+    decrements = [mode["log_decrement"] for mode in found["modes"]]
+    assert_allclose(decrements, modes.log_decrement[:3], rtol=EIGENVALUE_ROUND_OFF)
+    assert decrements[0] < 0
+    assert (found["k_b"], found["bearing_damping"]) == (None, None)
+    text = run("modes", OILED, "--spin-rpm", 9000).stdout
+    assert "on 2 supports with tables from 1500 to 12000 rev/min, spinning at 9000 rev/min" in text
+    assert "the rotor is unstable" in text
+
+
+def test_a_campbell_diagram_on_tables_says_from_where_oil_whip_grows():
+    found = run_json("campbell", OILED, "--speeds", 40)
+    assert_allclose([found["spin_rpm"][0], found["spin_rpm"][-1]], [1500, 12000])
+    (limit,) = found["stability_limits"]
+    assert limit["grows_above"]
+    assert limit["direction"] == "forward"
+    assert 0.4 < limit["whirl_ratio"] < 0.6
+    structure = assemble(load_rig(OILED))
+    for share, grows in ((0.999, False), (1.001, True)):
+        spin_speed = share * limit["spin_rpm"] * RPM
+        system = build_system(structure, Condition(shaft_damping_ratio=0.002, spin_speed=spin_speed))
+        assert (listed_modes(system, spin_speed).log_decrement < 0).any() == grows
+    text = run("campbell", OILED, "--speeds", 40).stdout
+    assert f"unstable from {limit['spin_rpm']:.1f} rev/min: mode {limit['mode']} grows" in text
+
+
+def test_unbalance_on_tables_says_where_no_response_is_reached():
+    found = run_json("unbalance", OILED, "--node", 4, "--read", 4)
+    limit = run_json("campbell", OILED, "--speeds", 40)["stability_limits"][0]["spin_rpm"]
+    assert limit < found["unstable_rpm"][0] < 1.05 * limit
+    assert found["spin_rpm"][0] == pytest.approx(1500)
+    assert "there no steady response is ever reached" in run("unbalance", OILED, "--node", 4).stdout
+    assert run_json("unbalance", "--read", 3)["unstable_rpm"] == []
+
+
+def test_the_map_over_stiffness_shows_where_tables_meet_it(tmp_path):
+    picture = tmp_path / "map.svg"
+    found = run_json("critical-speeds", OILED, "--modes", 2, "--out", picture)
+    assert [support["node"] for support in found["supports_with_tables"]] == [2, 5]
+    meets = found["supports_with_tables"][0]["meets"]
+    assert {one["of"] for one in meets} == {"kyy", "kzz"}
+    lines = found["critical_speeds"]
+    for one in meets:
+        line = lines[one["whirl"] - 1]["spin_rpm"]
+        assert np.interp(np.log(one["k_b"]), np.log(found["k_b"]), line) == pytest.approx(one["spin_rpm"], rel=0.01)
+    text = run("critical-speeds", OILED, "--modes", 2).stdout
+    assert "k_b takes the place of the supports with tables: alike in y and z, without cross-coupling" in text
+    assert "kyy of tables" in picture.read_text(encoding="utf-8")
+    assert run_json("critical-speeds", "--stiffnesses", 3)["supports_with_tables"] == []
+
+
+def test_a_rotor_on_tables_is_built_without_an_estimator(tmp_path):
+    result = run("build", OILED, "--out", tmp_path)
+    assert "journal-bearings has supports with tables, and k_b says nothing about them" in " ".join(
+        result.stderr.split()
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["RotorRig.fmu"]
+
+
+def test_the_response_of_a_model_on_tables_is_that_at_its_spin_speed():
+    lines = [20.0, 65.0, 150.0]
+    run_at_speed = rigtwin.model_response(OILED, lines, spin_rpm=3000)
+    system = build_system(assemble(load_rig(OILED)), Condition(shaft_damping_ratio=0.002, spin_speed=3000 * RPM))
+    expected = accelerance(system, np.array(lines), excitation_node=3, spin_speed=3000 * RPM)[:, :, 0]
+    assert_allclose(run_at_speed.H, expected, rtol=SPECTRAL, atol=SPECTRAL * np.abs(expected).max())
+    assert run_at_speed.spin_rpm == 3000
+    with pytest.raises(rigtwin.UserError, match="does not hold 0 rev/min"):
+        rigtwin.model_response(OILED, lines)
+    with pytest.raises(rigtwin.UserError, match="has supports with tables"):
+        rigtwin.model_modes(OILED)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("modes", OILED), "support at node 2 runs from 1500 to 12000 rev/min and does not hold 0 rev/min"),
+        (("modes", OILED, "--spin-rpm", 12001), "does not hold 12001 rev/min: choose a spin speed inside"),
+        (("modes", OILED, "--spin-rpm", -3000), "does not hold -3000 rev/min"),
+        (("campbell", OILED, "--rpm-min", 0), "does not hold 0 rev/min"),
+        (("campbell", OILED, "--rpm-min", 13000), "where the supports' tables end; give --rpm-max, too"),
+        (("unbalance", OILED, "--rpm-max", 20000), "does not hold"),
+        (("modes", OILED, "--k-b", 1e6), '--k-b acts on supports with stiffness = "k_b", and rig journal-bearings has'),
+        (("modes", OILED, "--rigid"), "--rigid acts on supports"),
+        (("campbell", OILED, "--effect", "pedestal_flexibility"), "--effect pedestal_flexibility acts on supports"),
+        (("sweep", OILED), "spin_rpm = 0: this rotor has spin speeds from 1500 to 12000 rev/min; give one"),
+        (("estimate", STORED, "--rig", OILED), "has supports with tables, and an estimate of k_b knows bearings"),
+    ],
+)
+def test_rotors_on_tables_refuse_what_they_cannot_be(refused, arguments, words):
+    assert words in refused(*arguments)
+
+
 # -- refusals ------------------------------------------------------------------------------------
 
 
@@ -238,7 +341,7 @@ def test_modes_load_no_library_that_they_do_not_need(tmp_path):
         (("--bearing-damping", 3, "--rigid"), "--bearing-damping does nothing beside --rigid"),
         (("--bearing-damping", -3), "bearing_damping must not be negative"),
         (("--bearing-damping", 1e12), "--bearing-damping 1e+12: at most 1e+09 N s/m"),
-        (("--effect", "nothing"), "there is no such effect"),
+        (("--effect", "nothing"), "there is no effect 'nothing'"),
         (("--effect", "sensor_gain"), "--effect sensor_gain: belongs to the measurement"),
         (("--effect", "rub"), "--effect rub: is a force law"),
         (("--effect", "unbalance"), "rigtwin unbalance computes what it does"),

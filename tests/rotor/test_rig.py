@@ -81,7 +81,7 @@ WRONG = [
     ({"disk": "thickness_m = 0.01"}, "disk 1", "not both"),
     ({"disk": "inertia = true"}, "disk 1", "diametral_inertia_kg_m2"),
     ({"mass": "-1"}, "mass 1 mass_kg", "greater"),
-    ({"stiffness": '"soft"'}, "support 1 stiffness", "'k_b' or 'rigid'"),
+    ({"stiffness": '"soft"'}, "support 1 stiffness", "'k_b', 'rigid' or 'table'"),
     ({"stiffness": "-1e6"}, "support 1 stiffness", "greater"),
     ({"stiffness": "nan"}, "support 1 stiffness", "finite"),
     ({"support": 'tilt_stiffness_Nm_per_rad = "k_b"'}, "support 1 tilt_stiffness_Nm_per_rad", "rigid"),

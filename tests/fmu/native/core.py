@@ -126,6 +126,7 @@ class Core:
             "n_disks": len(s.disk_node),
             "n_supports": len(s.support_node),
             "n_joints": len(s.joint_node),
+            "n_rows": len(s.table_support),
         }
         assert {*arrays, *counts} == {*types}
         self.structure = Structure(**arrays, **counts)

@@ -35,6 +35,7 @@ from rigtwin.rotor.time.simulator import RotorSimulator
 from tests.fmu.native.core import Core, Rotor, compiled
 from tests.fmu.native.new_effect import LINE_OF_C, DriveMass
 from tests.rotor import rigs
+from tests.rotor.journals import RPM, disk_in_oil
 
 CONDITION = Condition(k_b=3.3e6, bearing_damping=17.0, shaft_damping_ratio=0.0013, excitation_node=3)
 KNOWN = tuple(effect.id for effect in effects_in_fmu())
@@ -115,6 +116,56 @@ def test_a_rotor_with_joints_is_that_of_python(core, effects):
     )
     steps = np.full(60, 7e-4)
     assert_same_motion(moved(c, steps), moved(python, steps))
+
+
+@pytest.mark.parametrize("effects", [(), ("attached_mass", "gyroscopic", "unbalance"), ("rub",)], ids="+".join)
+@pytest.mark.parametrize("rpm", [2000.0, 5000.0, 10500.0])
+def test_a_rotor_on_tables_is_that_of_python(core, rpm, effects):
+    """Matrices, and then how it moves on a stiffness that is not symmetric, also where it grows."""
+    structure = assemble(disk_in_oil())
+    oiled, effects = Core(core.compiled, structure), effects_of(effects)
+    condition = replace(CONDITION, spin_speed=rpm * RPM)
+    assert_same_matrices(oiled, condition, effects, structure)
+    python, c = RotorSimulator(structure, condition, effects), Rotor(oiled, condition, effects)
+    steps = np.full(60, 7e-4)
+    share = SAME_NONLINEAR_MOTION if any(effect.family == "nonlinear" for effect in effects) else SAME_MOTION
+    assert_same_motion(moved(c, steps, amplitude=STRONG), moved(python, steps, amplitude=STRONG), share)
+
+
+def test_the_spin_speed_of_a_rotor_on_tables_changes_while_it_moves(core):
+    structure = assemble(disk_in_oil())
+    oiled, parts = Core(core.compiled, structure), []
+    first, *others = (replace(CONDITION, spin_speed=rpm * RPM) for rpm in (2000.0, 3000.0, 7000.0, 11000.0))
+    rotors = Rotor(oiled, first), RotorSimulator(structure, first)
+    for rotor in rotors:
+        motion = [moved(rotor, [1e-3] * 20)]
+        for condition in others:
+            rotor.configure(condition)
+            motion.append(moved(rotor, [1e-3] * 20))
+        parts.append(np.concatenate(motion))
+    assert_same_motion(*parts)
+    kept = rotors[0].snapshot()
+    for rpm in (0.0, 1999.0, 11002.0, -3000.0):
+        for rotor, words in zip(
+            rotors, ("spin_speed lies outside the table of a support", "does not hold"), strict=True
+        ):
+            with pytest.raises(ValueError, match=words):
+                rotor.configure(replace(CONDITION, spin_speed=rpm * RPM))
+    assert np.array_equal(rotors[0].snapshot(), kept)
+
+
+@pytest.mark.parametrize(
+    "names", [(), ("open_crack", "hub_stiffening"), ("bearing_offset", "sensor_position")], ids="+".join
+)
+def test_a_conical_shaft_is_that_of_python(core, names):
+    """Matrices, and then how it moves: a crack, a hub and what sits beside a node change elements of a cone."""
+    segment = {"length_m": 0.426, "diameter_left_m": 0.022, "diameter_right_m": 0.012, "bore_m": 0.004} | rigs.STEEL
+    structure = assemble(rigs.rig(**rigs.tables(name="conical", segment=[segment])))
+    conical, effects = Core(core.compiled, structure), effects_of(names)
+    assert_same_matrices(conical, CONDITION, effects, structure)
+    steps = np.full(60, 7e-4)
+    rotors = Rotor(conical, CONDITION, effects), RotorSimulator(structure, CONDITION, effects)
+    assert_same_motion(*(moved(rotor, steps) for rotor in rotors))
 
 
 def test_joints_that_slip_move_as_those_of_python(core):

@@ -150,5 +150,5 @@ $(VENV)/installed-docs: $(VENV)/installed
 $(VENV)/installed: pyproject.toml
 	$(PYTHON3) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --upgrade pip
-	$(VENV)/bin/python -m pip install --quiet -e '.[train,native,dask,dev]'
+	$(VENV)/bin/python -m pip install --quiet -e '.[train,native,dask,app,dev]'
 	touch $@

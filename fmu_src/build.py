@@ -344,7 +344,7 @@ def build_native_rotor_fmu(
         "RotorRig",
         "",
         version("rigtwin"),
-        ROTOR_MEANING,
+        f"{ROTOR_MEANING} (rig {rig.name})",
         facts.step,
         rotor_variables(facts),
         arrays,
@@ -529,15 +529,22 @@ def _npz(arrays: dict) -> bytes:
     return buffer.getvalue()
 
 
-def build_native(rig: Rig, folder: Path, *, estimator: bool = True, array_output: bool = False) -> Iterator[Path]:
-    """The FMUs for FMI 2.0 and 3.0, for every platform in reach; says which those are. Raises as they do."""
-    names = ", ".join(target.fmi3 for target in reachable_targets())
-    hint = "" if find_spec("ziglang") else "; with ziglang (pip install ziglang) for all others too"
+def build_native(
+    rig: Rig,
+    folder: Path,
+    *,
+    estimator: bool = True,
+    array_output: bool = False,
+    targets: Sequence[Target] | None = None,
+) -> Iterator[Path]:
+    """The FMUs for FMI 2.0 and 3.0, for some platforms or every one in reach; says which. Raises as they do."""
+    names = ", ".join(target.fmi3 for target in targets or reachable_targets())
+    hint = "" if targets or find_spec("ziglang") else "; with ziglang (pip install ziglang) for all others too"
     print(f"compiling for {names}{hint}", file=sys.stderr)
     for fmi in ("2.0", "3.0"):
-        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi, array_output=array_output)
+        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi, targets=targets, array_output=array_output)
         if estimator:
-            yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi)
+            yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi, targets=targets)
 
 
 def is_shipped(rig: Rig) -> bool:

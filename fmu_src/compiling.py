@@ -68,6 +68,18 @@ def this_machine() -> Target:
     raise CompileError(f"no FMU binaries are known for {name}")
 
 
+def targets_named(names: Sequence[str]) -> tuple[Target, ...]:
+    """Platforms by their names in FMI 3.0; "here" is this machine's. Raises CompileError for others."""
+    known = {target.fmi3: target for target in TARGETS}
+    here = {"here": this_machine()} if "here" in names else {}
+    for name in names:
+        if name not in known | here:
+            raise CompileError(f"there is no platform {name}; there are here, {', '.join(known)}")
+        if name not in here and (known | here)[name] not in reachable_targets():
+            raise CompileError(f"{name} cannot be compiled for here without ziglang: pip install ziglang")
+    return tuple(dict.fromkeys((known | here)[name] for name in names))
+
+
 def reachable_targets() -> tuple[Target, ...]:
     """Platforms that can be compiled for here: all of them with ziglang, else this one."""
     return TARGETS if find_spec("ziglang") else (this_machine(),)

@@ -30,9 +30,14 @@ class RotorRig(TableSlave):
         resources = Path(kwargs["resources"])
         with np.load(resources / "structure.npz", allow_pickle=False) as arrays:
             structure = from_arrays(arrays)
-        facts = RotorFacts(**read_manifest(resources)["facts"])
+        manifest = read_manifest(resources)
+        facts = RotorFacts(**manifest["facts"])
         super().__init__(
-            rotor_variables(facts), description=ROTOR_MEANING, step_size=facts.step, tolerance=FORCE_ERROR, **kwargs
+            rotor_variables(facts),
+            description=f"{ROTOR_MEANING} (rig {manifest['rig']})",
+            step_size=facts.step,
+            tolerance=FORCE_ERROR,
+            **kwargs,
         )
         self._simulator = RotorSimulator(structure, self._condition(), self._effects())
         self.accept_settings(self._table)

@@ -11,7 +11,7 @@ array([100.6, 324. ])
 The rooms behind them:
 
 ===============  ==================================================================  ====================
-room           what it holds                                                       start here
+room             what it holds                                                       start here
 ===============  ==================================================================  ====================
 ``rotor``        geometry, finite elements, effects, solvers                         ``load_rig``
 ``sim``          the virtual test rig, campaigns, file formats                       ``sweep``
@@ -22,6 +22,7 @@ room           what it holds                                                    
 ``api``          what commands and notebooks do with all of them                     ``sweep``
 ``commands``     what each ``rigtwin`` command reads and prints                      ``run_diagnose``
 ``pages``        the HTML pages and their figures                                    ``write_page``
+``app``          the diagnosis as a page in the browser                              ``AppServer``
 ``cli``          the commands and their options                                      ``app``
 ``errors``       the one error that a user sees                                      ``UserError``
 ``exits``        exit codes, and what a user sees of an error                        ``CommandGroup``

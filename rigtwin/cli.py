@@ -143,6 +143,10 @@ def build(
     array_output: Annotated[
         bool, typer.Option(help="FMI 3.0: all accelerations as one array, too; not every importer reads arrays.")
     ] = False,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PLATFORM", help="With --native: here, x86_64-linux, ...; repeat. Default all."),
+    ] = None,
     tracker: Annotated[bool, typer.Option(help="StiffnessTracker.fmu, too: k_b that changes in time.")] = False,
     tracker_node: Annotated[
         list[int] | None, typer.Option(min=1, max=MOST_NODES, help="Node that the tracker reads; repeat.")
@@ -151,8 +155,8 @@ def build(
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
     from rigtwin.commands.build import BuildRequest, build_fmus
 
-    read = tuple(tracker_node or ())
-    build_fmus(BuildRequest(rig, out, train, native, array_output, tracker or bool(read), read))
+    read, targets = tuple(tracker_node or ()), tuple(target or ())
+    build_fmus(BuildRequest(rig, out, train, native, array_output, targets, tracker or bool(read), read))
 
 
 @app.command(short_help="Measure a run on the virtual rig, fit its modes.")
@@ -630,6 +634,17 @@ def report(
     run_report(
         paths or (), rigid=rigid or (), bearing=bearing or (), out=out, rig=rig, estimator=estimator, trust=trust
     )
+
+
+@app.command(name="app", short_help="The diagnosis as a page in the browser.")
+def app_command(
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of this machine; 0 for any that is free.")] = 8050,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Open no browser, print the address alone.")] = False,
+) -> None:
+    """Drop a campaign into the browser, watch its diagnosis, read the report. Nobody else can reach it."""
+    from rigtwin.commands.app import run_app
+
+    run_app(port, browser=not no_browser)
 
 
 def main() -> None:

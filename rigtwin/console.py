@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import math
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what rich loads is loaded when something is printed: --help has no need of it
     from rich.console import Console
+
+_SECONDS_BETWEEN_STAGES = 10.0
 
 # Where the output is not a terminal, its width is nobody's business; tables then get this.
 _WIDTH = 160
@@ -64,17 +67,35 @@ def _finite(value: Any) -> Any:
     return [_finite(item) for item in value] if isinstance(value, list | tuple) else value
 
 
+def stages() -> Callable[[str, int, int], None]:
+    """Say on stderr what goes on and how far it is, at most every ten seconds: a log shows that it is not stuck."""
+    said = time.monotonic()
+
+    def tell(words: str, done: int, total: int) -> None:
+        nonlocal said
+        if time.monotonic() - said > _SECONDS_BETWEEN_STAGES:
+            said = time.monotonic()
+            note(f"{words}, {done} of {total}")
+
+    return tell
+
+
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """A progress bar while the block runs; yields what to call with the count so far.
 
-    Nothing is drawn where stderr is not a terminal. A count may pass ``total``, which then grows.
+    Where stderr is not a terminal, a line now and then says how far it is. A count may pass ``total``, which then
+    grows.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        say_stage = stages()
+        yield lambda count: say_stage(what, count, max(total, count))
+        return
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda count: bar.update(task, completed=count, total=max(total, count))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 _NO_BREAK = "\u00a0"
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|Hz|mm|MN/m|N)\b|%|±)|(?<=±) |(?<=N) (?=s/m)")
@@ -56,6 +58,21 @@ def percent(share: float) -> str:
 def unbroken(text: str) -> str:
     """The text with no line break between a number and its unit or its error."""
     return _BEFORE_UNIT.sub(_NO_BREAK, text)
+
+
+def counted(count: int, what: str) -> str:
+    """'1 line', '2 lines'."""
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
+def close_to(name: str, known: Iterable[str]) -> str:
+    """A question after a name that is not known, 'did you mean gap? '; empty where none is like it.
+
+    >>> close_to("gp", ["stiffness", "gap"])
+    'did you mean gap? '
+    """
+    close = get_close_matches(name, list(known), n=1)
+    return f"did you mean {close[0]}? " if close else ""
 
 
 def yes_no(flag: bool) -> str:

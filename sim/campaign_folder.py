@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from difflib import get_close_matches
 from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Any, Required
@@ -223,9 +224,11 @@ def _rig_to_load(folder: Path, rig: str) -> str:
         return rig
     path = (folder / rig).absolute()
     if not isfile(path):  # also of a name that no disk takes, at which methods of a path raise
+        close = get_close_matches(rig, shipped_rigs(), n=1)
+        guess = f"did you mean {close[0]}? " if close else ""
         raise MeasurementError(
-            f"{folder / FILE_NAME}: rig: no rig file {path}; give the path of a rig TOML (from the campaign's folder) "
-            f"or a shipped rig: {', '.join(shipped_rigs())}"
+            f"{folder / FILE_NAME}: rig: no rig file {path}; {guess}give the path of a rig TOML (from the campaign's "
+            f"folder) or a shipped rig: {', '.join(shipped_rigs())}"
         )
     return str(path.resolve())
 

@@ -26,6 +26,9 @@ from rigtwin.sim.campaign import MeasurementError, Plane, Run
 # A resonance is higher than its surroundings by at least this factor.
 _PROMINENCE = 1.5
 
+# A response at the end of a band of this share of the highest one is said to be a resonance's.
+_AMONG_THE_HIGHEST = 0.5
+
 # Lines within so many half-power bandwidths on either side take part in a fit.
 _BANDWIDTHS = 8.5
 
@@ -79,6 +82,7 @@ def try_modes(run: Run, n_modes: int | None = None) -> tuple[tuple[Mode, ...], t
     if measured.any() and not measured.all():
         left_out.append(f"run {run.name!r}: {np.count_nonzero(~measured)} lines without a response are left out")
         run = run.on_lines(measured)
+    left_out += _beyond_the_ends(run)
     found = resonances(run.frequency_hz, _displacement_size(run))
     if not found or (n_modes is not None and len(found) < n_modes):
         raise ModalFitError(
@@ -97,6 +101,21 @@ def try_modes(run: Run, n_modes: int | None = None) -> tuple[tuple[Mode, ...], t
         raise errors[0]
     left_out += [f"a resonance is left out: {error}" for error in errors]
     return tuple(modes), tuple(left_out)
+
+
+def _beyond_the_ends(run: Run) -> list[str]:
+    """A sentence on each end of the band that cuts a resonance off, where the response is among the highest.
+
+    There the response does not fall far enough before the band ends, so that it is no resonance to ``resonances``.
+    """
+    f, size, response = run.frequency_hz, _displacement_size(run), np.linalg.norm(run.H, axis=1)
+    cut = set(resonances(np.pad(f, 1), np.pad(size, 1))) - set(resonances(f, size))
+    high = [peak for peak in sorted(cut) if response[f == peak].max() > _AMONG_THE_HIGHEST * response.max()]
+    return [
+        f"run {run.name!r}: the response is high at {peak:g} Hz, at the end of the band ({f[0]:g} to {f[-1]:g} Hz): a "
+        "resonance there is not fitted; widen the band"
+        for peak in high
+    ]
 
 
 def fit_mode(run: Run, near_hz: float) -> Mode:

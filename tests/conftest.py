@@ -25,7 +25,7 @@ settings.load_profile("rigtwin")
 TOOLS = (
     ("cc", "gcc libc6-dev", "the printed force laws in C, sanitizers, FMI calls in random order"),
     ("libtbb.so.12", "libtbb12", "the ecos command as an importer (tests/fmu/native/test_importers.py)"),
-    ("chromium", "chromium", "rendered HTML pages (tests/rigtwin/test_report.py, test_diagnose_page.py)"),
+    ("chromium", "chromium", "rendered HTML pages (tests/rigtwin/test_pages_in_browser.py, test_app.py)"),
 )
 
 

@@ -161,7 +161,12 @@ def diagnose(
     confirm = partial(_confirmed_if_possible, campaign, progress=progress) if fmu else None
     with shared_among(workers if campaign.runs else 1) as helpers:  # lists of resonances need no fits
         outcome = find_gap(
-            campaign, exclude, progress, confirm, helpers, TIME_LIMIT if time_limit_s is None else time_limit_s
+            campaign,
+            exclude=exclude,
+            progress=progress,
+            confirm=confirm,
+            helpers=helpers,
+            seconds=TIME_LIMIT if time_limit_s is None else time_limit_s,
         )
     return Diagnosed(campaign, outcome.diagnosis, outcome.curves)
 

@@ -28,7 +28,7 @@ from rigtwin.fmu_src.build import (
     is_shipped,
 )
 from rigtwin.fmu_src.built_here import is_built_here
-from rigtwin.fmu_src.compiling import CompileError, can_compile, this_machine
+from rigtwin.fmu_src.compiling import CompileError, can_compile, targets_named, this_machine
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.scratch import scratch_folder
 from rigtwin.sim.archive import DESCRIPTION, ArchiveError, FmuError, read_member
@@ -79,6 +79,7 @@ def build_fmu(
     *,
     native: bool = False,
     array_output: bool = False,
+    targets: Sequence[str] = (),
 ) -> list[Path]:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu where a network knows the rig.
 
@@ -89,6 +90,7 @@ def build_fmu(
     native : build them once more without Python inside, in ``fmi2`` and ``fmi3`` below the folder; needs a C compiler
         or the package ziglang
     array_output : with ``native``: the FMI 3.0 rotor has all accelerations as one array, too
+    targets : with ``native``: platforms, such as "here" or "x86_64-windows"; default all that can be compiled for
 
     Returns
     -------
@@ -108,16 +110,19 @@ def build_fmu(
     if is_shipped(rig):
         built.append(build_estimator_fmu(folder))
     if native:
-        built += build_compiled(rig, folder, array_output=array_output)
+        built += build_compiled(rig, folder, array_output=array_output, targets=targets)
+    elif targets:
+        raise UserError("--target: the FMUs on Python run on every platform; add --native")
     elif array_output:
         raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
     return built
 
 
-def build_compiled(rig: Rig, folder: Path, *, array_output: bool) -> list[Path]:
+def build_compiled(rig: Rig, folder: Path, *, array_output: bool, targets: Sequence[str] = ()) -> list[Path]:
     """The FMUs without Python inside. Raises UserError where they cannot be compiled."""
     try:
-        return list(build_native(rig, folder, estimator=is_shipped(rig), array_output=array_output))
+        chosen = targets_named(targets) if targets else None
+        return list(build_native(rig, folder, estimator=is_shipped(rig), array_output=array_output, targets=chosen))
     except CompileError as error:
         raise UserError(str(error)) from error
     except ModuleNotFoundError as error:
@@ -126,15 +131,17 @@ def build_compiled(rig: Rig, folder: Path, *, array_output: bool) -> list[Path]:
         ) from error
 
 
-def build_trackers(rig: Rig, folder: Path, nodes: Sequence[int], *, native: bool) -> list[Path]:
-    """StiffnessTracker.fmu, which reads these nodes, default the driven one; with ``native`` for FMI 2.0 and 3.0, too.
+def build_trackers(rig: Rig, folder: Path, nodes: Sequence[int], *, native: Sequence[str] | None) -> list[Path]:
+    """StiffnessTracker.fmu, which reads these nodes, default the driven one.
 
-    Raises UserError where it cannot be built.
+    With ``native`` it is built without Python inside, too, for FMI 2.0 and 3.0: for these platforms, or for all where
+    there are none. Raises UserError where it cannot be built.
     """
     try:
         built = [build_tracker_fmu(rig, folder, nodes)]
-        for fmi in ("2.0", "3.0") if native else ():
-            built.append(build_native_tracker_fmu(rig, folder / f"fmi{fmi[0]}", nodes, fmi=fmi))
+        chosen = targets_named(native) if native else None
+        for fmi in ("2.0", "3.0") if native is not None else ():
+            built.append(build_native_tracker_fmu(rig, folder / f"fmi{fmi[0]}", nodes, fmi=fmi, targets=chosen))
     except (BuildError, CompileError) as error:
         raise UserError(str(error)) from error
     return built

@@ -21,6 +21,7 @@ from rigtwin.scratch import replacing
 from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.sim.formats.run_file import write_beside
+from rigtwin.wording import counted
 
 PREDICTION_HEADER = ("run", "gap, nominal model", "gap, corrected model", "noise alone")
 PAGE_FILE = "prediction.html"
@@ -195,8 +196,8 @@ def _write_page(found: Prediction, path: Path) -> Path:
     return write_overlays(
         path,
         found.campaign.title or "Prediction",
-        f"{len(found.runs)} runs that the diagnosis never saw: the gap is {share(mean['nominal'])} with the nominal "
-        f"model and {share(mean['corrected'])} with the corrected one.",
+        f"{counted(len(found.runs), 'run')} that the diagnosis never saw: the gap is {share(mean['nominal'])} with the "
+        f"nominal model and {share(mean['corrected'])} with the corrected one.",
         found.remarks,
         [gaps],
         [_overlay(each) for each in found.runs],

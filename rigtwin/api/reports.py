@@ -15,7 +15,7 @@ from rigtwin.api.fmus import SHIPPED_RIG
 from rigtwin.api.rigs import as_rig
 from rigtwin.api.runs import MODE_HEADER, mode_row
 from rigtwin.errors import UserError, existing, for_users
-from rigtwin.pages.figures import Curve, frf_figure, rotor_picture
+from rigtwin.pages.figures import Curve, frf_figure, rotor_drawing
 from rigtwin.pages.page import write_page
 from rigtwin.pages.provenance import provenance
 from rigtwin.rotor.model import html
@@ -24,8 +24,8 @@ from rigtwin.sim.campaign import Campaign, Channel, MeasurementError, Run
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.sim.formats import read_run
 from rigtwin.sim.formats.settings import UnknownSupportError
-from rigtwin.sim.modal_fit import fit_modes
-from rigtwin.wording import interval, stiffness_with_error, with_error
+from rigtwin.sim.modal_fit import try_modes
+from rigtwin.wording import counted, interval, stiffness_with_error, with_error
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def _write(campaign: Campaign, out: Path, estimator: Path | None, trust: bool) -
         title=campaign.title or "Measured runs",
         result=_result(campaign, answers, why_none),
         rig=rig,
-        picture=rotor_picture(rig),
+        drawing=rotor_drawing(rig),
         frf=frf_figure([_curve(run) for run in campaign.runs]) if campaign.runs else None,
         notes=_notes(campaign.runs),
         mode_header=("run", "support", *MODE_HEADER),
@@ -134,13 +134,16 @@ def _read_run(path: Path, settings: dict[str, Any]) -> Run:
 
 
 def _modes(runs: Sequence[Run]) -> tuple[list[tuple[str, ...]], list[str]]:
-    """Rows of all fitted modes, and a sentence for each run without any."""
+    """Rows of all fitted modes, and a sentence on each resonance that was not fitted, or each run without any."""
     rows, unfitted = [], []
     for run in runs:
         try:
-            rows += [(run.name, run.support, str(n), *mode_row(run, mode)) for n, mode in enumerate(fit_modes(run), 1)]
+            modes, left_out = try_modes(run)
         except MeasurementError as error:
             unfitted.append(str(error))
+            continue
+        rows += [(run.name, run.support, str(n), *mode_row(run, mode)) for n, mode in enumerate(modes, 1)]
+        unfitted += left_out
     return rows, unfitted
 
 
@@ -174,7 +177,7 @@ def _result(campaign: Campaign, answers: Sequence[Answer], why_none: str) -> str
 def _counted(campaign: Campaign) -> str:
     """What was measured, in words."""
     counts = ((len(campaign.runs), "run"), (len(campaign.peaks), "resonance list"))
-    return ", ".join(f"{n} {what}{'s' * (n != 1)}" for n, what in counts if n)
+    return ", ".join(counted(n, what) for n, what in counts if n)
 
 
 def _curve(run: Run) -> Curve:

@@ -24,6 +24,7 @@ from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.speed_tables import SpinSpeedError
 from rigtwin.sim.campaign import Channel, Run, SupportKind
+from rigtwin.wording import close_to
 
 
 @for_users
@@ -224,7 +225,8 @@ def effect(effect_id: str, **values: float) -> Effect:
     kind = effect_of(effect_id)
     for name in values:
         if name not in kind.roles():
-            raise UserError(f"{effect_id} has no parameter {name}; it has {', '.join(kind.roles())}")
+            guess = close_to(name, kind.roles())
+            raise UserError(f"{effect_id} has no parameter {name}; {guess}it has {', '.join(kind.roles())}")
     try:
         return kind(**values)
     except ValueError as error:  # says the effect and the parameter

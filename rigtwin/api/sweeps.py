@@ -28,6 +28,7 @@ from rigtwin.sim.modal_fit import ModalFitError, fit_modes
 from rigtwin.sim.runs import sweep_all, sweep_one
 from rigtwin.sim.session import kind_of
 from rigtwin.sim.stepped_sine import Rig, Sweep, SweepPlan
+from rigtwin.wording import close_to
 
 # Given what is measured and of how many lines or runs it consists: a context whose value is told the count so far.
 Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
@@ -272,7 +273,8 @@ def _typed(
     for name in given:
         if name not in variables:
             known = ", ".join(known for known in variables if "." not in known)
-            raise UserError(f"{name}: the FMU has no parameter {name}; it has {known}, and those of its effects")
+            guess = close_to(name, variables)
+            raise UserError(f"{name}: the FMU has no parameter {name}; {guess}it has {known}, and those of its effects")
     return {name: as_kind(name, value, kind_of(variables[name])) for name, value in given.items()}
 
 

@@ -23,5 +23,6 @@ module               what it holds                                     start her
 ``demo``             rigtwin demo                                      ``run_demo``
 ``paper``            the paper's measured numbers, read by our model   ``read_paper``
 ``report``           rigtwin report                                    ``run_report``
+``app``              rigtwin app                                       ``run_app``
 ===================  ================================================  =======================
 """

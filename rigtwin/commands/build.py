@@ -23,6 +23,7 @@ class BuildRequest:
     train: bool
     native: bool
     array_output: bool = False
+    targets: tuple[str, ...] = ()  # platforms of --native; default all
     tracker: bool = False
     tracker_nodes: tuple[int, ...] = ()  # default the driven one
 
@@ -34,6 +35,8 @@ def build_fmus(request: BuildRequest) -> None:
     """
     if request.array_output and not request.native:
         raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
+    if request.targets and not request.native:
+        raise UserError("--target: the FMUs on Python run on every platform; add --native")
     rig = load_rig(request.rig)
     if is_shipped(rig) and request.train:
         raise UserError(f"--train: the rig {SHIPPED_RIG} has its network already; rigtwin train makes another one")
@@ -45,10 +48,11 @@ def build_fmus(request: BuildRequest) -> None:
     if not request.train and not is_shipped(rig):
         note(_without_estimator(rig))
     if request.native:
-        for path in build_compiled(rig, request.out, array_output=request.array_output):
+        for path in build_compiled(rig, request.out, array_output=request.array_output, targets=request.targets):
             say(str(path))
     if request.tracker:
-        for path in build_trackers(rig, request.out, request.tracker_nodes, native=request.native):
+        native = request.targets if request.native else None
+        for path in build_trackers(rig, request.out, request.tracker_nodes, native=native):
             say(str(path))
 
 

@@ -17,7 +17,7 @@ from rigtwin.estimator.features import Features, features_of_runs
 from rigtwin.estimator.runtime import Estimate
 from rigtwin.fmu_src.build import build_estimator_fmu
 from rigtwin.gap.phrases import listed
-from rigtwin.pages.figures import Curve, Mark, frequency_figure, frf_figure, readings_figure, rotor_picture
+from rigtwin.pages.figures import Curve, Mark, frequency_figure, frf_figure, readings_figure, rotor_drawing
 from rigtwin.pages.page import write_page
 from rigtwin.pages.provenance import provenance
 from rigtwin.rotor.geometry.assembly import assemble
@@ -76,7 +76,7 @@ class Demo:
     runs: tuple[Run, Run]  # the default rig, rigid and bearing
     found: tuple[Found, ...]
     paper: PaperReading
-    fmus: tuple[Path, Path]
+    fmus: tuple[Path, ...]
 
 
 def run_demo(out: Path, folder: Path) -> None:
@@ -90,7 +90,7 @@ def run_demo(out: Path, folder: Path) -> None:
     save_campaign(Campaign("default rig, virtual", SHIPPED_RIG, demo.runs), out / "campaign")
     with replacing(out / RECORD) as beside:
         beside.write_text(to_json(_record(demo)) + "\n", encoding="utf-8")
-    page = _write_page(demo, out / "index.html")
+    page = write_demo_page(demo, out / "index.html")
     _print(demo)
     say(f"{page} written, {time.monotonic() - begin:.0f} s in all")
 
@@ -205,7 +205,7 @@ def _record(demo: Demo) -> dict[str, Any]:
     }
 
 
-def _write_page(demo: Demo, path: Path) -> Path:
+def write_demo_page(demo: Demo, path: Path) -> Path:
     rig = load_rig(SHIPPED_RIG)
     structure = assemble(rig)
     paper, (rigid, bearing) = demo.paper, demo.runs
@@ -215,7 +215,7 @@ def _write_page(demo: Demo, path: Path) -> Path:
         result=_result(demo),
         noise=_NOISE,
         rig=rig,
-        picture=rotor_picture(rig),
+        drawing=rotor_drawing(rig),
         frf=frf_figure([Curve(rigid, "rigid support", NODE), Curve(bearing, "bearings, 10 MN/m", NODE)]),
         mode_header=("support", *MODE_HEADER),
         mode_rows=_mode_rows(demo),

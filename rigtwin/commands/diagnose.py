@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,13 +13,12 @@ from rich.progress import Progress as Bar
 
 from rigtwin.api.diagnoses import CAUSE_HEADER, FOREMOST, Progress, cause_row, diagnose
 from rigtwin.api.predictions import PREDICTION_HEADER, predict
-from rigtwin.console import note, print_json, say, table
+from rigtwin.console import note, print_json, say, stages, table
 from rigtwin.gap.document import FILE_NAME as DIAGNOSIS_FILE
 from rigtwin.gap.document import Diagnosis, Shrink
 from rigtwin.pages.diagnosis_words import NO_CAUSE, at_edge, cause_title, explained, finite, k_b_words, named, share
 from rigtwin.scratch import check_writable
-
-_SECONDS_BETWEEN_STAGES = 10.0
+from rigtwin.wording import counted
 
 _VERIFIED = {"fmu": "verified by the FMU", "rig": "verified on the virtual rig", "model": "by the fitting model alone"}
 
@@ -77,24 +75,12 @@ def _progress() -> Iterator[Progress]:
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
     if not console.is_terminal:
-        yield _stages()
+        say_stage = stages()
+        yield lambda done, total, words: say_stage(words, done, total)
         return
     with Bar(*columns, console=console, transient=True) as bar:
         task = bar.add_task("diagnosis", total=None)
         yield lambda done, total, words: bar.update(task, completed=done, total=total, description=words)
-
-
-def _stages() -> Progress:
-    """A line for the stage that goes on, at most every ten seconds: a log shows that the work is not stuck."""
-    said = time.monotonic()
-
-    def tell(done: int, total: int, words: str) -> None:
-        nonlocal said
-        if time.monotonic() - said > _SECONDS_BETWEEN_STAGES:
-            said = time.monotonic()
-            note(f"{words}, {done} of {total}")
-
-    return tell
 
 
 # -- what is printed ---------------------------------------------------------------------------------
@@ -146,4 +132,4 @@ def run_predict(path: Path, folder: Path, out: Path, *, as_json: bool = False) -
         print_json(found.record())
         return
     table(PREDICTION_HEADER, found.rows())
-    say(f"{len(found.runs)} runs written to {out / 'nominal'} and {out / 'corrected'}; {page} compares them")
+    say(f"{counted(len(found.runs), 'run')} written to {out / 'nominal'} and {out / 'corrected'}; {page} compares them")

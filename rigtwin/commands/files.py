@@ -20,6 +20,7 @@ from rigtwin.sim.campaign import Campaign, Run
 from rigtwin.sim.formats import RunSettings, read_run, write_run
 from rigtwin.sim.formats.settings import SETTING_NAMES, UnknownSupportError
 from rigtwin.sim.formats.variables import UNITS
+from rigtwin.wording import counted
 
 # Findings of the audit that say nothing of a file alone.
 _OF_CAMPAIGNS = ("coverage", "repeatability")
@@ -38,8 +39,10 @@ def inspect_file(path: Path, told: Sequence[str], rig: str | None, *, as_json: b
         print_json(record)
         return
     band = f"{record['from_Hz']:.6g} to {record['to_Hz']:.6g} Hz"
-    steps = f"{record['smallest_step_Hz']:.3g} to {record['largest_step_Hz']:.3g} Hz apart"
-    say(f"{path.name}: {record['quantity']} in {record['unit']}, {len(run.channels)} channels, {record['lines']} lines")
+    smallest, largest = (f"{record[f'{which}_step_Hz']:.3g}" for which in ("smallest", "largest"))
+    steps = f"{smallest} Hz apart" if smallest == largest else f"{smallest} to {largest} Hz apart"
+    size = f"{counted(len(run.channels), 'channel')}, {counted(record['lines'], 'line')}"
+    say(f"{path.name}: {record['quantity']} in {record['unit']}, {size}")
     say(f"  lines      {band}, {steps}")
     say(f"  channels   {', '.join(record['channels'])}" + (", magnitudes without phases" if run.magnitude_only else ""))
     say(f"  force      at node {run.excitation_node} along {run.excitation_plane}, {_force(run)}")

@@ -6,6 +6,7 @@ from rigtwin.api.rigs import effect, effect_of
 from rigtwin.api.values import as_kind
 from rigtwin.errors import UserError
 from rigtwin.rotor.effects import EFFECTS, Effect, Parameter
+from rigtwin.wording import close_to
 
 
 def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
@@ -34,7 +35,8 @@ def parse_effects(ids: tuple[str, ...], settings: tuple[str, ...]) -> tuple[tupl
 
 def _effect_value(setting: str, kind: type[Effect], parameter: str) -> float | int:
     if parameter not in kind.roles():
-        raise UserError(f"--set {setting}: {kind.id} has no parameter {parameter}; it has {', '.join(kind.roles())}")
+        guess, known = close_to(parameter, kind.roles()), ", ".join(kind.roles())
+        raise UserError(f"--set {setting}: {kind.id} has no parameter {parameter}; {guess}it has {known}")
     role = kind.roles()[parameter]
     whole = not isinstance(role, Parameter) and role.kind == "node"
     name, _, text = setting.partition("=")

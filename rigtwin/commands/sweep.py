@@ -32,6 +32,9 @@ _OPTIONS = {
 # HOW_TO_SETTLE in the words of the command line.
 _HOW_TO_SETTLE = "raise --settle-time, or the damping (--set shaft_damping_ratio=VALUE) if it is too low"
 
+# Noise of a line from which chance makes lines that stand out as resonances do.
+_MUCH_NOISE = 0.2
+
 # Remarks on single lines that are printed; the others are counted.
 _REMARKS = 3
 
@@ -54,6 +57,11 @@ def run_sweep(request: SweepRequest, to: Output) -> None:
 
 def _run_sweep(request: SweepRequest, to: Output) -> None:
     _check_output(to.out)
+    if request.noise > _MUCH_NOISE:
+        note(
+            f"noise of {100 * request.noise:g} % of each line looks like resonances: lines are added round each of "
+            "them, and what is fitted means little"
+        )
     results: dict[int, Swept] = {}
     for place, swept in measure(request, progress):
         results[place] = swept

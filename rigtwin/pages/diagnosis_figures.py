@@ -19,7 +19,7 @@ from rigtwin.gap.document import Band, BearingStiffness, Cause, FittedJoint, Joi
 from rigtwin.gap.phrases import part
 from rigtwin.pages.diagnosis_words import cause_key, cause_title, finite, places, share
 from rigtwin.pages.figures import RESPONSE_UNITS, styled
-from rigtwin.pages.palette import BLUE, GREY, INK, ORANGE, PURPLE, VERMILION
+from rigtwin.pages.palette import BLUE, EDGE, EMPTY, GREY, INK, MAP, ON_MAP, ORANGE, PAPER, PURPLE, VERMILION
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel, Run
 
@@ -30,10 +30,9 @@ RESPONSE_TRACES = (
     ("gap", "std"), ("gap", "nominal"), ("gap", "corrected"),
 )  # fmt: skip
 
-# Colours of the gap's map, evenly over the logarithm from 0.1 % to 100 %.
-MAP_COLOURS = ("#ffffff", "#fdf8ec", "#fbe6bd", "#f3b772", "#d96f3a", "#8f2410")
+# Logarithms of the gap at both ends of its map, and the most columns that leave room for numbers in the cells.
 _MAP_RANGE = (-3.0, 0.0)
-_EMPTY = "#eceff2"
+_MOST_NUMBERED = 14
 
 # Candidates that are drawn: those that are not far below the first, and never fewer or more than these.
 _LIKELY, _FEWEST, _MOST = 1e-3, 5, 10
@@ -129,7 +128,7 @@ def response_figure(
         rows=len(rows), shared_xaxes=True, vertical_spacing=0.04, row_heights=[heights[row] for row in rows]
     )
     styles = {
-        "noise": {"fill": "toself", "fillcolor": "rgba(31,41,51,0.18)", "line": {"width": 0}, "hoverinfo": "skip"},
+        "noise": {"fill": "toself", "fillcolor": INK, "opacity": 0.18, "line": {"width": 0}, "hoverinfo": "skip"},
         "measured": {"mode": "markers", "marker": {"color": INK, "size": 5}, "name": "measured"},
         "nominal": {"line": {"color": VERMILION, "width": 2, "dash": "dash"}, "name": "nominal, recalibrated"},
         "corrected": {"line": {"color": BLUE, "width": 2}, "name": corrected_name},
@@ -153,7 +152,11 @@ def response_figure(
         _add_bands(figure, bands, len(rows))
     figure.update_xaxes(title="frequency, Hz", row=len(rows), col=1)
     figure.update_yaxes(title={"standoff": 12, "font": {"size": 13}})
-    return styled(figure, height=570 + 120 * with_phase + 130 * bool(bands)).update_layout(bargap=0)
+    shown = ["magnitude", *["phase"] * with_phase, "difference of measurement and model"]
+    words = (
+        f"Responses over frequency, measured and computed: {', '.join(shown)}, of the run and the node that are chosen."
+    )
+    return styled(figure, words, height=570 + 120 * with_phase + 130 * bool(bands)).update_layout(bargap=0)
 
 
 def _add_bands(figure: go.Figure, bands: Sequence[Band], row: int) -> None:
@@ -164,7 +167,7 @@ def _add_bands(figure: go.Figure, bands: Sequence[Band], row: int) -> None:
             x=[(band.f_lo + band.f_hi) / 2 for band in bands],
             width=[band.f_hi - band.f_lo for band in bands],
             y=[100 * value for value in shares],
-            marker={"color": VERMILION, "line": {"color": "white", "width": 1.5}},
+            marker={"color": VERMILION, "line": {"color": PAPER, "width": 1.5}},
             text=[part(value) for value in shares],
             textposition="outside",
             cliponaxis=False,
@@ -178,7 +181,7 @@ def _add_bands(figure: go.Figure, bands: Sequence[Band], row: int) -> None:
     top = 100 * max([value for value in shares if finite(value)], default=1.0)
     figure.update_yaxes(title="share, %", range=[0, 1.45 * top or 1], nticks=3, row=row, col=1)
     for edge in sorted({edge for band in bands for edge in (band.f_lo, band.f_hi)}):
-        line = {"color": "#c4cad1", "width": 1, "dash": "dot"}
+        line = {"color": EDGE, "width": 1, "dash": "dot"}
         figure.add_shape(type="line", x0=edge, x1=edge, xref="x", y0=0, y1=1, yref="paper", line=line, layer="below")
 
 
@@ -216,7 +219,8 @@ def peaks_figure(rows: Sequence[Mapping[str, Any]], best: str) -> go.Figure:
     figure.update_yaxes(tickvals=list(range(len(supports))), ticktext=[f"{s} support " for s in supports],
                         range=[-0.6, len(supports) - 0.4], showgrid=False, ticks="")  # fmt: skip
     figure.update_xaxes(title="frequency, Hz", rangemode="tozero")
-    return styled(figure, height=140 + 70 * len(supports))
+    words = f"Listed resonances with their errors, beside those of the nominal model and of {escape(best)}."
+    return styled(figure, words, height=140 + 70 * len(supports))
 
 
 # -- the gap by band, node and run ---------------------------------------------------------------
@@ -294,16 +298,28 @@ def gap_map_figure(cells: GapMap, corrected_name: str = "with the effect") -> go
     figure = make_subplots(rows=len(shown), shared_xaxes=True, vertical_spacing=(len(shown) - 1) * between / whole)
     for row, (name, gap) in enumerate(shown.items(), start=1):
         figure.add_trace(_heat(cells, gap), row=row, col=1)
+        if _columns(cells) <= _MOST_NUMBERED:
+            figure.add_trace(_cell_numbers(cells, gap), row=row, col=1)
         figure.update_yaxes(autorange="reversed", showgrid=False, ticks="", row=row, col=1)
         above = 1 - (row - 1) * (height + between) / whole
         _write(figure, f"<b>{name}</b>", x=0, xref="paper", xanchor="left", y=above, yanchor="bottom", yshift=4)
     _label_columns(figure, cells)
     figure.update_layout(
-        coloraxis={"colorscale": list(MAP_COLOURS), "cmin": _MAP_RANGE[0], "cmax": _MAP_RANGE[1], "showscale": False}
+        coloraxis={"colorscale": list(MAP), "cmin": _MAP_RANGE[0], "cmax": _MAP_RANGE[1], "showscale": False}
     )
-    return styled(figure, height=whole + top + bottom).update_layout(
-        margin={"t": top, "b": bottom}, plot_bgcolor=_EMPTY
+    return styled(figure, _map_words(cells), height=whole + top + bottom).update_layout(
+        margin={"t": top, "b": bottom}, plot_bgcolor=EMPTY
     )
+
+
+def _map_words(cells: GapMap) -> str:
+    """Where the largest gap of the map is."""
+    words = "The gap of the nominal model in each band, at each node, for each run"
+    if not np.isfinite(cells.before).any():
+        return f"{words}."
+    run, band, channel = np.unravel_index(np.nanargmax(cells.before), cells.before.shape)
+    where = f"{band_label(cells.bands[band])}, node {channel_label(cells.channels[channel])}, {cells.runs[run]}"
+    return f"{words}; it is largest in {where}, with {share(float(np.nanmax(cells.before)))}."
 
 
 def _label_columns(figure: go.Figure, cells: GapMap) -> None:
@@ -325,7 +341,7 @@ def _write(figure: go.Figure, text: str, **where: Any) -> None:
 
 
 def _heat(cells: GapMap, gap: FloatArray) -> go.Heatmap:
-    """One map; its cells are labelled where there is room for the number."""
+    """One map."""
     flat = gap.reshape(len(cells.runs), -1)
     with np.errstate(divide="ignore", invalid="ignore"):
         colour = np.log10(flat)
@@ -337,18 +353,40 @@ def _heat(cells: GapMap, gap: FloatArray) -> go.Heatmap:
         [f"{name}<br>{share(value)}, noise {share(floor)}" for name, value, floor in zip(labels, a, b, strict=True)]
         for a, b in zip(flat, noise, strict=True)
     ]
-    room = flat.shape[1] <= 14
     return go.Heatmap(
         z=np.maximum(colour, _MAP_RANGE[0]),
-        y=[escape(label) + " " for label in cells.runs],
+        y=_row_names(cells),
         coloraxis="coloraxis",
         xgap=1,
         ygap=1,
         customdata=facts,
-        text=[[_percent(value) for value in row] for row in flat],
-        texttemplate="%{text}" if room else None,
         hovertemplate="%{y}<br>%{customdata}<extra></extra>",
         hoverongaps=False,
+    )
+
+
+def _columns(cells: GapMap) -> int:
+    return len(cells.bands) * len(cells.channels)
+
+
+def _row_names(cells: GapMap) -> list[str]:
+    return [escape(label) + " " for label in cells.runs]
+
+
+def _cell_numbers(cells: GapMap, gap: FloatArray) -> go.Scatter:
+    """The numbers of the cells, each in the colour that is read on its ground."""
+    known = [(y, x, value) for y, row in zip(_row_names(cells), gap.reshape(len(cells.runs), -1), strict=True)
+             for x, value in enumerate(row) if np.isfinite(value)]  # fmt: skip
+    rows, columns, values = zip(*known, strict=True) if known else ((), (), ())
+    dark_from = 10.0 ** (_MAP_RANGE[0] + 4 / (len(MAP) - 1) * (_MAP_RANGE[1] - _MAP_RANGE[0]))
+    return go.Scatter(
+        x=columns,
+        y=rows,
+        text=[_percent(value) for value in values],
+        mode="text",
+        textfont={"size": 12, "color": [ON_MAP[int(value >= dark_from)] for value in values]},
+        hoverinfo="skip",
+        showlegend=False,
     )
 
 
@@ -402,9 +440,11 @@ def candidate_figure(causes: Sequence[Cause], equivalent: Sequence[Cause], *, na
     figure.update_yaxes(
         tickvals=list(range(len(shown))), ticktext=names, autorange="reversed", showgrid=False, ticks=""
     )
-    figure.update_xaxes(title="probability, %", range=[0, 118], tickvals=[0, 25, 50, 75, 100])
+    figure.update_xaxes(title="probability, %", range=[0, 135], tickvals=[0, 25, 50, 75, 100])
     rows = sum(max(1, len(cause.effects)) for cause in shown)
-    return styled(figure, height=80 + 14 * len(shown) + 20 * rows).update_layout(bargap=0.35)
+    told = ", ".join(f"{cause_title(cause)} {part(cause.probability)}" for cause in shown)
+    words = f"Probabilities of the candidates: {told}."
+    return styled(figure, words, height=80 + 14 * len(shown) + 20 * rows).update_layout(bargap=0.35)
 
 
 def joint_figure(joint: JointStiffness) -> go.Figure:
@@ -426,7 +466,8 @@ def joint_figure(joint: JointStiffness) -> go.Figure:
     figure.add_hline(y=0, line={"color": INK, "width": 1})
     figure.update_xaxes(title="frequency, Hz")
     figure.update_yaxes(title="ΔZ, N/m", exponentformat="power", range=_bulk([*joint.real, *joint.imag]))
-    return styled(figure, height=340)
+    words = f"Dynamic stiffness missing at node {joint.node} over frequency, real and imaginary part: {joint.order}."
+    return styled(figure, words, height=340)
 
 
 def law_figure(joint: FittedJoint) -> go.Figure:
@@ -442,8 +483,10 @@ def law_figure(joint: FittedJoint) -> go.Figure:
         )
     )
     figure.update_xaxes(title="frequency, Hz")
-    figure.update_yaxes(title="|Z|, N/m", type="log", exponentformat="power")
-    return styled(figure, height=300)
+    figure.update_yaxes(title="|Z|, N/m", type="log", exponentformat="power", dtick=1)
+    return styled(
+        figure, f"Magnitude of the dynamic stiffness fitted at node {joint.node}, over frequency.", height=300
+    )
 
 
 def bearings_figure(bearings: BearingStiffness, corrected_name: str) -> go.Figure:
@@ -479,7 +522,8 @@ def bearings_figure(bearings: BearingStiffness, corrected_name: str) -> go.Figur
         bulk = _bulk([*told, *(value for values in modelled for value in values)])
         figure.update_yaxes(title=f"{part_name}, N/m", exponentformat="power", range=bulk, row=row, col=1)
     figure.update_xaxes(title="frequency, Hz", row=2, col=1)
-    return styled(figure, height=460)
+    words = "Dynamic stiffness of each bearing over frequency, real and imaginary part, beside that of the models."
+    return styled(figure, words, height=460)
 
 
 def _bulk(values: Sequence[float]) -> list[float] | None:
@@ -529,5 +573,6 @@ def shrink_figure(shrink: Shrink) -> go.Figure:
             x=100 * ends[name], y=name + " ", text=share(value), showarrow=False, xanchor="left", xshift=10
         )
     figure.update_yaxes(autorange="reversed", showgrid=False, ticks="")
-    figure.update_xaxes(title="gap (NRMSE), %", range=[0, 118 * max(*ends.values(), 1e-6)])
-    return styled(figure, height=240).update_layout(bargap=0.35)
+    figure.update_xaxes(title="gap (NRMSE), %", range=[0, 135 * max(*ends.values(), 1e-6)])
+    told = ", ".join(f"{name} {share(value)}" for name, value in zip(names, values, strict=True))
+    return styled(figure, f"The gap on data that were held out: {told}.", height=240).update_layout(bargap=0.35)

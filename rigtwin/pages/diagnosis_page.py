@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from markupsafe import Markup
 
 from rigtwin.gap.curves import Curve, nrmse
 from rigtwin.gap.document import Calibration, Cause, Diagnosis, Finding, Shrink, Where
 from rigtwin.gap.phrases import part
 from rigtwin.pages.diagnosis_figures import (
-    MAP_COLOURS,
     bearings_figure,
     candidate_figure,
     first_choice,
@@ -54,8 +51,9 @@ from rigtwin.pages.diagnosis_words import (
     share,
     title,
 )
-from rigtwin.pages.figures import rotor_picture
-from rigtwin.pages.page import write_page
+from rigtwin.pages.figures import rotor_drawing
+from rigtwin.pages.page import json_in_html, write_page
+from rigtwin.pages.places import pointed_at
 from rigtwin.pages.provenance import provenance
 from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.sim.campaign import Campaign
@@ -104,6 +102,7 @@ def write_diagnosis_page(diagnosis: Diagnosis, curves: Sequence[Curve], campaign
     path : of the page
     """
     rig = load_rig(campaign.rig)
+    pointed = pointed_at(diagnosis, rig, [run.excitation_node for run in campaign.runs])
     return write_page(
         "diagnosis.html",
         path,
@@ -113,7 +112,8 @@ def write_diagnosis_page(diagnosis: Diagnosis, curves: Sequence[Curve], campaign
         key_figures=_key_figures(diagnosis, curves),
         meanings=_meanings(diagnosis),
         rig=rig,
-        picture=rotor_picture(rig),
+        drawing=rotor_drawing(rig, pointed.rings_m),
+        pointed=pointed.words,
         **_response_content(curves, diagnosis),
         **_peak_content(diagnosis, campaign),
         where=_where_rows(diagnosis.where, diagnosis.audit),
@@ -208,12 +208,11 @@ _CORRECTED_AS = {
 def _response_content(curves: Sequence[Curve], diagnosis: Diagnosis) -> dict[str, Any]:
     """Figures and data of the measured runs; nothing of a campaign that has none."""
     if not curves:
-        return {"response": None, "gap_map": None, "map_colours": "", "no_curves": _NO_CURVES}
+        return {"response": None, "gap_map": None, "no_curves": _NO_CURVES}
     where = diagnosis.where
     name, words = _CORRECTED_AS.get(diagnosis.verdict, _WITH_EFFECT)
     cells = gap_map(curves, where.bands)
-    with_phase = any(not curve.run.magnitude_only for curve in curves)
-    data = {"runs": responses(curves), "first": first_choice(curves), "gap_axis": "yaxis3" if with_phase else "yaxis2"}
+    data = {"runs": responses(curves), "first": first_choice(curves)}
     return {
         "no_curves": "",
         "response": response_figure(curves, where.bands, name),
@@ -223,13 +222,7 @@ def _response_content(curves: Sequence[Curve], diagnosis: Diagnosis) -> dict[str
         "corrected_words": words,
         "gap_map": gap_map_figure(cells, name),
         "map_width": map_width(cells),
-        "map_colours": ", ".join(MAP_COLOURS),
     }
-
-
-def json_in_html(value: Any) -> Markup:
-    """JSON that may stand in a script element: no text of a user can end the element."""
-    return Markup(json.dumps(value, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 
 def _where_rows(where: Where, audit: Sequence[Finding]) -> list[tuple[str, str]]:

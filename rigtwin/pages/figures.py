@@ -1,17 +1,17 @@
-"""Plotly figures of a page, and the picture of the rotor."""
+"""Plotly figures of a page, and the drawing of the rotor."""
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 
-from rigtwin.pages.palette import BLUE, GREEN, GRID, INK, ORANGE, PURPLE, VERMILION
+from rigtwin.pages.palette import BLUE, GREEN, GRID, INK, ORANGE, PAPER, PURPLE, VERMILION
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
+from rigtwin.rotor.geometry.drawing import rig_svg
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
@@ -35,11 +35,11 @@ RESPONSE_UNITS: dict[str, str] = {
 _TEMPLATE = go.layout.Template(
     layout={
         "font": {"family": "system-ui, -apple-system, Segoe UI, Roboto, sans-serif", "size": 14, "color": INK},
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
+        "paper_bgcolor": PAPER,
+        "plot_bgcolor": PAPER,
         "margin": {"l": 70, "r": 16, "t": 8, "b": 56},
         "legend": {"orientation": "h", "yanchor": "bottom", "y": 1.02, "x": 0},
-        "hoverlabel": {"bgcolor": "white"},
+        "hoverlabel": {"bgcolor": PAPER},
         "xaxis": {"gridcolor": GRID, "linecolor": INK, "ticks": "outside", "zeroline": False, "automargin": True},
         "yaxis": {"gridcolor": GRID, "linecolor": INK, "ticks": "outside", "zeroline": False, "automargin": True},
     }
@@ -80,7 +80,8 @@ def frf_figure(curves: Sequence[Curve]) -> go.Figure:
     y_title = RESPONSE_UNITS[quantities.pop()] if len(quantities) == 1 else "response"
     figure.update_yaxes(type="log", title=y_title, exponentformat="power", dtick=1)
     figure.update_xaxes(title="frequency, Hz")
-    return styled(figure)
+    names = ", ".join(curve.label for curve in curves)
+    return styled(figure, f"Magnitude of the response over frequency, {y_title}: {names}.")
 
 
 def _magnitude(curve: Curve) -> tuple[FloatArray, FloatArray, FloatArray | None]:
@@ -126,7 +127,7 @@ def frequency_figure(structure: Structure, marks: Mapping[str, Sequence[Mark]]) 
         figure.add_trace(_marks(name, group, symbol, colour))
     figure.update_xaxes(type="log", title="bearing stiffness k_b, N/m", exponentformat="power", dtick=2)
     figure.update_yaxes(title="natural frequency, Hz", rangemode="tozero")
-    return styled(figure)
+    return styled(figure, f"The first two natural frequencies over the bearing stiffness; marks: {', '.join(marks)}.")
 
 
 def _marks(name: str, group: Sequence[Mark], symbol: str, colour: str) -> go.Scatter:
@@ -138,7 +139,7 @@ def _marks(name: str, group: Sequence[Mark], symbol: str, colour: str) -> go.Sca
         error_x={"type": "data", "array": std, "color": colour, "thickness": 1.5},
         mode="markers",
         name=name,
-        marker={"symbol": symbol, "size": 10, "color": "white", "line": {"color": colour, "width": 2}},
+        marker={"symbol": symbol, "size": 10, "color": PAPER, "line": {"color": colour, "width": 2}},
         hovertemplate="%{x:.4g} N/m<br>%{y:.2f} Hz<extra>" + name + "</extra>",
     )
 
@@ -158,34 +159,18 @@ def readings_figure(readings: Sequence[tuple[str, float, float, float]], printed
     )
     name, value = printed
     figure.add_vline(x=value / 1e6, line={"color": VERMILION, "dash": "dash", "width": 2})
-    figure.add_annotation(
-        x=value / 1e6,
-        y=1,
-        yref="paper",
-        text=name,
-        showarrow=False,
-        xanchor="left",
-        xshift=6,
-        font={"color": VERMILION},
-    )
+    figure.add_annotation(x=value / 1e6, y=1, yref="paper", text=name, showarrow=False, xanchor="left", xshift=6)
     figure.update_xaxes(title="bearing stiffness k_b, MN/m")
     figure.update_yaxes(autorange="reversed", showgrid=False)
-    return styled(figure, height=240)
+    told = ", ".join(f"{source} {value / 1e6:.3g}" for source, value in zip(names, k_b, strict=True))
+    return styled(figure, f"Bearing stiffness in MN/m by source: {told}; {name} {value / 1e6:.3g}.", height=240)
 
 
-def styled(figure: go.Figure, height: int = 420) -> go.Figure:
-    """The same figure in the pages' fonts and colours, so high [px]."""
-    return figure.update_layout(template=_TEMPLATE, height=height)
+def styled(figure: go.Figure, words: str, height: int = 420) -> go.Figure:
+    """The same figure in the pages' fonts and colours, so high [px], and in words for who cannot see it."""
+    return figure.update_layout(template=_TEMPLATE, height=height, meta=words)
 
 
-def rotor_picture(rig: Rig) -> str:
-    """The rig drawn to scale, as a data URI for an <img>."""
-    from matplotlib.figure import Figure
-
-    from rigtwin.fmu_src.documentation import draw_rotor
-
-    picture = Figure(figsize=(7, 2.7), dpi=200, layout="constrained")
-    draw_rotor(picture.subplots(), rig)
-    buffer = io.BytesIO()
-    picture.savefig(buffer, format="png", metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+def rotor_drawing(rig: Rig, rings_m: Sequence[float] = ()) -> Markup:
+    """The rig drawn to scale, with rings at some positions [m]."""
+    return Markup(f'<div class="rotor">{rig_svg(rig, rings_m)}</div>')

@@ -15,6 +15,9 @@ from rigtwin.pages.page import write_page
 from rigtwin.pages.provenance import provenance
 from rigtwin.sim.campaign import Run
 
+# Letters of a label.
+_LONGEST = 36
+
 
 @dataclass(frozen=True)
 class Table:
@@ -55,7 +58,7 @@ class Overlay:
                 go.Scatter(
                     x=layer.run.frequency_hz,
                     y=np.where(size > 0, size, np.nan),
-                    name=escape(layer.label),
+                    name=_short(layer.label),
                     hovertemplate=hover,
                     **layer.style,
                 )
@@ -63,7 +66,13 @@ class Overlay:
         title = f"{RESPONSE_UNITS[self.layers[0].run.quantity]} at {channel}"
         figure.update_yaxes(type="log", title=title, exponentformat="power", dtick=1)
         figure.update_xaxes(title="frequency, Hz")
-        return styled(figure)
+        words = ", ".join(layer.label for layer in self.layers)
+        return styled(figure, f"Magnitude over frequency, {title}: {words}.")
+
+
+def _short(label: str) -> str:
+    """A label as Plotly reads it: HTML, no longer than a narrow window holds."""
+    return escape(label if len(label) <= _LONGEST else f"{label[: _LONGEST - 1]}…")
 
 
 def write_overlays(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rigtwin.rotor.model.html import drawing
@@ -10,10 +11,15 @@ if TYPE_CHECKING:
     from rigtwin.rotor.geometry.rig import Rig, SupportTable
 
 _WIDTH, _MARGIN, _TALLEST = 560.0, 24.0, 150.0
+_MARK = "var(--mark, #d33)"
 
 
-def rig_svg(rig: Rig) -> str:
+def rig_svg(rig: Rig, rings_m: Sequence[float] = ()) -> str:
     """Shaft, disks, masses, supports, node numbers and the force, to one scale in both directions where that fits.
+
+    Parameters
+    ----------
+    rings_m : positions along the shaft that are ringed, in the colour ``--mark`` of the page around [m]
 
     Returns
     -------
@@ -33,11 +39,18 @@ def rig_svg(rig: Rig) -> str:
     parts += [_label(x(at), 2 * middle + 8, str(n)) for n, at in enumerate(rig.nodes_m, start=1)]
     force = x(rig.nodes_m[rig.excitation_node - 1])
     parts.append(
-        f'<path d="M{force:.1f} {middle - half:.1f}V{middle - 8:.1f}m-4 -7l4 7l4 -7" stroke="#d33" stroke-width="1.8"/>'
-        + _label(force, middle - half - 6, "F", "#d33")
+        f'<path d="M{force:.1f} {middle - half:.1f}V{middle - 8:.1f}m-4 -7l4 7l4 -7" stroke="{_MARK}" '
+        'stroke-width="1.8"/>' + _label(force, middle - half - 6, "F", _MARK)
     )
+    parts += [_ring(x(at), middle) for at in rings_m]
     words = f"{rig.title or rig.name}: {len(rig.nodes_m)} nodes, force at node {rig.excitation_node}"
     return drawing("".join(parts), _WIDTH, 2 * middle + 14, words)
+
+
+def _ring(x: float, y: float) -> str:
+    """Drawn twice, the first time as its own rim, so that it is seen on any ground."""
+    circle = f'<circle class="ring" cx="{x:.1f}" cy="{y:.1f}" r="15" '
+    return f'{circle}stroke="var(--paper, #fff)" stroke-width="7"/>{circle}stroke="{_MARK}" stroke-width="3.5"/>'
 
 
 def _label(x: float, y: float, words: str, colour: str = "currentColor") -> str:

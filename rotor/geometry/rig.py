@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import math
+from collections.abc import Iterator
 from difflib import get_close_matches
+from functools import cache
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
@@ -43,6 +46,8 @@ class RigError(ValueError):
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+
+logger = logging.getLogger(__name__)
 
 # The keys that make a segment a cone.
 _CONICAL = ("diameter_left_m", "diameter_right_m", "bore_left_m", "bore_right_m")
@@ -491,7 +496,27 @@ def load_rig(source: str | Path) -> Rig:
         raise RigError(f"{source}: cannot be read ({error}); give a rig TOML or one of: {known}") from error
     if rig.name in shipped_rigs() and not rig.same_rotor(load_rig(rig.name)):
         raise RigError(f"{source}: name: {rig.name} is a shipped rig of other dimensions; give this one another name")
+    for words in _implausible(rig):
+        _say_once(f"{source}: {words}")
     return rig
+
+
+@cache
+def _say_once(words: str) -> None:
+    """A command loads a rig several times."""
+    logger.warning(words)
+
+
+def _implausible(rig: Rig) -> Iterator[str]:
+    """A sentence on each dimension that no rotor has, most often because it is in another unit."""
+    parts = {"segment": rig.segment, "disk": rig.disk}
+    for kind, limit in (("segment", 1.0), ("disk", 20.0)):
+        for number, part in enumerate(parts[kind], start=1):
+            if part.diameter_m and part.diameter_m > limit * rig.length:
+                yield (
+                    f"{kind} {number}: diameter_m = {part.diameter_m:g} is much for a shaft of {rig.length:g} m; "
+                    "lengths are in metres"
+                )
 
 
 def parse_rig(text: str, where: str = "rig") -> Rig:

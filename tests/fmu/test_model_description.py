@@ -124,7 +124,12 @@ def test_inputs_and_parameters_have_start_values_and_outputs_are_calculated(fmu)
 
 def test_everything_is_described(fmu):
     assert description(fmu).get("description")
+
     assert [v.attrib["name"] for v in variables(fmu) if not v.get("description")] == []
+
+
+def test_the_description_of_a_rotor_names_its_rig(rotor_fmu):
+    assert description(rotor_fmu).attrib["description"].endswith("(rig nit-rourkela)")
 
 
 @pytest.mark.parametrize("group", ["Outputs", "InitialUnknowns"])

@@ -179,11 +179,8 @@ def test_the_network_is_refused_in_a_sentence(compiled, tmp_path):
 
 def test_what_cannot_be_tracked_is_refused():
     rotor = reduced_rotor(RIG, assemble(RIG))
-    for nodes, words in (
-        ((9,), "there is no node 9"),
-        ((2, 2), "1 to 8 different nodes"),
-        ((), "1 to 8 different nodes"),
-    ):
+    several = "1 to 8 different nodes"
+    for nodes, words in (((9,), "there is no node 9"), ((2, 2), several), ((), several)):
         with pytest.raises(BuildError, match=words):
             tracker_facts(RIG, rotor, nodes)
     with pytest.raises(BuildError, match="no bearing whose stiffness is k_b"):

@@ -261,7 +261,7 @@ def test_wrong_input_gives_one_message_and_exit_code_2(refused, arguments, said)
     [
         (("--set", "k_b"), "write name=value"),
         (("--set", "k_b=soft"), "'soft' is not a number"),
-        (("--set", "kb=1e7"), "the FMU has no parameter kb; it has force"),
+        (("--set", "kb=1e7"), "the FMU has no parameter kb; did you mean k_b? it has force"),
         (("--set", "rigid_support=true"), "use --support"),
         (("--set", "excitation_node=3"), "use --excitation-node"),
         (("--set", "k_b=-1"), "k_b must be at least 10000 N/m, got -1"),

@@ -148,5 +148,5 @@ def test_the_command_prints_and_writes_what_the_function_finds(tmp_path):
     assert found.sentence in printed.stdout
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "line by line" in page
-    assert page.count("Plotly.newPlot(") >= 2
+    assert page.count('class="figure"') >= 2
     assert "<polyline" in found._repr_html_()

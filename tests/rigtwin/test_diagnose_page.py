@@ -7,7 +7,6 @@ import html
 import json
 import math
 import re
-import shutil
 import tomllib
 from collections.abc import Iterable
 from dataclasses import replace
@@ -55,7 +54,7 @@ from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.campaign import Campaign, Channel, PeakList, Run
-from tests.rigtwin.test_report import Page, assert_self_contained, rendered
+from tests.rigtwin.test_report import Page, assert_self_contained
 
 NOISE = 0.01
 FLOAT32 = 2e-7
@@ -609,22 +608,3 @@ def test_a_parameter_is_written_with_its_error_and_unit(estimate, text):
 
 def test_parameters_of_a_pair_say_whose_they_are():
     assert parameters(PAIR)[0] == "Attached mass: mass 0.100 ± 0.010 kg"
-
-
-# --- in a browser --------------------------------------------------------------------------------------
-
-
-@pytest.mark.skipif(not shutil.which("chromium"), reason="needs chromium")
-def test_a_browser_draws_every_figure_and_offers_every_run(curves, tmp_path):
-    page_of(DIAGNOSIS, curves, tmp_path)
-    dom = rendered(tmp_path / "report.html", tmp_path / "profile")
-    for figure in FIGURES:
-        begin = dom.index(f'id="{figure}"')
-        assert 'class="main-svg"' in dom[begin : begin + 2000], figure
-    choices = dom[dom.index('<select id="run">') : dom.index("</select>", dom.index('<select id="node">'))]
-    assert re.findall(r">([^<]+)</option>", choices) == [
-        *(f"{c.run.name}: {c.run.support}, {c.run.force_amplitude_N:g} N at node 2" for c in curves),
-        "node 2", "node 4", "node 6",
-    ]  # fmt: skip
-    # The points of the measured run are there: magnitude and phase of every line.
-    assert dom.count('<path class="point"') > 2 * len(curves[0].run.frequency_hz)

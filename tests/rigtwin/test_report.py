@@ -1,12 +1,9 @@
-"""The pages: whole, self-contained, drawn by a browser; and the demo's numbers behind them."""
+"""The pages: whole and self-contained; and the demo's numbers behind them."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
-import shlex
-import shutil
-import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -20,10 +17,7 @@ from rigtwin.sim.formats import read_run, write_run
 from tests.rigtwin.conftest import run
 
 # How plotly.js begins, whatever its version.
-PLOTLY_JS = re.compile(r"\* plotly\.js v[\d.]+")
-
-BROWSER_OPTIONS = """--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
-    --disable-component-update --disable-sync --virtual-time-budget=8000 --window-size=1200,3000 --dump-dom"""
+PLOTLY_JS = re.compile(r"\* plotly\.js \(cartesian - minified\) v[\d.]+")
 
 # The network's own error of k_b, and what 1 % noise on every line adds to it.
 ESTIMATE = 2e-3
@@ -113,7 +107,7 @@ def test_the_demo_page_is_self_contained(demo_page):
 
 def test_the_demo_page_has_every_figure_and_every_result(demo, demo_page):
     assert demo_page.figures == ["frf", "frequencies", "readings"]
-    assert [address[:22] for address in demo_page.addresses] == ["data:image/png;base64,"]
+    assert demo_page.addresses == []
     text = demo_page.text.replace("\xa0", " ")
     for sentence in (demo.numbers["result"], *demo.numbers["verdict"]):
         assert sentence in text
@@ -158,7 +152,7 @@ def test_a_campaign_of_peaks_alone_is_a_page_without_figures(tmp_path):
     assert run("report", paper, "--out", tmp_path / "page.html").exit_code == 0
     page = Page(tmp_path / "page.html")
     assert page.figures == []
-    assert "95.0 ± 1.5" in page.text
+    assert "95.0 ± 1.5" in page.text.replace("\xa0", " ")
 
 
 def test_runs_of_magnitudes_are_drawn_and_the_page_says_what_is_missing(swept, tmp_path):
@@ -179,7 +173,7 @@ def test_a_title_cannot_break_out_of_its_place(swept, tmp_path):
     for number, source in enumerate((tmp_path / "campaign", tmp_path / "<b>bold.uff")):
         assert run("report", source, "--out", tmp_path / f"{number}.html").exit_code == 0
         page = Page(tmp_path / f"{number}.html")
-        assert len(page.scripts) == 2  # plotly.js and one figure
+        assert len(page.scripts) == 3  # plotly.js, what draws with it, and one figure
         assert not [script for script in page.scripts if "alert(1)" in script]
         assert "<b>bold" not in page.source
     assert evil in Page(tmp_path / "0.html").text
@@ -210,23 +204,3 @@ def test_a_dead_channel_is_drawn_as_nothing(swept):
     dead = dataclasses.replace(run, H=0 * run.H)
     figure = frf_figure([Curve(dead, "dead", run.channels[0])])
     assert [len(trace.x) for trace in figure.data] == [0]
-
-
-# --- in a browser ----------------------------------------------------------------------------------
-
-
-@pytest.mark.skipif(not shutil.which("chromium"), reason="needs chromium")
-def test_a_browser_draws_every_figure_of_the_demo_page(demo, tmp_path):
-    dom = rendered(demo.out / "index.html", tmp_path)
-    # Plotly draws each figure in svg elements of this class; a figure that fails leaves its div empty.
-    for figure in ("frf", "frequencies", "readings"):
-        begin = dom.index(f'id="{figure}"')
-        assert 'class="main-svg"' in dom[begin : begin + 2000], figure
-    assert dom.count('class="trace scatter') == 2 + 4 + 1
-
-
-def rendered(page: Path, profile: Path) -> str:
-    """The page as a browser has it after running its scripts, without a network."""
-    options = shlex.split(BROWSER_OPTIONS)
-    command = ["chromium", *options, f"--user-data-dir={profile}", page.as_uri()]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from rigtwin.api.sweeps import SweepRequest
+from rigtwin.commands.sweep import Output, run_sweep
 from rigtwin.rotor.effects import EFFECTS, AttachedMass, SensorGain
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble
@@ -143,3 +145,10 @@ def test_remarks_on_lines_are_told(rotor_fmu, monkeypatch):
     said = run("sweep", rotor_fmu).stderr.splitlines()
     assert said[:3] == [f"rigtwin: {f} Hz: it rattles" for f in (91, 92, 93)]
     assert said[3:] == ["rigtwin: and 2 more lines with such remarks; --json lists them"]
+
+
+@pytest.mark.parametrize(("noise", "said"), [(0.01, False), (1.0, True)])
+def test_noise_that_looks_like_resonances_is_remarked_upon(monkeypatch, capsys, noise, said):
+    monkeypatch.setattr("rigtwin.commands.sweep.measure", lambda *_: iter(()))
+    run_sweep(SweepRequest("nit-rourkela", noise=noise), Output(None, as_json=False))
+    assert ("noise of 100 % of each line looks like resonances" in capsys.readouterr().err) == said

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from rigtwin.wording import exponent, interval, percent, unbroken, with_error
+from rigtwin.console import progress
+from rigtwin.wording import counted, exponent, interval, percent, unbroken, with_error
 
 
 @pytest.mark.parametrize(
@@ -38,3 +39,19 @@ def test_small_words():
 
 def test_a_number_stays_with_its_unit_and_its_error():
     assert unbroken("1 % of 25 ± 2 Hz, 19 N s/m") == "1\xa0% of 25\xa0±\xa02\xa0Hz, 19\xa0N\xa0s/m"
+
+
+def test_a_long_work_without_a_terminal_says_now_and_then_how_far_it_is(capsys, monkeypatch):
+    monkeypatch.setattr("rigtwin.console._SECONDS_BETWEEN_STAGES", 3600.0)
+    with progress("rigs", 3) as count:
+        count(1)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("rigtwin.console._SECONDS_BETWEEN_STAGES", -1.0)
+    with progress("rigs", 3) as count:
+        count(2)
+    assert capsys.readouterr().err == "rigtwin: rigs, 2 of 3\n"
+
+
+@pytest.mark.parametrize(("count", "words"), [(0, "0 lines"), (1, "1 line"), (2, "2 lines")])
+def test_one_is_no_plural(count, words):
+    assert counted(count, "line") == words

@@ -3,6 +3,7 @@
 import copy
 import math
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -370,3 +371,14 @@ def test_a_thin_disk_given_by_mass_has_twice_its_diametral_inertia_about_the_sha
     tables = copy.deepcopy(rigs.tables())
     tables["disk"] = [{"node": 3, "mass_kg": 1.0, "diametral_inertia_kg_m2": 0.5, "inertia": True}]
     assert Rig.model_validate(tables).disk[0].polar_inertia == 1.0
+
+
+@pytest.mark.parametrize(("diameter", "said"), [("0.020", False), ("25", True)])
+def test_a_diameter_in_another_unit_is_remarked_upon(tmp_path, caplog, diameter, said):
+    own = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
+    file = tmp_path / f"{diameter}.toml"
+    file.write_text(own.read_text(encoding="utf-8").replace("diameter_m = 0.020", f"diameter_m = {diameter}"))
+    load_rig(file)
+    load_rig(file)  # said once
+    words = "segment 1: diameter_m = 25 is much for a shaft of 0.34 m; lengths are in metres"
+    assert caplog.text.count(words) == said

@@ -170,7 +170,10 @@ def test_data_files_may_lie_in_subfolders_and_one_file_may_serve_two_runs(tmp_pa
         (HEAD + RUN.replace("a.csv", "a" * 5000), "run 1 file: no such data file 'aaa"),
         (HEAD + RUN.replace("a.csv", "\\u0000"), "run 1 file: no such data file "),
         (HEAD, "no [[run]] and no [[peaks]]; a campaign needs at least one of either"),
-        ('rig = "nit-rurkela"\n' + PEAKS, "rig: no rig file nit-rurkela; give the path of a rig TOML"),
+        (
+            'rig = "nit-rurkela"\n' + PEAKS,
+            "rig: no rig file nit-rurkela; did you mean nit-rourkela? give the path of a rig TOML",
+        ),
         (HEAD + 'titel = "x"\n' + PEAKS, "titel: unknown key; did you mean title?"),
         (HEAD + RUN.replace("[[run]]", "[[runs]]"), "runs: unknown key; did you mean run?"),
         (HEAD + "author = 1\n" + PEAKS, "author: unknown key; check its spelling or remove it"),

@@ -13,7 +13,16 @@ from scipy import stats
 from scipy.optimize import curve_fit
 
 from rigtwin.sim.campaign import Channel, MeasurementError, Run
-from rigtwin.sim.modal_fit import ModalFitError, Mode, driving_point, fit_mode, fit_modes, half_power_band, resonances
+from rigtwin.sim.modal_fit import (
+    ModalFitError,
+    Mode,
+    driving_point,
+    fit_mode,
+    fit_modes,
+    half_power_band,
+    resonances,
+    try_modes,
+)
 
 # Exact data inside the fitted model: what the optimiser's stopping rule leaves.
 EXACT_FREQUENCY, EXACT_DAMPING = 1e-9, 1e-6
@@ -398,3 +407,19 @@ def test_fitting_leaves_the_run_as_it_was():
     before = run.H.copy()
     fit_modes(run)
     assert_array_equal(run.H, before)
+
+
+def measured_up_to(end_hz: float) -> Run:
+    """Two modes on a band that ends near the second, at 297 Hz."""
+    modes = two_modes()
+    f = raster(modes)
+    f = f[f <= end_hz]
+    H = sum(mode.receptance(f) for mode in modes) * -((2 * np.pi * f[:, None]) ** 2)
+    return Run(f, np.asarray(H), tuple(Channel(n) for n in (2, 4, 6)), "bearing", name="cut")
+
+
+@pytest.mark.parametrize(("end_hz", "said"), [(400.0, False), (297.05, True), (297.0, True), (250.0, False)])
+def test_a_resonance_at_the_end_of_the_band_is_said_to_be_left_out(end_hz, said):
+    modes, left_out = try_modes(measured_up_to(end_hz))
+    assert len(modes) == (2 if end_hz == 400 else 1)
+    assert any("at the end of the band" in words and "widen the band" in words for words in left_out) == said

@@ -19,7 +19,7 @@ from rigtwin.api import fmus
 from rigtwin.api.fmus import manifest
 from rigtwin.fmu_src import compiling
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
-from rigtwin.fmu_src.compiling import TARGETS, CompileError, compiler, this_machine
+from rigtwin.fmu_src.compiling import TARGETS, CompileError, compiler, targets_named, this_machine
 from rigtwin.fmu_src.native_sources import NATIVE, check_core_reads_every_effect
 from rigtwin.fmu_src.network_code import WIDEST, UnknownOperationError, network_code
 from rigtwin.rotor.effects import EFFECTS
@@ -175,22 +175,22 @@ def test_the_virtual_rig_takes_the_compiled_fmu_where_it_can(tmp_path, monkeypat
         assert ("sources/nonlinear.c" in archive.namelist()) == compilable
 
 
-def test_where_the_compiler_fails_the_virtual_rig_says_so_and_goes_on(tmp_path, monkeypatch, capsys):
+def test_where_the_compiler_fails_the_virtual_rig_says_so_and_goes_on(tmp_path, monkeypatch, caplog):
     def fail(*_, **__):
         raise CompileError("the C compiler failed")
 
     monkeypatch.setattr(fmus, "build_native_rotor_fmu", fail)
     fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
     assert fmu.is_file()
-    assert "the C compiler failed; the virtual rig goes on" in capsys.readouterr().err
+    assert "the C compiler failed; the virtual rig goes on" in caplog.text
 
 
-def test_an_effect_that_the_core_does_not_read_leaves_the_virtual_rig_pythonfmus_fmu(tmp_path, monkeypatch, capsys):
+def test_an_effect_that_the_core_does_not_read_leaves_the_virtual_rig_pythonfmus_fmu(tmp_path, monkeypatch, caplog):
     monkeypatch.setitem(EFFECTS, DriveMass.id, DriveMass)
     fmu = fmus.build_rotor_for_the_rig(load_rig("nit-rourkela"), tmp_path)
     with zipfile.ZipFile(fmu) as archive:
         assert "sources/nonlinear.c" not in archive.namelist()
-    assert "the C core does not read drive_mass.mass: add the line that does" in capsys.readouterr().err
+    assert "the C core does not read drive_mass.mass: add the line that does" in caplog.text
 
 
 def test_a_single_parameter_that_the_core_does_not_read_is_named():
@@ -223,3 +223,17 @@ def test_a_network_too_wide_for_the_code_in_c_is_refused(tmp_path):
     assert f"tanh_of({WIDEST}," in network_code(tanh_network(tmp_path / "n.onnx", WIDEST), "network")
     with pytest.raises(UnknownOperationError, match="tanh of 68 neurons: the C code takes 64 of them at most"):
         network_code(tanh_network(tmp_path / "n.onnx", WIDEST + 4), "network")
+
+
+def test_platforms_are_chosen_by_their_names():
+    assert targets_named(["here", this_machine().fmi3]) == (this_machine(),)
+    assert targets_named(["x86_64-windows", "aarch64-linux"])[0].fmi2 == "win64"
+    with pytest.raises(CompileError, match="there is no platform atari; there are here, x86_64-linux"):
+        targets_named(["atari"])
+
+
+def test_without_ziglang_other_platforms_are_refused(monkeypatch):
+    monkeypatch.setattr("rigtwin.fmu_src.compiling.find_spec", lambda _: None)
+    other = next(target.fmi3 for target in TARGETS if target != this_machine())
+    with pytest.raises(CompileError, match=f"{other} cannot be compiled for here without ziglang"):
+        targets_named([other])

@@ -417,10 +417,10 @@ class StiffnessTracker:
         P[: n // 2, : n // 2] = self._rotor.scale[:, None] * (loud @ loud.T) * self._rotor.scale
         P[n // 2 : n, n // 2 : n] = (loud * squares) @ loud.T
         P[range(n, n + _N), range(n, n + _N)] = belief.std**2
+        several = o.rich or belief.others_known  # else nothing could tell them apart
         share = belief.k_b_std / SPREAD
-        P[n, n] = (WIDTH * share) ** 2
-        o.filters = []
-        for offset in _OFFSETS:
+        P[n, n] = (WIDTH * share if several else belief.k_b_std) ** 2
+        for offset in _OFFSETS if several else (0.0,):
             at = belief.start
             at[STIFFNESS] += offset * share
             weight = -(offset**2) / (2 * SPREAD**2)

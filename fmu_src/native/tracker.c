@@ -396,7 +396,7 @@ static int gauge(Tracker *s, const double *read)
     return steady;
 }
 
-/* A first filter, for a motion as large as the accelerations say. */
+/* First filters, with stiffnesses about the one believed, for a motion as large as the accelerations say. */
 static void begin(Tracker *s)
 {
     State *o = &s->now;
@@ -421,19 +421,19 @@ static void begin(Tracker *s)
             }
     for (int j = 0; j < N_PARAMETERS; j++)
         f->P[(n + j) * ALL + n + j] = s->belief.std[j] * s->belief.std[j];
-    o->n = 1;
     o->caution = CAUTION;
     o->calming = CALMING;
     o->contradiction = 1;
-    const double wide = s->belief.std[STIFFNESS];
-    o->n = FILTERS;
-    for (int k = FILTERS - 1; k >= 0; k--) {
+    const int several = o->rich || s->known; /* else nothing could tell them apart */
+    const double share = s->belief.std[STIFFNESS] / SPREAD, std = several ? WIDTH * share : s->belief.std[STIFFNESS];
+    f->P[(n + STIFFNESS) * (ALL + 1)] = std * std;
+    o->n = several ? FILTERS : 1;
+    for (int k = (int)o->n - 1; k >= 0; k--) {
         Filter *g = o->filters + k;
         if (k)
             *g = *f;
-        g->parameters[STIFFNESS] += OFFSETS[k] * wide / SPREAD;
+        g->parameters[STIFFNESS] += OFFSETS[k] * share;
         g->log_weight = -OFFSETS[k] * OFFSETS[k] / (2 * SPREAD * SPREAD);
-        g->P[(n + STIFFNESS) * ALL + n + STIFFNESS] = WIDTH * WIDTH * wide * wide / SPREAD / SPREAD;
         memcpy(g->at, g->parameters, sizeof g->at);
         linearise(s, k);
     }

@@ -11,6 +11,7 @@
 # make benchmark-scaled-rigs   docs/scaled-rigs.md: the same rigs in other units have the same answers; half an hour
 # make clean   without dist, build and runs
 # make benchmark-real-data DATA=FOLDER   docs/real-data.md: the diagnosis on data of other laboratories; half an hour
+# make benchmark-tracker   docs/tracker-measured.md: how well a k_b that changes is followed; minutes
 # make benchmark-records   k_b from an oscilloscope's records beside that of the sweep; minutes
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
@@ -32,7 +33,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test test-long lint docs fmus native elsewhere fuzz fuzz-files lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint docs fmus native elsewhere fuzz fuzz-files lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-tracker benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -108,6 +109,9 @@ benchmark-lab-data: $(VENV)/installed
 # DATA is a folder that holds the data sets; the command says which file is missing and where it comes from.
 benchmark-real-data: $(VENV)/installed
 	$(PYTHON) -m benchmarks.real_data $(DATA) --page docs/real-data.md
+
+benchmark-tracker: $(VENV)/installed
+	$(PYTHON) -m benchmarks.tracker --page docs/tracker-measured.md
 
 benchmark-records: $(VENV)/installed
 	$(PYTHON) -m benchmarks.oscilloscope_records

@@ -259,26 +259,29 @@ class StiffnessTracker:
 
     # -- matrices ----------------------------------------------------------------------------------------------
 
-    def _matrices(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """T (2 r, 2 r + 3) and Y (n_sensors, 2 r + 1) at parameters; the force is a parabola through three instants."""
+    def _matrices(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """T (m, 2 r, 2 r + 3) and Y (m, n_sensors, 2 r + 1) at points (m, 5); the force is a parabola."""
         rotor, h = self._rotor, self._state.step
-        r, n = rotor.r, 2 * rotor.r
-        damping, ratio = math.exp(p[BEARING_DAMPING]), math.exp(p[SHAFT_DAMPING])
-        rows = rotor.accelerations(p[STIFFNESS], p[DISK_MASS], damping, ratio, self._belief.driven_node - 1)
-        A = np.zeros((n + _N_FORCES, n + _N_FORCES))
-        A[:r, r:n] = h * np.diag(rotor.scale)
-        A[r:n, : n + 1] = h * rows
-        A[n, n + 1] = A[n + 1, n + 2] = 1.0
-        E = expm(A)[:n]
-        held, ramp, bow = E[:, n:].T
-        return np.column_stack([E[:, :n], bow - ramp / 2, held - 2 * bow, bow + ramp / 2]), self._read @ rows
+        r, n, driven = rotor.r, 2 * rotor.r, self._belief.driven_node - 1
+        dampings = np.exp(points[:, [BEARING_DAMPING, SHAFT_DAMPING]])
+        rows = np.array(
+            [rotor.accelerations(p[STIFFNESS], p[DISK_MASS], *d, driven) for p, d in zip(points, dampings, strict=True)]
+        )
+        A = np.zeros((len(points), n + _N_FORCES, n + _N_FORCES))
+        A[:, :r, r:n] = h * np.diag(rotor.scale)
+        A[:, r:n, : n + 1] = h * rows
+        A[:, n, n + 1] = A[:, n + 1, n + 2] = 1.0
+        E = expm(A)[:, :n]
+        held, ramp, bow = np.moveaxis(E[:, :, n:], 2, 0)
+        T = np.concatenate([E[:, :, :n], np.stack([bow - ramp / 2, held - 2 * bow, bow + ramp / 2], axis=2)], axis=2)
+        return T, self._read @ rows
 
     def _linear(self, at: FloatArray) -> _Linear:
-        T, Y = self._matrices(at)
-        up, down = ([self._matrices(at + sign * DIFFERENCE * e) for e in np.eye(_N)[:_IN_MATRICES]] for sign in (1, -1))
-        dT, dY = (np.array([(a[k] - b[k]) / (2 * DIFFERENCE) for a, b in zip(up, down, strict=True)]) for k in (0, 1))
-        ddT, ddY = ((up[0][k] + down[0][k] - 2 * middle) / DIFFERENCE**2 for k, middle in enumerate((T, Y)))
-        return _Linear(T, dT, ddT, Y, dY, ddY)
+        away = DIFFERENCE * np.eye(_N)[:_IN_MATRICES]
+        T, Y = self._matrices(np.concatenate([at[None], at + away, at - away]))
+        dT, dY = ((each[1 : 1 + _IN_MATRICES] - each[1 + _IN_MATRICES :]) / (2 * DIFFERENCE) for each in (T, Y))
+        ddT, ddY = ((each[1] + each[1 + _IN_MATRICES] - 2 * each[0]) / DIFFERENCE**2 for each in (T, Y))
+        return _Linear(T[0], dT, ddT, Y[0], dY, ddY)
 
     def _follow(self, f: _Filter) -> None:
         """Make the matrices anew where the parameters have gone far from where they were made."""

@@ -213,8 +213,9 @@ def _citation(entry: Mapping[str, str]) -> str:
     people = ", ".join(authors[:-1]) + (" and " if len(authors) > 1 else "") + authors[-1]
     parts = [people, f"*{entry['title']}*"]
     if "journal" in entry:
+        volume = f" {entry['volume']}" if "volume" in entry else ""
         issue = f"({entry['number']})" if "number" in entry else ""
-        parts.append(f"{entry['journal']} {entry['volume']}{issue}, {entry['pages']}")
+        parts.append(f"{entry['journal']}{volume}{issue}, {entry['pages']}")
     parts += [f"{entry['edition']} edition"] if "edition" in entry else []
     parts += [entry[name] for name in ("booktitle", "publisher", "year") if name in entry]
     doi = f", [doi:{entry['doi']}](https://doi.org/{entry['doi']})" if "doi" in entry else ""

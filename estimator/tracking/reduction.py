@@ -15,7 +15,7 @@ from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import DOF_PER_NODE, Structure
-from rigtwin.rotor.model.system import LinearSystem, shaft_damping
+from rigtwin.rotor.model.system import LinearSystem
 
 # Bearing stiffnesses, evenly spaced in the logarithm, whose modes are in the basis and at which the shaft's damping is
 # tabulated.
@@ -60,7 +60,7 @@ def reduce_rotor(structure: Structure, k_b: tuple[float, float], highest_hz: flo
         K_fixed=K_fixed,
         K_bearing=K_bearing,
         C_bearing=reduced(damped.C_support - undamped.C_support),
-        C_shaft=np.array([reduced(shaft_damping(replace(s, shaft_damping_ratio=1.0))) for s in systems]),
+        C_shaft=np.array([reduced(_of_the_shaft(s)) for s in systems]),
         ln_k=ln_k,
         nodes=one.read_out(plane) @ Psi,
         scale=np.sqrt(np.diag(K_fixed + np.exp(ln_k.mean()) * K_bearing)),
@@ -71,3 +71,9 @@ def reduce_rotor(structure: Structure, k_b: tuple[float, float], highest_hz: flo
 
 def _at(structure: Structure, condition: Condition, k_b: float, plane: int) -> LinearSystem:
     return build_system(structure, replace(condition, k_b=k_b, rigid_support=False)).in_plane(plane)
+
+
+def _of_the_shaft(system: LinearSystem) -> FloatArray:
+    """Damping of the shaft alone, for a damping ratio of 1."""
+    damped = replace(system, shaft_damping_ratio=1.0)
+    return damped.C - damped.C_support

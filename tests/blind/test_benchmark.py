@@ -103,6 +103,7 @@ def test_the_page_comes_from_the_results_alone(tmp_path, answered):
     assert len(answered) == calls
 
 
+@pytest.mark.long
 def test_sets_are_added_one_by_one(tmp_path, answered):
     """A set takes its own place, with its seed, and leaves the others of the same split; another split begins anew."""
     page, found = tmp_path / "page.md", []

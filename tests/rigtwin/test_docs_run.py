@@ -34,7 +34,15 @@ NO_CODE = {"text", "{toctree}", "{eval-rst}", "{figure}"}
 CODE = {"python", "sh", "console", "toml", "csv", "matlab", "{code-cell}"}
 
 # Pages whose blocks take a minute or more, most of it in whole diagnoses.
-LONG = {"README.md", "docs/command-line.md", "docs/diagnosis.md", "docs/tutorial.md"}
+LONG = {
+    "README.md",
+    "docs/command-line.md",
+    "docs/compare.md",
+    "docs/diagnosis.md",
+    "docs/modes.md",
+    "docs/reduce.md",
+    "docs/tutorial.md",
+}
 
 _FENCE = re.compile(r"^```(?P<kind>\S*)[^\n]*\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
 _NOT_RUN = re.compile(r"<!-- not run: (?P<reason>.{8,}) -->\n$")

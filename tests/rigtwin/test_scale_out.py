@@ -103,6 +103,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_doubles_nothing(rotor_fmu,
         assert_array_equal(found.features, measure_rigs(rotor_fmu, rigs, pool, plan=COARSE).features)
 
 
+@pytest.mark.long
 def test_what_a_cluster_left_is_gone_on_with_here(rotor_fmu, cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(dataset, "_CHUNK", 1)
     rigs, store = PRIOR.draw(4, seed=4), tmp_path / "store"

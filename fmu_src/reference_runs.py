@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ _TRACKED = 0.12
 def rotor_run(structure: Structure, facts: RotorFacts) -> ReferenceRun:
     """A rotor at its start values under a pulse of the force and the built-in sine."""
     table = rotor_variables(facts)
-    starts = {v.name: v.start for v in table}
+    starts: dict[str, Any] = {v.name: v.start for v in table}
     rotor = RotorSimulator(structure, Condition(**{f.name: starts[f.name] for f in fields(Condition)}))
     step = _RECOMMENDED * facts.step
     number = np.arange(_STEPS + 1)
@@ -47,7 +48,7 @@ def rotor_run(structure: Structure, facts: RotorFacts) -> ReferenceRun:
     frequency = _PERIODS / (_STEPS * step)
     inputs = {"force": pulse, "force_amplitude": _AMPLITUDE * ones, "force_frequency": frequency * ones}
 
-    def answer(time: float, h: float, values: dict[str, float]) -> Sequence[float]:
+    def answer(time: float, h: float, values: dict[str, Any]) -> Sequence[float]:
         rotor.drive(**values)
         if h:
             rotor.advance(time, h)

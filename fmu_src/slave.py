@@ -108,7 +108,7 @@ class TableSlave(Fmi2Slave):
 
     @abstractmethod
     def advance(self, time: float, h: float) -> None:
-        """One communication step of h from this time on [s]; raise ValueError to refuse."""
+        """One communication step of h > 0 from this time on [s], both finite; raise ValueError to refuse."""
 
     def start_at(self, time: float) -> None:
         """Called with the start time [s]; raise ValueError to refuse."""
@@ -145,11 +145,15 @@ class TableSlave(Fmi2Slave):
         self._phase = _RUNNING
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """One communication step of any length."""
+        """One communication step of any length above zero."""
         self._only(_RUNNING, "a step")
         end, excess = current_time + step_size, _SAME_STEP * abs(step_size) + _SAME_STOP * max(1.0, abs(self._stop))
         if end - self._stop > excess:
             self.refuse(f"a step to {end:.9g} s goes beyond the stop time of {self._stop:.9g} s")
+        if not math.isfinite(end):
+            self.refuse(f"the communication step must be finite, got {step_size:.9g} s at {current_time:.9g} s")
+        if not step_size > 0:
+            self.refuse(f"the communication step must be positive, got {step_size:.9g} s")
         self.advance(current_time, step_size)
         self._stale = True
         return True

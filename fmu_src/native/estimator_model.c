@@ -3,7 +3,6 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 
 #define N_FEATURES 6
@@ -14,7 +13,6 @@ void network(const float *features, float *estimate);
 
 struct Model {
     float features[N_FEATURES];
-    char message[100];
 };
 
 Model *model_new(void)
@@ -42,14 +40,8 @@ const char *model_start(Model *model, double time)
 
 const char *model_step(Model *model, double time, double step)
 {
-    if (!isfinite(time + step))
-        snprintf(model->message, sizeof model->message, "the communication step must be finite, got %.9g s at %.9g s", step,
-                 time);
-    else if (!(step > 0))
-        snprintf(model->message, sizeof model->message, "the communication step must be positive, got %.9g s", step);
-    else
-        return 0;
-    return model->message;
+    (void)model, (void)time, (void)step;
+    return 0;
 }
 
 int model_give_derivative(Model *model, int variable, double rate)

@@ -142,6 +142,10 @@ const char *instance_step(Instance *s, double time, double step)
         return wrong_moment(s, "a step");
     if (time + step - s->stop > SAME_STEP * fabs(step) + SAME_STOP * fmax(1, fabs(s->stop)))
         return refuse(s, "a step to %.9g s goes beyond the stop time of %.9g s", time + step, s->stop);
+    if (!isfinite(time + step))
+        return refuse(s, "the communication step must be finite, got %.9g s at %.9g s", step, time);
+    if (!(step > 0))
+        return refuse(s, "the communication step must be positive, got %.9g s", step);
     const char *wrong = model_step(s->model, time, step);
     if (wrong)
         return refuse(s, "%s", wrong);

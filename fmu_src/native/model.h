@@ -39,6 +39,7 @@ const char *model_accept(Model *model, const double *values);
 /* The time [s] of a model that has not moved yet. */
 const char *model_start(Model *model, double time);
 
+/* A step of a positive, finite length. */
 const char *model_step(Model *model, double time, double step);
 
 /* Take up the rate of a Real input at this instant, for the next step; whether the model has a use for it. */

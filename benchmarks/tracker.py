@@ -13,9 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import fmpy
 import numpy as np
-from fmpy.fmi2 import FMU2Slave
 from scipy.linalg import expm
 from scipy.signal import butter, sosfilt
 
@@ -30,6 +28,7 @@ from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.structure import Structure
+from rigtwin.sim.session import FmuSession
 
 RIG = load_rig("nit-rourkela")
 NODE, STEP, FASTER, BLOCK = 2, 1e-4, 4, 50  # the rotor's k_b changes after so many instants at most
@@ -209,30 +208,14 @@ def _matrices(structure: Structure, condition: Condition, effects: tuple) -> Ite
 
 def track(fmu: Path, rig: Stream, **settings: float) -> FloatArray:
     """(n, 4) k_b, its interval and ``valid`` of the FMU, after every instant."""
-    description = fmpy.read_model_description(str(fmu))
-    refs = {v.name: v.valueReference for v in description.modelVariables}
-    with tempfile.TemporaryDirectory() as folder:
-        unpacked = fmpy.extract(str(fmu), folder)
-        slave = FMU2Slave(
-            guid=description.guid, unzipDirectory=unpacked, modelIdentifier=description.coSimulation.modelIdentifier
-        )
-        slave.instantiate()
-        slave.setupExperiment(startTime=0.0)
-        settings = {"k_b_start": 3.3e6, "bearing_damping": 20.0, "shaft_damping_ratio": 0.005, **settings}
-        slave.setReal([refs[name] for name in settings], list(settings.values()))
-        slave.enterInitializationMode()
-        slave.exitInitializationMode()
-        told = np.zeros((len(rig.force), 4))
-        inputs, outputs = (
-            [refs["force"], refs[f"node_{NODE}.acceleration_y"]],
-            [refs[f"k_b{e}"] for e in ("", "_low", "_high")],
-        )
-        for i, values in enumerate(zip(rig.force.tolist(), rig.read.tolist(), strict=True)):
-            slave.setReal(inputs, values)
-            slave.doStep(currentCommunicationPoint=i * STEP, communicationStepSize=STEP)
-            told[i] = [*slave.getReal(outputs), slave.getBoolean([refs["valid"]])[0]]
-        slave.terminate()
-        slave.freeInstance()
+    believed = {"k_b_start": 3.3e6, "bearing_damping": 20.0, "shaft_damping_ratio": 0.005, **settings}
+    told = np.zeros((len(rig.force), 4))
+    with FmuSession(fmu) as session:
+        session.start(believed)
+        for i, (force, read) in enumerate(zip(rig.force.tolist(), rig.read.tolist(), strict=True)):
+            session.set({"force": force, f"node_{NODE}.acceleration_y": read})
+            session.step(STEP)
+            told[i] = session.get(("k_b", "k_b_low", "k_b_high", "valid"))
     return told
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMU2Slave
 from scipy.signal import butter, sosfilt
 
 from rigtwin.fmu_src.build import (
@@ -24,6 +22,7 @@ from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
+from rigtwin.sim.session import FmuError, FmuSession
 
 RIG = load_rig("nit-rourkela")
 TABLES = load_rig(str(Path(__file__).parents[2] / "examples" / "journal_bearings.toml"))
@@ -32,64 +31,23 @@ READ = "node_2.acceleration_y"
 BELIEF = {"k_b_start": 3.5e6, "bearing_damping": 20.0, "shaft_damping_ratio": 0.005}
 
 
-class Instance:
-    """An FMU 2.0 that is stepped; values by name."""
-
-    def __init__(self, path: Path, folder: Path, settings: dict[str, float]):
-        description = fmpy.read_model_description(str(path))
-        self.references = {v.name: v.valueReference for v in description.modelVariables}
-        self.types = {v.name: v.type for v in description.modelVariables}
-        unpacked = fmpy.extract(str(path), str(folder))
-        identifier = description.coSimulation.modelIdentifier
-        self.fmu = FMU2Slave(guid=description.guid, unzipDirectory=unpacked, modelIdentifier=identifier)
-        self.fmu.instantiate()
-        self.fmu.setupExperiment(startTime=0.0)
-        self.set(settings)
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-        self.time = 0.0
-
-    def set(self, values: dict[str, float]) -> None:
-        for name, value in values.items():
-            put = self.fmu.setInteger if self.types[name] == "Integer" else self.fmu.setReal
-            put([self.references[name]], [value])
-
-    def get(self, *names: str) -> list[float]:
-        return [
-            self.fmu.getBoolean([self.references[n]])[0]
-            if self.types[n] == "Boolean"
-            else self.fmu.getReal([self.references[n]])[0]
-            for n in names
-        ]
-
-    def step(self) -> None:
-        self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=STEP)
-        self.time += STEP
-
-    def close(self) -> None:
-        self.fmu.terminate()
-        self.fmu.freeInstance()
-
-
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Force, acceleration of node 2 with 2 % noise, and k_b, which falls by 40 % after 1 s, at every instant."""
-    folder = tmp_path_factory.mktemp("rotor")
-    fmu = build_native_rotor_fmu(RIG, folder, targets=[this_machine()])
-    settings = {"k_b": 3e6, "bearing_damping": 20.0, "shaft_damping_ratio": 0.005}
-    rotor, rng = Instance(fmu, folder / "unpacked", settings), np.random.default_rng(0)
-    n = 14_000
+    fmu = build_native_rotor_fmu(RIG, tmp_path_factory.mktemp("rotor"), targets=[this_machine()])
+    rng, n = np.random.default_rng(0), 14_000
     band = butter(4, [20, 400], "bandpass", fs=1 / STEP, output="sos")
     wanted = sosfilt(band, rng.standard_normal(n)) * np.minimum(np.arange(n) * STEP / 0.02, 1.0)
     k_b = np.where(np.arange(n) * STEP < 1.0, 3e6, 1.8e6)
     force, read = np.zeros(n), np.zeros(n)
-    for i in range(n):
-        if i and k_b[i] != k_b[i - 1]:
-            rotor.set({"k_b": k_b[i]})
-        rotor.set({"force": wanted[i]})
-        force[i], read[i] = rotor.get("force_applied", READ)
-        rotor.step()
-    rotor.close()
+    with FmuSession(fmu) as rotor:
+        rotor.start({"k_b": 3e6, "bearing_damping": 20.0, "shaft_damping_ratio": 0.005})
+        for i in range(n):
+            if i and k_b[i] != k_b[i - 1]:
+                rotor.set({"k_b": k_b[i]})
+            rotor.set({"force": wanted[i]})
+            force[i], read[i] = rotor.get(("force_applied", READ))
+            rotor.step(STEP)
     return force, read + 0.02 * read.std() * rng.standard_normal(n), k_b
 
 
@@ -98,21 +56,23 @@ def compiled(tmp_path_factory) -> Path:
     return build_native_tracker_fmu(RIG, tmp_path_factory.mktemp("c"), targets=[this_machine()])
 
 
-def track(fmu: Path, folder: Path, force: np.ndarray, read: np.ndarray, **settings: float) -> np.ndarray:
+def track(fmu: Path, force: np.ndarray, read: np.ndarray, **settings: float) -> np.ndarray:
     """(n, 4) k_b, its interval and whether to believe it, after every instant."""
-    tracker = Instance(fmu, folder, BELIEF | settings)
-    told = np.zeros((len(force), 4))
-    for i, (f, a) in enumerate(zip(force, read, strict=True)):
-        tracker.set({"force": f, READ: a})
-        tracker.step()
-        told[i] = tracker.get("k_b", "k_b_low", "k_b_high", "valid")
-    tracker.close()
-    return told
+    with FmuSession(fmu) as tracker:
+        tracker.start(BELIEF | settings)
+        return np.array([told(tracker, *values) for values in zip(force, read, strict=True)])
 
 
-def test_a_step_of_the_stiffness_is_followed(stream, compiled, tmp_path):
+def told(tracker: FmuSession, force: float, read: float) -> list[float]:
+    """What a tracker says after one more instant."""
+    tracker.set({"force": force, READ: read})
+    tracker.step(STEP)
+    return tracker.get(("k_b", "k_b_low", "k_b_high", "valid"))
+
+
+def test_a_step_of_the_stiffness_is_followed(stream, compiled):
     force, read, k_b = stream
-    k, low, high, valid = track(compiled, tmp_path, force, read).T
+    k, low, high, valid = track(compiled, force, read).T
     off = np.abs(k / k_b - 1)
     assert not valid[: round(0.1 / STEP)].any()
     assert off[10_000 + round(0.1 / STEP) :].max() < 0.03
@@ -127,13 +87,13 @@ def test_both_flavours_tell_the_same(stream, compiled, tmp_path):
     force, read, _ = stream
     python = build_tracker_fmu(RIG, tmp_path)
     few = slice(2_000, 3_060)
-    mine = track(python, tmp_path / "python", force[few], read[few])
-    other = track(compiled, tmp_path / "compiled", force[few], read[few])
+    mine = track(python, force[few], read[few])
+    other = track(compiled, force[few], read[few])
     assert mine[:, 0].std() > 0
     np.testing.assert_allclose(mine, other, rtol=1e-7)
 
 
-def test_a_sine_tells_no_stiffness_unless_all_else_is_known(compiled, tmp_path):
+def test_a_sine_tells_no_stiffness_unless_all_else_is_known(compiled):
     """Of the rotor in steady motion, whose response is the finite-element model's."""
     n, hz = 12_000, 60.0
     system = build_system(assemble(RIG), Condition(3e6, False, 20.0, 0.005)).in_plane(1)
@@ -142,40 +102,33 @@ def test_a_sine_tells_no_stiffness_unless_all_else_is_known(compiled, tmp_path):
     t, rng = np.arange(n) * STEP, np.random.default_rng(1)
     driven, read = np.sin(omega * t), np.imag(H * np.exp(1j * omega * t))
     read = read + 0.02 * read.std() * rng.standard_normal(n)
-    unknown = track(compiled, tmp_path / "unknown", driven, read)
+    unknown = track(compiled, driven, read)
     assert not unknown[:, 3].any()
     assert unknown[-1, 2] / unknown[-1, 1] > 1.5
     known = {f"{name}_std": 0.0 for name in ("disk_mass", "bearing_damping", "shaft_damping", "gain")}
-    k, low, high, valid = track(compiled, tmp_path / "known", driven, read, **known)[-1]
+    k, low, high, valid = track(compiled, driven, read, **known)[-1]
     assert valid
     assert abs(k / 3e6 - 1) < 0.01
     assert low < 3e6 < high
 
 
-def test_a_saved_state_goes_on_as_before(stream, compiled, tmp_path):
-    force, read, _ = stream
-    tracker = Instance(compiled, tmp_path, BELIEF)
-    told: list[float] = []
-    for i in range(2_500):
-        if i == 2_000:
-            state = tracker.fmu.getFMUstate()
-        tracker.set({"force": force[i], READ: read[i]})
-        tracker.step()
-        told += tracker.get("k_b") if i >= 2_000 else []
-    tracker.fmu.setFMUstate(state)
-    again: list[float] = []
-    for i in range(2_000, 2_500):
-        tracker.set({"force": force[i], READ: read[i]})
-        tracker.step()
-        again += tracker.get("k_b")
-    tracker.close()
-    assert np.std(told) > 0
-    assert again == told
+def test_a_saved_state_goes_on_as_before(stream, compiled):
+    instants = list(zip(*stream[:2], strict=True))
+    with FmuSession(compiled) as tracker:
+        tracker.start(BELIEF)
+        for force, read in instants[:2_000]:
+            told(tracker, force, read)
+        state = tracker.save_state()
+        first = [told(tracker, *values)[0] for values in instants[2_000:2_500]]
+        tracker.restore_state(state)
+        again = [told(tracker, *values)[0] for values in instants[2_000:2_500]]
+    assert np.std(first) > 0
+    assert again == first
 
 
-def test_the_network_is_refused_in_a_sentence(compiled, tmp_path):
-    with pytest.raises(Exception, match="fmi2SetInteger"):
-        Instance(compiled, tmp_path, {"method": 1})
+def test_the_network_is_refused_in_a_sentence(compiled):
+    with FmuSession(compiled) as tracker, pytest.raises(FmuError, match="no network has been trained"):
+        tracker.start({"method": 1})
 
 
 def test_what_cannot_be_tracked_is_refused():

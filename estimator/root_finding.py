@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rigtwin.estimator.features import Features
+from rigtwin.estimator.intervals import Z90
 from rigtwin.estimator.runtime import Estimate
 from rigtwin.rotor.frequency.modal import damped_modes
 from rigtwin.rotor.model.condition import Condition
@@ -25,8 +26,6 @@ _MODEL_ERROR = 1e-3
 
 # Two answers that are further apart than so many standard errors contradict each other.
 _FURTHEST = 4.0
-
-_Z90 = 1.6449  # half a 90 % interval, in standard errors
 
 
 class StiffnessFinder:
@@ -103,7 +102,7 @@ class StiffnessFinder:
         k_b, std = np.array(self.readings(features)).T
         weights = std**-2.0
         log_k, log_std = float(np.average(np.log(k_b), weights=weights)), float(weights.sum() ** -0.5)
-        low, middle, high = (math.exp(log_k + z * log_std) for z in (-_Z90, 0.0, _Z90))
+        low, middle, high = (math.exp(log_k + z * log_std) for z in (-Z90, 0.0, Z90))
         return Estimate(middle, middle * log_std, low, high, valid=not self.objections(features))
 
     def objections(self, features: Features) -> list[str]:

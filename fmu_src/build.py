@@ -78,6 +78,7 @@ TRACKER_FMU = "StiffnessTracker.fmu"
 
 # What the tracker needs at run time.
 _TRACKER_MODULES = (
+    "rigtwin.estimator.intervals",
     "rigtwin.estimator.tracking.reduced_rotor",
     "rigtwin.estimator.tracking.tracker",
     "rigtwin.rotor.model.arrays",
@@ -175,8 +176,14 @@ def _rig_json(rig: Rig) -> bytes:
     return rig.model_dump_json(indent=1).encode()
 
 
-# Highest frequency that the recommended step is made for, over the second resonance on rigid supports.
+# Highest frequency that an FMU is made for, over the second resonance on rigid supports.
 _BAND = 1.2
+
+
+def _highest_hz(structure: Structure) -> float:
+    """Highest frequency that an FMU of a rotor is made for; all its supports are rigid for that."""
+    system = build_system(structure.with_bearings_for_tables(), Condition(rigid_support=True))
+    return _BAND * float(elastic_frequencies_hz(system, plane=1)[1])
 
 
 def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
@@ -185,7 +192,6 @@ def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
     Supports that follow the spin speed set the range of ``spin_speed`` and its start, the lowest of their speeds. The
     step is that of a rotor whose supports are all rigid.
     """
-    system = build_system(structure.with_bearings_for_tables(), Condition(rigid_support=True))
     spin = [_outward(end, up) for end, up in zip(structure.spin_range, (False, True), strict=True)]
     ranges = {"spin_speed_min": spin[0], "spin_speed_max": spin[1]} if rig.has_tables else {}
     return RotorFacts(
@@ -197,7 +203,7 @@ def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
         k_b_min=rig.k_b.min_N_per_m,
         k_b_max=rig.k_b.max_N_per_m,
         length=rig.length,
-        step=recommended_step(_BAND * float(elastic_frequencies_hz(system, plane=1)[1])),
+        step=recommended_step(_highest_hz(structure)),
         spin_speed_start=structure.lowest_spin_speed,
         **ranges,
     )
@@ -229,11 +235,10 @@ def reduced_rotor(rig: Rig, structure: Structure) -> ReducedRotor:
     """The rotor as a tracker carries it. Raises BuildError where no bearing has the stiffness k_b."""
     if not structure.bearings:
         raise BuildError(f"{TRACKER_FMU} is not built: {rig.name} has no bearing whose stiffness is k_b")
-    rigid = elastic_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)
     low, high = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
     start = rig.k_b.start_N_per_m
     within = max(low, start / _TRACKED), min(high, start * _TRACKED)
-    return reduce_rotor(structure, within, _BAND * float(rigid[1]))
+    return reduce_rotor(structure, within, _highest_hz(structure))
 
 
 def tracker_facts(rig: Rig, rotor: ReducedRotor, nodes: Sequence[int]) -> TrackerFacts:

@@ -36,7 +36,7 @@ NATIVE = Path(__file__).with_name("native")
 
 # What every FMU has, what the rotor adds, and the shell of each FMI version.
 INSTANCE = ("instance",)
-TRACKER_CORE = ("linalg", "tracker")
+TRACKER_CORE = ("linalg", "tracker", "tracker_model")
 ROTOR_CORE = ("exciter", "laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
@@ -74,7 +74,7 @@ def tracker_sources(model: Model, rotor: ReducedRotor, nodes: Sequence[int], fmi
         "tracker_variables.h": _tracker_header(model, nodes),
         "constants.h": _constants_code(TRACKER_CORE, (tracker,)),
     }
-    return _with_names(model, {**_written((*INSTANCE, *TRACKER_CORE, SHELLS[fmi], "tracker_model")), **printed})
+    return _with_names(model, {**_written((*INSTANCE, *TRACKER_CORE, SHELLS[fmi])), **printed})
 
 
 def reduced_code(rotor: ReducedRotor) -> str:
@@ -170,14 +170,20 @@ def core_code(model: Model) -> dict[str, str]:
 
 
 def _constants_code(names: Iterable[str], modules: Iterable[ModuleType | None]) -> str:
-    """``constants.h``: every number in these Python modules that the core calls by name and does not define itself."""
+    """``constants.h``: the numbers, and rows of them, in these Python modules that the core calls by name."""
     core = "".join((NATIVE / f"{name}.c").read_text(encoding="utf-8") for name in names)
     called = set(re.findall(r"\b[A-Z]\w+", core)) - set(re.findall(r"#define (\w+)", core))
     named = [(name.lstrip("_"), value) for module in modules for name, value in vars(module).items()]
-    lines = [
-        f"#define {name} {value!r}\n" for name, value in named if name in called and isinstance(value, int | float)
-    ]
+    lines = [f"#define {name} {text}\n" for name, value in named if name in called and (text := _in_c(value))]
     return _PRINTED + "".join(dict.fromkeys(lines))
+
+
+def _in_c(value: object) -> str | None:
+    """A number, or a row of numbers, in C; None of anything else."""
+    if isinstance(value, int | float):
+        return repr(value)
+    is_row = isinstance(value, tuple) and all(isinstance(each, int | float) for each in value)
+    return f"{{{', '.join(map(repr, value))}}}" if is_row else None  # type: ignore[arg-type]
 
 
 def _design_header(model: Model) -> str:

@@ -30,7 +30,9 @@ MAY_IMPORT = {
     "rigtwin.sim": ("rigtwin.rotor",),
     "rigtwin.estimator": ("rigtwin.rotor", "rigtwin.sim"),
     "rigtwin.gap": ("rigtwin.rotor", "rigtwin.sim"),
-    "rigtwin.fmu_src": ("rigtwin.rotor", "rigtwin.estimator.runtime", "rigtwin.estimator.tracking"),
+    "rigtwin.fmu_src": (
+        "rigtwin.rotor", "rigtwin.estimator.runtime", "rigtwin.estimator.tracking", "rigtwin.estimator.intervals",
+    ),
     "rigtwin.blind.generate": ("rigtwin.blind",),
     "rigtwin.blind.judge": ("rigtwin.blind",),
     "rigtwin.api": (

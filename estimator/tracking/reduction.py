@@ -37,7 +37,8 @@ def reduce_rotor(structure: Structure, k_b: tuple[float, float], highest_hz: flo
     plane : of the motion, 1 = y, 2 = z
     """
     condition = Condition()
-    ln_k = np.linspace(*np.log(k_b), _STIFFNESSES)
+    low, high = np.log(k_b).tolist()
+    ln_k = np.linspace(low, high, _STIFFNESSES)
     systems = [_at(structure, condition, float(np.exp(x)), plane) for x in ln_k]
     shapes = [s.modes.Phi[:, : 1 + int(np.sum(s.modes.omega < 2 * np.pi * highest_hz))] for s in systems]
     root = np.linalg.cholesky(systems[0].M)

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh, expm
 
+from rigtwin.estimator.intervals import Z90
 from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
 from rigtwin.rotor.model.arrays import FloatArray
 
@@ -34,13 +35,14 @@ _N, _IN_MATRICES, _N_FORCES = 5, 4, 3
 # Nodes that a tracker can read.
 MOST_SENSORS = 8
 
-# How far a parameter may be from where the matrices were made; for differences by parameters.
-NEAR_STIFFNESS, NEAR_MASS, NEAR_DAMPING = 0.05, 0.003, 0.1
+# How far each of these may be from where the matrices were made; for differences by parameters.
+_ALL_NEAR = (0.05, 0.003, 0.1, 0.1)
 DIFFERENCE = 1e-3
 
-# Standard errors that an innovation counts for at most; the most that one corrects ln k_b by, beyond which it is not
-# linear; and the largest squared innovation in an average.
-OUTLIER, FARTHEST, UTMOST = 4.0, 0.2, 50.0
+# Standard errors that an innovation counts for at most, and those beyond which its likelihood falls like that of a
+# double exponential; the most that one corrects ln k_b by, beyond which it is not linear; and the largest squared
+# innovation in an average.
+OUTLIER, FAR_OFF, FARTHEST, UTMOST = 4.0, 3.0, 0.2, 50.0
 
 # Seconds of the windows in which the loudness is taken before a filter begins, and the factor between two of them
 # within which it is steady; seconds over which loudness and size of the motion are averaged afterwards; that size at
@@ -48,8 +50,9 @@ OUTLIER, FARTHEST, UTMOST = 4.0, 0.2, 50.0
 GAUGED, STEADY, HEARD, REMEMBERED, LOUDEST = 0.05, 2.0, 0.2, 0.05, 2.0
 NOISE_SHARE = 0.02
 
-# What the force between the instants is unknown by, over its rms.
-FORCE_DOUBT = 1e-3
+# What the force between the instants is unknown by, over its rms and over its third difference: a parabola through
+# three instants misses it by about a tenth of that.
+FORCE_DOUBT, THIRD_DIFFERENCE_DOUBT = 1e-3, 0.1
 
 # Factors on the squared noise at the start and after an alarm, and the seconds in which they fall to an e-th.
 CAUTION, CALMING = 1000.0, 0.02
@@ -80,9 +83,7 @@ _ORDER, _PAST = 5, 512
 LARGEST_ERROR, CONTRADICTED = 0.05, 3.0
 
 # Other stiffnesses that are tried after an alarm, as ln k_b over the one before.
-_OFFSETS = (0.0, -0.15, 0.15, -0.35, 0.35, -0.6, 0.6, -0.9, 0.9, -1.3, 1.3)
-
-_Z90 = 1.6449  # half a 90 % interval, in standard errors
+_ALL_OFFSETS = (0.0, -0.15, 0.15, -0.35, 0.35, -0.6, 0.6, -0.9, 0.9, -1.3, 1.3)
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,7 @@ class StiffnessTracker:
         low, high = self._rotor.k_b
         tells = len(o.filters) == 1 and (o.rich or self._belief.others_known)
         valid = tells and o.contradiction < CONTRADICTED and error < LARGEST_ERROR and low < k_b < high
-        return Tracked(k_b, k_b * math.exp(-_Z90 * error), k_b * math.exp(_Z90 * error), bool(valid))
+        return Tracked(k_b, k_b * math.exp(-Z90 * error), k_b * math.exp(Z90 * error), bool(valid))
 
     @property
     def error(self) -> float:
@@ -263,10 +264,8 @@ class StiffnessTracker:
         """T (m, 2 r, 2 r + 3) and Y (m, n_sensors, 2 r + 1) at points (m, 5); the force is a parabola."""
         rotor, h = self._rotor, self._state.step
         r, n, driven = rotor.r, 2 * rotor.r, self._belief.driven_node - 1
-        dampings = np.exp(points[:, [BEARING_DAMPING, SHAFT_DAMPING]])
-        rows = np.array(
-            [rotor.accelerations(p[STIFFNESS], p[DISK_MASS], *d, driven) for p, d in zip(points, dampings, strict=True)]
-        )
+        logs = zip(points[:, :BEARING_DAMPING], np.exp(points[:, BEARING_DAMPING:GAIN]), strict=True)
+        rows = np.array([rotor.accelerations(ln_k, mass, d, zeta, driven) for (ln_k, mass), (d, zeta) in logs])
         A = np.zeros((len(points), n + _N_FORCES, n + _N_FORCES))
         A[:, :r, r:n] = h * np.diag(rotor.scale)
         A[:, r:n, : n + 1] = h * rows
@@ -286,8 +285,7 @@ class StiffnessTracker:
     def _follow(self, f: _Filter) -> None:
         """Make the matrices anew where the parameters have gone far from where they were made."""
         off = np.abs(f.parameters - f.at)
-        near = (NEAR_STIFFNESS, NEAR_MASS, NEAR_DAMPING, NEAR_DAMPING)
-        if (off[:_IN_MATRICES] > near).any():
+        if (off[:_IN_MATRICES] > _ALL_NEAR).any():
             f.at = f.parameters.copy()
             f.linear = self._linear(f.at)
 
@@ -330,8 +328,8 @@ class StiffnessTracker:
             square = off**2 / variance
             if square > OUTLIER**2:  # counts no more than that
                 off *= OUTLIER / math.sqrt(square)
-            # Beyond three standard errors the likelihood falls like that of a double exponential.
-            f.log_weight -= (math.log(variance) + (square if square < 9 else 6 * math.sqrt(square) - 9)) / 2
+            own = square if square < FAR_OFF**2 else 2 * FAR_OFF * math.sqrt(square) - FAR_OFF**2
+            f.log_weight -= (math.log(variance) + own) / 2
             step = PH * (off / variance)
             step[estimated:] = 0.0
             step[n] = min(max(step[n], -FARTHEST), FARTHEST)
@@ -354,7 +352,7 @@ class StiffnessTracker:
         o, n = self._state, 2 * self._rotor.r
         best, again = o.filters[o.best], o.count - o.last_alarm < AGAIN / o.step
         o.filters = []
-        for offset in _OFFSETS:
+        for offset in _ALL_OFFSETS:
             f = replace(deepcopy(replace(best, linear=None)), linear=best.linear)
             f.parameters[STIFFNESS] += offset
             f.log_weight = -(offset**2) / (2 * SPREAD**2)
@@ -423,7 +421,7 @@ class StiffnessTracker:
         several = o.rich or belief.others_known  # else nothing could tell them apart
         share = belief.k_b_std / SPREAD
         P[n, n] = (WIDTH * share if several else belief.k_b_std) ** 2
-        for offset in _OFFSETS if several else (0.0,):
+        for offset in _ALL_OFFSETS if several else (0.0,):
             at = belief.start
             at[STIFFNESS] += offset * share
             weight = -(offset**2) / (2 * SPREAD**2)
@@ -435,9 +433,8 @@ class StiffnessTracker:
     def _run(self, force: float, read: FloatArray) -> None:
         o, belief = self._state, self._belief
         o.noise = belief.acceleration_std or NOISE_SHARE * math.sqrt(o.loud)
-        # A parabola through three instants misses the force between them by about a tenth of its third difference.
         third = force - 3 * o.before[0] + 3 * o.before[1] - o.before[2]
-        doubt = math.hypot(FORCE_DOUBT * math.sqrt(o.likeness[0, 0]), third / 10)
+        doubt = math.hypot(FORCE_DOUBT * math.sqrt(o.likeness[0, 0]), THIRD_DIFFERENCE_DOUBT * third)
         for f in o.filters:
             self._follow(f)
             self._predict(f, force, doubt)

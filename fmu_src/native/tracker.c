@@ -12,10 +12,9 @@ enum { STATES = 2 * MOST_COORDINATES, WIDE = STATES + N_FORCES, ALL = STATES + N
 enum { SEEN = STATES + 1, READ = MOST_SENSORS * SEEN, MOVED = STATES * WIDE };
 
 /* How far a parameter may be from where the matrices were made. */
-static const double NEAR[IN_MATRICES] = {NEAR_STIFFNESS, NEAR_MASS, NEAR_DAMPING, NEAR_DAMPING};
+static const double NEAR[IN_MATRICES] = ALL_NEAR;
 
-/* Other stiffnesses that are tried after an alarm, as ln k_b over the one before. */
-static const double OFFSETS[] = {0, -0.15, 0.15, -0.35, 0.35, -0.6, 0.6, -0.9, 0.9, -1.3, 1.3};
+static const double OFFSETS[] = ALL_OFFSETS;
 enum { FILTERS = sizeof OFFSETS / sizeof *OFFSETS };
 
 /* A step of the motion, x' = T (x, forces), and what is read, Y (x, force), with their derivatives by the parameters. */
@@ -261,8 +260,8 @@ static double correct(Tracker *s, int which, double force, const double *read)
         const double square = off * off / variance;
         if (square > OUTLIER * OUTLIER) /* counts no more than that */
             off *= OUTLIER / sqrt(square);
-        const double least = 3; /* beyond so many standard errors the likelihood falls like that of a double exponential */
-        f->log_weight -= (log(variance) + (square < least * least ? square : 2 * least * sqrt(square) - least * least)) / 2;
+        const double own = square < FAR_OFF * FAR_OFF ? square : 2 * FAR_OFF * sqrt(square) - FAR_OFF * FAR_OFF;
+        f->log_weight -= (log(variance) + own) / 2;
         double step[ALL];
         for (int i = 0; i < all; i++)
             step[i] = i < estimated ? PH[i] * off / variance : 0;
@@ -480,9 +479,8 @@ static void run(Tracker *s, double force, const double *read)
 {
     State *o = &s->now;
     o->noise = s->belief.noise > 0 ? s->belief.noise : NOISE_SHARE * sqrt(o->loud);
-    /* A parabola through three instants misses the force between them by about a tenth of its third difference. */
     const double third = force - 3 * o->before[0] + 3 * o->before[1] - o->before[2];
-    const double doubt = hypot(FORCE_DOUBT * sqrt(o->likeness[0]), third / 10);
+    const double doubt = hypot(FORCE_DOUBT * sqrt(o->likeness[0]), THIRD_DIFFERENCE_DOUBT * third);
     for (int k = 0; k < (int)o->n; k++) {
         follow(s, k);
         predict(s, k, force, doubt);

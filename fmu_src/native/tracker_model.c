@@ -3,11 +3,11 @@
 #include "tracker.h"
 #include "tracker_variables.h"
 
+#include "constants.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-#define HALF_OF_90 1.6449 /* half a 90 % interval, in standard errors */
 
 /* reduced.c is printed for a rotor when the FMU is built. */
 extern const ReducedRotor REDUCED;
@@ -90,8 +90,8 @@ void model_outputs(const Model *model, double *outputs)
 {
     const double k_b = tracker_stiffness(model->tracker), error = tracker_error(model->tracker);
     outputs[0] = k_b;
-    outputs[1] = k_b * exp(-HALF_OF_90 * error);
-    outputs[2] = k_b * exp(HALF_OF_90 * error);
+    outputs[1] = k_b * exp(-Z90 * error);
+    outputs[2] = k_b * exp(Z90 * error);
     outputs[3] = tracker_valid(model->tracker);
 }
 

@@ -105,17 +105,22 @@ def build_fmu(
     ...     [path.name for path in rigtwin.build_fmu("cantilever", folder)]
     ['RotorRig.fmu']
     """
+    check_native(native, array_output, targets)
     rig, folder = as_rig(rig), Path(folder)
     built = [build_rotor(rig, folder)]
     if is_shipped(rig):
         built.append(build_estimator_fmu(folder))
     if native:
         built += build_compiled(rig, folder, array_output=array_output, targets=targets)
-    elif targets:
-        raise UserError("--target: the FMUs on Python run on every platform; add --native")
-    elif array_output:
-        raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
     return built
+
+
+def check_native(native: bool, array_output: bool, targets: Sequence[str]) -> None:
+    """Raises UserError for what only FMUs without Python inside can have, where none are built."""
+    if array_output and not native:
+        raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
+    if targets and not native:
+        raise UserError("--target: the FMUs on Python run on every platform; add --native")
 
 
 def build_compiled(rig: Rig, folder: Path, *, array_output: bool, targets: Sequence[str] = ()) -> list[Path]:

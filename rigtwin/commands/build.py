@@ -6,7 +6,15 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigtwin.api.fmus import ESTIMATOR_FMU, SHIPPED_RIG, build_compiled, build_fmu, build_trackers, is_shipped
+from rigtwin.api.fmus import (
+    ESTIMATOR_FMU,
+    SHIPPED_RIG,
+    build_compiled,
+    build_fmu,
+    build_trackers,
+    check_native,
+    is_shipped,
+)
 from rigtwin.api.rigs import load_rig
 from rigtwin.console import note, say
 from rigtwin.errors import UserError
@@ -33,10 +41,7 @@ def build_fmus(request: BuildRequest) -> None:
 
     Raises UserError where the shipped rig is to be trained, or an array is asked for that no FMU would have.
     """
-    if request.array_output and not request.native:
-        raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
-    if request.targets and not request.native:
-        raise UserError("--target: the FMUs on Python run on every platform; add --native")
+    check_native(request.native, request.array_output, request.targets)
     rig = load_rig(request.rig)
     if is_shipped(rig) and request.train:
         raise UserError(f"--train: the rig {SHIPPED_RIG} has its network already; rigtwin train makes another one")

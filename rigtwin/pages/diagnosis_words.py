@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from rigtwin.estimator.intervals import Z90
 from rigtwin.gap.document import Calibrated, Cause, Diagnosis, Estimate, Shrink
 from rigtwin.gap.phrases import listed, place, ten_to
 from rigtwin.rotor.effects import EFFECTS
@@ -40,9 +41,6 @@ NO_CAUSE = {
     "unknown": "No cause is named. The candidates below are ranked among themselves; none of them explains the data.",
     "not_enough_data": "No cause is named. The data do not suffice to tell the candidates apart.",
 }
-
-# Half the width of a 90 % interval, in standard errors.
-_Z90 = 1.6449
 
 
 def finite(value: float | None) -> bool:
@@ -82,7 +80,7 @@ def k_b_words(k_b: Estimate | None) -> str:
 
 def k_b_interval(k_b: Estimate) -> str:
     """'9.97 to 10.07': the 90 % interval in MN/m."""
-    return interval(k_b.value - _Z90 * k_b.std, k_b.value + _Z90 * k_b.std) if finite(k_b.std) else "unknown"
+    return interval(k_b.value - Z90 * k_b.std, k_b.value + Z90 * k_b.std) if finite(k_b.std) else "unknown"
 
 
 def title(effect_id: str) -> str:

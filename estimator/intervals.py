@@ -1,0 +1,4 @@
+"""The intervals that all estimates give."""
+
+# Half a 90 % interval, in standard errors.
+Z90 = 1.6449

@@ -48,6 +48,7 @@ def test_without_a_law_a_disturbance_decays_as_the_slowest_eigenvector():
     assert_allclose(balance.growth(omega, balance.sweep(omega)), expected, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_time_stepping_repeats_where_a_motion_is_stable_and_there_only():
     case, setting, level, lines = rubbing()
     balance = balance_of(case, setting, level)

@@ -36,7 +36,8 @@ def copy(originals, tmp_path) -> Path:
     return tmp_path / "copy"
 
 
-@pytest.mark.parametrize("part", [pytest.param("measured", marks=pytest.mark.long), "held_out"])
+@pytest.mark.long
+@pytest.mark.parametrize("part", ["measured", "held_out"])
 def test_frequencies_stay_and_accelerances_are_divided_by_the_mass(originals, copy, part):
     before, after = (load_campaign(folder / part) for folder in (originals / PUMP.name, copy))
     for old, new in zip(before.runs, after.runs, strict=True):

@@ -87,6 +87,7 @@ def test_the_result_does_not_depend_on_where_and_in_which_parts_the_work_runs(ro
     assert counts == [1, 2]
 
 
+@pytest.mark.long
 def test_noise_differs_from_rig_to_rig_and_comes_again_with_its_seed(rotor_fmu, two):
     twins = Rigs(*(np.repeat(getattr(TWO, name)[:1], 2) for name in RIG_NAMES))
     first, second = measure_rigs(rotor_fmu, twins, Here(), plan=LOUD).features

@@ -63,7 +63,7 @@ def by_name(numbers):
     return {each.name: each for each in numbers}
 
 
-@pytest.mark.parametrize("error", [0.015, -0.02, 0.0])
+@pytest.mark.parametrize("error", [0.015, pytest.param(-0.02, marks=pytest.mark.long), 0.0])
 def test_the_posterior_holds_the_true_modulus_and_is_narrower_than_the_prior(error):
     found, _, _ = calibrated(measured(error))
     modulus = by_name(found.numbers)["modulus"]

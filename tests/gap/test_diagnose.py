@@ -281,6 +281,7 @@ def test_with_every_effect_excluded_a_gap_is_unknown():
     assert (diagnosis.verdict, diagnosis.causes) == ("unknown", ())
 
 
+@pytest.mark.long
 def test_exchanged_sensors_are_said_to_be_the_cause_rather_than_an_effect():
     rigid, bearing = both_supports()
     exchanged = tuple(Channel({2: 3, 3: 2}.get(c.node, c.node)) for c in bearing.channels)
@@ -472,24 +473,21 @@ def test_without_that_effect_the_same_gap_is_unknown():
     assert not [finding for finding in found.audit if finding.check == "form"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "name", "settings"),
     [
         (AttachedMass(mass=0.3, node=3, half_width=0.025), "half_width", {}),
-        pytest.param(
-            ViscoelasticSupport(strength=0.5, relaxation_time=1e-3, spread=0.9), "spread", {}, marks=pytest.mark.long
-        ),
-        pytest.param(
+        (ViscoelasticSupport(strength=0.5, relaxation_time=1e-3, spread=0.9), "spread", {}),
+        (
             PedestalFlexibility(stiffness=8e6, mass=3.0, damping=250.0, block_compliance=0.15, block_mass=8.0),
             "block_compliance",
             {},
-            marks=pytest.mark.long,
         ),
-        pytest.param(
+        (
             ForceDropout(mass=0.05, stiffness=1e4, damping=30.0, time_constant=7e-4),
             "time_constant",
             {"quantity": "acceleration"},
-            marks=pytest.mark.long,
         ),
     ],
     ids=lambda value: getattr(value, "id", None),
@@ -510,7 +508,6 @@ def test_the_form_of_a_law_is_fitted_where_the_plain_law_leaves_more_than_noise(
     assert name not in plain.causes[0].parameters
 
 
-@pytest.mark.long
 def test_a_law_that_is_bent_little_is_no_second_effect():
     """A collar 14 mm wide, without its width within twice the noise; with it, nothing is left for another effect."""
     runs = both_supports(AttachedMass(mass=0.3, node=3, half_width=0.007), seed=11)
@@ -534,6 +531,7 @@ def test_a_diagnosis_keeps_linear_algebra_on_one_thread(monkeypatch):
     assert set(threads) == {1}
 
 
+@pytest.mark.long
 def test_a_place_is_as_sure_as_the_data_make_it():
     """Driven and read in the middle, a rotor that is its own mirror image does not tell left from right."""
     runs = both_supports(AttachedMass(mass=0.2, node=3), excitation_node=4, channels=(Channel(4),))
@@ -579,7 +577,11 @@ def test_all_effects_are_equally_probable_beforehand():
 
 @pytest.mark.parametrize(
     "effect",
-    [PlaneAnisotropy(anisotropy=0.3, angle=1.2), SensorDelay(delay=-2e-4), SensorDelay(delay=1.1e-3, node=4)],
+    [
+        pytest.param(PlaneAnisotropy(anisotropy=0.3, angle=1.2), marks=pytest.mark.long),
+        SensorDelay(delay=-2e-4),
+        pytest.param(SensorDelay(delay=1.1e-3, node=4), marks=pytest.mark.long),
+    ],
     ids=["stiffer across the force", "early", "late"],
 )
 def test_an_effect_may_act_either_way(effect):
@@ -589,6 +591,7 @@ def test_an_effect_may_act_either_way(effect):
     assert inside(estimate, getattr(effect, name))
 
 
+@pytest.mark.long
 def test_sensors_across_the_force_tell_to_which_side_the_bearings_turn():
     effect = PlaneAnisotropy(anisotropy=0.3, angle=-0.5)
     runs = []
@@ -604,7 +607,7 @@ def test_sensors_across_the_force_tell_to_which_side_the_bearings_turn():
     assert not [finding for finding in found.audit if finding.check == "channels" and finding.severity != "ok"]
 
 
-@pytest.mark.parametrize("unit", [1e6, 1e-6])
+@pytest.mark.parametrize("unit", [1e6, pytest.param(1e-6, marks=pytest.mark.long)])
 def test_an_arbitrary_unit_may_be_any(unit):
     runs = [
         replace(run, H=unit * run.H, std=unit * run.std, quantity="acceleration")
@@ -617,7 +620,7 @@ def test_an_arbitrary_unit_may_be_any(unit):
 
 
 @pytest.mark.parametrize("effects", [(), (AttachedMass(mass=0.05, node=3),)])
-@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("told", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_lines_far_apart_hide_no_gap_and_make_none(effects, told):
     """A smooth curve does not follow resonances between lines 20 Hz apart; what it leaves is no noise."""
     hz = np.arange(20.0, 401.0, 20.0)
@@ -707,6 +710,7 @@ def test_sensors_that_were_mounted_anew_are_no_gap():
     assert_allclose(found.value, np.std(apart) / 2, rtol=0.4)  # what both runs share is the sensor's
 
 
+@pytest.mark.long
 def test_sensors_that_were_mounted_anew_do_not_hide_a_cause():
     diagnosis = diagnose(mounted_anew(MASS), exclude=all_but(*RIVALS)).diagnosis
     assert (diagnosis.verdict, diagnosis.causes[0].effects) == ("cause", ("attached_mass",))
@@ -721,6 +725,7 @@ def test_a_campaign_may_say_that_sensors_were_mounted_anew():
     assert not [f for f in diagnosis.audit if "differ from run to run" in f.words]
 
 
+@pytest.mark.long
 def test_a_sensor_beside_its_node_is_not_passed_off_as_one_mounted_anew():
     effect = SensorPosition(offset=1e-3, node=3)
     diagnosis = diagnose(campaign_of(*both_supports(effect)), exclude=all_but("sensor_position", *RIVALS)).diagnosis

@@ -107,6 +107,7 @@ def test_the_lowest_level_shows_the_linear_effect(weighed_down):
     assert _shown_at_rest(problem_of(*plain), effects) is None
 
 
+@pytest.mark.long
 def test_a_law_and_a_linear_effect_are_found_together(weighed_down):
     laws, effects = library(weighed_down, "bearing_cubic", "attached_mass", "shaft_modulus")
     *_, found = search_laws(problem_of(*weighed_down), laws, effects, THRESHOLDS.adequate_nonlinear)

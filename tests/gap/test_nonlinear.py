@@ -179,6 +179,7 @@ def test_every_line_moves_under_its_own_force():
     assert np.linalg.norm(difference - D[-1]) < 1e-3 * np.linalg.norm(D[-1])
 
 
+@pytest.mark.long
 def test_a_force_sensor_that_errs_does_not_change_the_law(hardening):
     """Its error changes the force at which the rotor moves as well as what is read; another gain what is read alone."""
     errs = (0.03, -0.02, 0.025)
@@ -312,7 +313,11 @@ def test_a_bearing_that_lifts_off_on_few_lines_is_told_by_their_misfit():
     assert law.effects(best.u[1:])[0].preload == pytest.approx(opening.preload, rel=0.1)
 
 
-@pytest.fixture(scope="module", params=[(1e-6, 10.0), (1e-5, 28.0)], ids=["reached", "out of reach"])
+@pytest.fixture(
+    scope="module",
+    params=[(1e-6, 10.0), pytest.param((1e-5, 28.0), marks=pytest.mark.long)],
+    ids=["reached", "out of reach"],
+)
 def clearance(request):
     """A gap and its campaign's problem, law and true numbers; no motion reaches across the wide one."""
     gap, preload = request.param
@@ -394,6 +399,7 @@ def test_first_fits_follow_the_tolerances():
     assert fit.chi2 < 1.1 * fit.n_data
 
 
+@pytest.mark.long
 def test_a_weak_law_is_named():
     weak = BearingCubic(stiffness=1e13)
     runs = tuple(swept(weak, level, seed) for seed, level in enumerate(LEVELS[1:]))
@@ -406,6 +412,7 @@ def test_a_weak_law_is_named():
     assert best.effects[0].stiffness == pytest.approx(1e13, rel=0.3)
 
 
+@pytest.mark.long
 def test_a_law_promises_more_than_noise_where_the_levels_own_resonances_tell_nothing():
     promised = {}
     for stiffness in (1e9, 4e12):
@@ -490,6 +497,7 @@ def test_a_bilinear_support_starts_from_one_level():
     assert np.exp(best.u[0]) == pytest.approx(K_B, rel=0.03)
 
 
+@pytest.mark.long
 def test_the_interval_of_a_nonlinear_cause_holds_what_the_correction_explains(hardening):
     problem = problem_of(hardening)
     (cubic,) = candidates(hardening, STRUCTURE, all_but("bearing_cubic"), nonlinear=True)
@@ -538,6 +546,7 @@ def test_friction_starts_from_the_stiffnesses_of_two_levels(hardening):
     assert np.allclose([np.exp(u[0]) + np.exp(u[2]) for u in points], rest.calm.k_b)
 
 
+@pytest.mark.long
 def test_friction_whose_limits_differ_is_told_from_friction_that_slips_at_once():
     seat = BearingFriction(force=0.5, stiffness=1e6, spread=0.85)
     runs = [swept(seat, level, seed, resolution=MIDDLE) for seed, level in enumerate((0.1, 0.5))]

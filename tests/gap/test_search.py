@@ -198,6 +198,9 @@ def test_an_effect_on_the_wrong_side_gains_nothing():
     assert scale < 0
 
 
+RIVALS_OF_A_PLANE = ("bearing_asymmetry", "pedestal_flexibility")
+
+
 @pytest.mark.parametrize(
     ("effect", "rivals"),
     [
@@ -208,13 +211,13 @@ def test_an_effect_on_the_wrong_side_gains_nothing():
         # Two resonances of its own, narrow ones.
         (PedestalFlexibility(stiffness=1.02e7, mass=4.2, damping=140.0), ("bearing_damping", "attached_mass")),
         # Two resonances for each of the nominal model's, whose k_b suits one of them.
-        (PlaneAnisotropy(anisotropy=0.45, angle=0.6), ("bearing_asymmetry", "pedestal_flexibility")),
+        (PlaneAnisotropy(anisotropy=0.45, angle=0.6), RIVALS_OF_A_PLANE),
         # A narrow one of the other plane.
-        (PlaneAnisotropy(anisotropy=0.3, angle=0.1), ("bearing_asymmetry", "pedestal_flexibility")),
+        (PlaneAnisotropy(anisotropy=0.3, angle=0.1), RIVALS_OF_A_PLANE),
         # One that draws the nominal model's k_b and nuisances away.
-        (PlaneAnisotropy(anisotropy=0.15, angle=0.1), ("bearing_asymmetry", "pedestal_flexibility")),
+        pytest.param(PlaneAnisotropy(anisotropy=0.15, angle=0.1), RIVALS_OF_A_PLANE, marks=pytest.mark.long),
         # One at the end of its range.
-        (PlaneAnisotropy(anisotropy=0.498, angle=0.1), ("bearing_asymmetry", "pedestal_flexibility")),
+        pytest.param(PlaneAnisotropy(anisotropy=0.498, angle=0.1), RIVALS_OF_A_PLANE, marks=pytest.mark.long),
     ],
 )
 def test_the_right_one_wins_the_race(effect, rivals):
@@ -264,7 +267,15 @@ def test_the_chain_leaves_the_rotor_as_it_is():
         assert not np.allclose(modal.response(), belief.modal(run, K_B, (mass,)).response(), rtol=1e-3)
 
 
-@pytest.mark.parametrize(("dwell", "within"), [(0.13, 1e-5), (0.48, 1e-5), (1.2, 1e-5), (3.4, 1e-3)])
+@pytest.mark.parametrize(
+    ("dwell", "within"),
+    [
+        (0.13, 1e-5),
+        pytest.param(0.48, 1e-5, marks=pytest.mark.long),
+        pytest.param(1.2, 1e-5, marks=pytest.mark.long),
+        (3.4, 1e-3),
+    ],
+)
 def test_a_dwell_is_found_among_its_many_minima(dwell, within):
     """The transients are in the model only, so the model makes these data, on a rig whose resonances are off."""
     effect, forward = FastSweep(dwell=dwell), Forward(WORKSHOP)
@@ -337,6 +348,7 @@ def test_pairs_are_started_beside_what_leaves_little():
     assert {start.hypothesis.ids[0] for start in starts} == {"bearing_damping"}
 
 
+@pytest.mark.long
 def test_pairs_are_started_beside_what_logarithms_see():
     """A stiffer shaft shifts narrow resonances of two-plane bearings: fine misfits say nothing, logarithms do."""
     effects = (ShaftModulus(factor=1.025), PlaneAnisotropy(anisotropy=0.25, angle=0.37))
@@ -349,6 +361,7 @@ def test_pairs_are_started_beside_what_logarithms_see():
     assert "shaft_modulus" in {start.hypothesis.ids[0] for start in starts}
 
 
+@pytest.mark.long
 def test_leaders_by_rough_fits_are_not_judged_by_far_misfits(monkeypatch):
     problem = problem_of(measure("bearing", (ShaftModulus(factor=1.025), PlaneAnisotropy(anisotropy=0.25, angle=0.37))))
     hypotheses = of(problem.runs, "shaft_modulus", "sensor_delay", "bearing_damping")
@@ -514,7 +527,7 @@ def test_tolerances_bend_a_candidate_at_its_own_numbers():
     assert better.cost < fit.cost - 50
 
 
-@pytest.mark.parametrize("pair_first", [True, False])
+@pytest.mark.parametrize("pair_first", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_a_single_effect_leaves_the_bends_of_a_better_pair(pair_first):
     """On rigid supports the pair's other effect does not act: there the two are one to the tolerances."""
     problem = problem_of_longer(AttachedMass(mass=0.45, node=3), BearingDamping(damping=150.0))

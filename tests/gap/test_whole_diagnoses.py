@@ -54,7 +54,7 @@ def _response(run, effects, k_b):
 # -- the virtual rig's figures ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("quantity", ["accelerance", "acceleration"])
+@pytest.mark.parametrize("quantity", ["accelerance", pytest.param("acceleration", marks=pytest.mark.long)])
 def test_what_the_virtual_rig_measures_is_the_figure_under_the_gains_of_the_runs(quantity):
     runs = both_supports(MASS, seed=3, gain=GAINS, quantity=quantity, force_amplitude_N=2.0)
     found = diagnose(campaign_of(*runs), exclude=all_but("attached_mass"), confirm=on_the_virtual_rig).diagnosis
@@ -63,6 +63,7 @@ def test_what_the_virtual_rig_measures_is_the_figure_under_the_gains_of_the_runs
     assert_allclose(found.shrink.after, found.shrink.floor, rtol=0.2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "error", [SetupError("no such sensor"), NotSettledError("no end of the transient", 90.0, 1e-3)]
 )
@@ -95,6 +96,7 @@ def hardened():
     return diagnose(campaign_of(*runs), exclude=exclude, confirm=on_the_virtual_rig)
 
 
+@pytest.mark.long
 def test_a_law_is_named_where_levels_differ(hardened):
     found = hardened.diagnosis
     assert (found.verdict, found.causes[0].effects) == ("cause", ("bearing_cubic",))

@@ -97,6 +97,7 @@ def test_another_stiffness_than_expected_fails_with_both_numbers(stuck, estimato
     assert failure.get("message") == failure.text == message
 
 
+@pytest.mark.long
 def test_a_stiffness_outside_the_trained_range_fails_with_the_reason(rotor_fmu, estimator_fmu):
     failed, _ = check_failing(rotor_fmu, "--expect-k-b", 1e9, "--estimator", estimator_fmu)
     assert "is not valid: delta_f1" in next(iter(failed.values()))

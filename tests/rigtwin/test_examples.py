@@ -16,7 +16,15 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 @pytest.mark.parametrize(
-    "name", ["measure_k_b", "own_rotor", "diagnose_a_campaign", "in_libcosim", "in_ecos", "as_one_fmu"]
+    "name",
+    [
+        "measure_k_b",
+        "own_rotor",
+        pytest.param("diagnose_a_campaign", marks=pytest.mark.long),
+        "in_libcosim",
+        "in_ecos",
+        "as_one_fmu",
+    ],
 )
 def test_an_example_runs_from_anywhere_and_its_number_holds(name, tmp_path):
     script = EXAMPLES / f"{name}.py"
@@ -26,9 +34,7 @@ def test_an_example_runs_from_anywhere_and_its_number_holds(name, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    "name", ["measure_k_b", "own_rotor", pytest.param("diagnose_a_campaign", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("name", ["measure_k_b", "own_rotor", "diagnose_a_campaign"])
 def test_an_example_is_a_page_and_asserts_a_number(name):
     lines = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8").splitlines()
     assert len(lines) < 60

@@ -95,6 +95,7 @@ def test_the_defaults_ask_for_the_data_the_shipped_network_was_trained_on(asked,
     assert (how["plan"], how["excitation_node"], prior, about) == (FEATURE_PLAN, 2, PRIOR, {})
 
 
+@pytest.mark.long
 def test_another_rig_is_trained_in_its_own_range_band_and_driving_point(asked, tmp_path):
     train(TrainingPlan(rig=str(OWN_ROTOR), rigs=32, out=tmp_path))
     (_, rigs, how), _, (prior, about) = asked
@@ -113,6 +114,7 @@ def limited(folder, low, high):
     return str(folder / "rig.toml")
 
 
+@pytest.mark.long
 def test_no_training_rig_is_outside_the_limits_of_the_rig(asked, tmp_path):
     train(TrainingPlan(rig=limited(tmp_path, 1.5e6, 4e6), rigs=32, out=tmp_path))
     (_, coarse, _), (_, fine, _), (prior, _) = asked

@@ -241,6 +241,7 @@ def test_a_rigid_direction_of_a_joint_does_not_slip():
     assert not build_model(rotor, DAMPED, [JointMicroslip()]).forces
 
 
+@pytest.mark.long
 def test_stepping_through_time_settles_on_the_loop_of_harmonic_balance():
     hz, force, rotor = 20.0, 40.0, assemble(SLIPPING)
     simulator = RotorSimulator(rotor, DAMPED, [JointMicroslip(angle=0.05)])

@@ -117,6 +117,7 @@ def test_a_nonlinear_rotor_gets_samples_periods_and_close_windows():
     assert NONLINEAR.carry_out(own) == replace(own, accept_nonperiodic=True)
 
 
+@pytest.mark.long
 def test_a_glide_from_line_to_line_starts_hardly_any_transients(session):
     """Neither to the first one, from rest, nor to the next; five windows are the least."""
     rig, read = Rig(effects=(BearingCubic(stiffness=1e6),)), [150.0, 152.0, 154.0]

@@ -18,6 +18,7 @@ from rigtwin.rotor.geometry.rig import load_rig
 SCHEMA = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_the_same_rig_gives_the_same_bytes(tmp_path, monkeypatch, fmi):
     """Compiled twice, each time without what an earlier build has kept."""

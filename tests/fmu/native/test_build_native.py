@@ -39,6 +39,12 @@ MAGIC = {
 PLATFORMS = {"all": TARGETS, "all but Windows": [t for t in TARGETS if "windows" not in t.fmi3]}
 
 
+@pytest.fixture(autouse=True)
+def _zig_keeps_its_library(monkeypatch):
+    """ziglang makes a C library first, which takes seconds, and must be able to keep it."""
+    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(compiling.compile_cache().parent / "zig"))
+
+
 @pytest.mark.parametrize("platforms", [pytest.param("all", marks=pytest.mark.long), "all but Windows"])
 def test_one_file_has_a_binary_for_every_platform(tmp_path, platforms):
     targets = PLATFORMS[platforms]
@@ -135,9 +141,7 @@ def test_what_was_compiled_once_is_kept(tmp_path, monkeypatch):
     assert len(list((tmp_path / "cache" / "rigtwin").iterdir())) == 2
 
 
-@pytest.mark.parametrize(
-    "damage", [lambda whole: whole[:1000], lambda whole: b"", lambda whole: whole[:-100] + bytes(100), None]
-)
+@pytest.mark.parametrize("damage", [lambda whole: b"", lambda whole: whole[:-100] + bytes(100), None])
 def test_a_damaged_library_in_the_cache_is_named_and_made_again(tmp_path, monkeypatch, caplog, damage):
     """A damaged one ends the process that loads it."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -161,7 +165,6 @@ def test_a_damaged_library_in_the_cache_is_named_and_made_again(tmp_path, monkey
 def test_a_cache_that_cannot_be_written_does_no_harm(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(tmp_path / "zig"))  # ziglang's own must be writable
     (tmp_path / "one.c").write_text(SEEN + "int one(void) { return 1; }\n")
     compiling.compile_library(tmp_path, ["one.c"], this_machine(), tmp_path / "out" / "one.so")
     assert (tmp_path / "out" / "one.so").stat().st_size > 0

@@ -13,12 +13,18 @@ from tests.fmu.native.sanitizers import program, run
 SEQUENCES = {"RotorRig": 200, "StiffnessEstimator": 3000}
 
 
-def test_random_calls_find_nothing_that_the_sanitizers_object_to(any_fmu, tmp_path):
-    fmi = read_model_description(str(any_fmu), validate=False).fmiVersion
-    answer = run(program(any_fmu, fmi, tmp_path), 1, SEQUENCES[any_fmu.stem])
-    assert int(answer.split()[0]) > 10 * SEQUENCES[any_fmu.stem]  # refusals that came with a sentence
+LONGER = (pytest.param(name, marks=pytest.mark.long) for name in ("rotor_fmu", "estimator3"))
 
 
+@pytest.mark.parametrize("name", ["rotor3", "estimator_fmu", *LONGER])
+def test_random_calls_find_nothing_that_the_sanitizers_object_to(name, request, tmp_path):
+    fmu = request.getfixturevalue(name)
+    fmi = read_model_description(str(fmu), validate=False).fmiVersion
+    answer = run(program(fmu, fmi, tmp_path), 1, SEQUENCES[fmu.stem])
+    assert int(answer.split()[0]) > 10 * SEQUENCES[fmu.stem]  # refusals that came with a sentence
+
+
+@pytest.mark.long
 def test_the_sanitizers_would_have_seen_a_mistake(estimator_fmu, tmp_path):
     """Negative control: the estimator, reading one feature more than it has."""
     folder = tmp_path / "unpacked"

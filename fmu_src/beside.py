@@ -57,9 +57,8 @@ def _licence(package: str) -> bytes:
     for path in installed.files or ():
         if path.name.upper().startswith("LICENSE"):
             return path.read_binary()
-    return (
-        f"{package} {installed.version}: {installed.metadata.get('License-Expression', 'see its own pages')}\n".encode()
-    )
+    (terms,) = installed.metadata.get_all("License-Expression") or ["see its own pages"]
+    return f"{package} {installed.version}: {terms}\n".encode()
 
 
 def external_dependencies(packages: Sequence[str]) -> dict[str, bytes]:

@@ -220,17 +220,23 @@ def _is_built_alike(fmu: Path) -> bool:
     So it is with FMUs that were built where the list of them cannot be written, or on another machine by the same
     versions of all packages.
     """
-    rig, network = (read_member(fmu, f"resources/{name}") for name in ("rig.json", "estimator.onnx"))
     with scratch_folder("alike_") as folder:
         try:
-            if rig:
-                again = build_rotor_fmu(Rig.model_validate_json(rig), folder)
-            else:
-                (folder / "network.onnx").write_bytes(network or b"")
-                again = build_estimator_fmu(folder, folder / "network.onnx")
+            return _built_again(fmu, folder).read_bytes() == fmu.read_bytes()
         except Exception:  # whatever is in there, it is none of ours
             return False
-        return again.read_bytes() == fmu.read_bytes()
+
+
+def _built_again(fmu: Path, folder: Path) -> Path:
+    """The FMU that this installation makes of the rig or the network in another. Raises whatever is wrong with it."""
+    names = ("rig.json", "estimator.onnx", "reduced.npz")
+    rig, network, reduced = (read_member(fmu, f"resources/{name}") for name in names)
+    if rig and reduced:
+        return build_tracker_fmu(Rig.model_validate_json(rig), folder, manifest(fmu)["facts"]["nodes"])
+    if rig:
+        return build_rotor_fmu(Rig.model_validate_json(rig), folder)
+    (folder / "network.onnx").write_bytes(network or b"")
+    return build_estimator_fmu(folder, folder / "network.onnx")
 
 
 def _here(function: Callable[..., Any], *arguments: Any, progress: Callable[[int], None] | None = None) -> Any:

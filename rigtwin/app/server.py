@@ -82,7 +82,8 @@ class AppServer:
 class _Quiet(WSGIRequestHandler):
     """Says nothing of its version."""
 
-    server_version, sys_version = "rigtwin", ""
+    def version_string(self) -> str:
+        return "rigtwin"
 
 
 def _refuse_others(names: set[str]) -> None:

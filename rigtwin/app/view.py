@@ -74,7 +74,7 @@ def make_app(bench: Bench) -> Dash:
     app = Dash(
         "rigtwin",
         title="rigtwin: diagnose a campaign",
-        update_title=None,
+        update_title="",
         assets_folder="none",  # there is no such folder, and none else is served
         include_assets_files=False,
     )
@@ -158,7 +158,7 @@ def _progress(progress: Progress) -> list[Any]:
     steps = list(progress.steps[-_SHOWN:])
     listed = html.Ol(
         [html.Li(f"{step.words}, {step.done} of {step.total}") for step in steps],
-        start=len(progress.steps) - len(steps) + 1,
+        start=str(len(progress.steps) - len(steps) + 1),
     )
     if progress.sentence:
         return [html.H2(progress.name), html.Details([html.Summary("What was done"), listed])]

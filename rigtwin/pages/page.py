@@ -59,8 +59,9 @@ def _in_script(text: str) -> Markup:
 
 def _figure_html(figure: go.Figure, name: str) -> Markup:
     """The place of a figure, told to a screen reader in words, and what the page's script draws there."""
+    layout: Any = figure.layout
     return Markup(
-        f'<div class="figure" id="{name}" role="img" aria-label="{escape(figure.layout.meta)}" '
-        f'style="height:{figure.layout.height}px"></div>\n'
+        f'<div class="figure" id="{name}" role="img" aria-label="{escape(layout.meta)}" '
+        f'style="height:{layout.height}px"></div>\n'
         f'<script type="application/json" id="{name}-figure">{_in_script(str(figure.to_json()))}</script>'
     )

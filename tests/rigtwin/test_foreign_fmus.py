@@ -9,11 +9,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rigtwin.api import fmus
-from rigtwin.fmu_src.build import build_estimator_fmu
+from rigtwin.fmu_src.build import build_tracker_fmu
+from rigtwin.rotor.geometry.rig import load_rig
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_check import STEP, with_slave
 
@@ -53,20 +55,22 @@ def test_an_fmu_that_was_built_elsewhere_is_not_run_unasked(printing, estimator_
     assert trusted.stdout == run("estimate", *numbers, "--estimator", estimator_fmu).stdout
 
 
-def test_an_fmu_that_this_installation_would_build_alike_is_its_own(estimator_fmu, tmp_path, monkeypatch):
+@pytest.mark.parametrize("model", ["estimator", "tracker"])
+def test_an_fmu_that_this_installation_would_build_alike_is_its_own(model, estimator_fmu, tmp_path, monkeypatch):
     """Where the list of what was built is not there or cannot be written."""
-    (tmp_path / "a file").touch()
-    built: list[Path] = []
+    fmu = estimator_fmu if model == "estimator" else build_tracker_fmu(load_rig("nit-rourkela"), tmp_path, (2, 4))
+    make, built = getattr(fmus, f"build_{model}_fmu"), []
 
-    def build(*about: Path) -> Path:
-        built.append(build_estimator_fmu(*about))
+    def build(*about: Any) -> Path:
+        built.append(make(*about))
         return built[-1]
 
-    monkeypatch.setattr(fmus, "build_estimator_fmu", build)
-    with monkeypatch.context() as without, fmus.host_of(estimator_fmu, trust=False):
+    monkeypatch.setattr(fmus, f"build_{model}_fmu", build)
+    (tmp_path / "a file").touch()
+    with monkeypatch.context() as without, fmus.host_of(fmu, trust=False):
         assert built == [], "it stands in the list"
         without.setenv("XDG_STATE_HOME", str(tmp_path / "a file"))
-        with fmus.host_of(estimator_fmu, trust=False) as run_here:
+        with fmus.host_of(fmu, trust=False) as run_here:
             assert run_here(os.getpid) == os.getpid()
     assert len(built) == 1
 

@@ -39,12 +39,21 @@ from rigtwin.gap.search.laws.search import (
     search_nonlinear,
 )
 from rigtwin.gap.search.laws.search import LAWS as LAW_SEARCH
+from rigtwin.gap.search.linear import search
 from rigtwin.gap.search.nominal import NOMINAL_FITS, recalibrate
 from rigtwin.gap.search.starts import Start
 from rigtwin.gap.search.strategies.law import Rest
 from rigtwin.gap.search.strategies.registry import law_strategy_of
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
-from rigtwin.rotor.effects import BearingClearance, BearingCubic, BearingFriction, BearingHertz, BilinearSupport, Rub
+from rigtwin.rotor.effects import (
+    BearingClearance,
+    BearingCubic,
+    BearingFriction,
+    BearingHertz,
+    BearingTiltStiffness,
+    BilinearSupport,
+    Rub,
+)
 from rigtwin.rotor.effects.effect import Effect
 from rigtwin.rotor.frequency import periodic_force
 from rigtwin.rotor.model.force_laws import LAWS
@@ -62,6 +71,7 @@ from tests.gap.conftest import (
     blank,
     campaign_of,
     lines,
+    measure,
     truth,
     with_noise,
     workshop,
@@ -425,6 +435,18 @@ def test_a_law_promises_more_than_noise_where_the_levels_own_resonances_tell_not
         promised[stiffness] = most_promised(problem, nominal, laws)
     assert promised[1e9] < 12
     assert promised[4e12] > 2 * PRIORS.pair_log_odds
+
+
+def test_no_law_promises_more_than_noise_beside_a_linear_effect_that_explains_all_levels():
+    """Tolerances bend the modes otherwise under such an effect than they do without it."""
+    effect = BearingTiltStiffness(stiffness=1500.0)
+    runs = [measure("rigid", [effect], seed=9)]
+    runs += [measure("bearing", [effect], seed=s, force_amplitude_N=level) for s, level in enumerate(LEVELS)]
+    problem = problem_of(runs)
+    (fit,) = search(problem, candidates(runs, STRUCTURE, all_but(effect.id))).fits
+    assert fit.chi2 < 1.1 * fit.n_data
+    laws = candidates(runs, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
+    assert most_promised(problem, fit, laws) < PRIORS.pair_log_odds
 
 
 def test_many_places_of_a_law_do_not_crowd_out_the_others(hardening):

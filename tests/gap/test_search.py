@@ -99,6 +99,14 @@ def test_the_first_order_gain_is_what_a_fit_gains():
     assert abs(nominal.u[0] + moved[0] - fit.u[0]) < 0.7 * abs(nominal.u[0] - fit.u[0])
 
 
+def test_a_gain_is_a_share_of_the_misfit_whatever_model_a_fit_ended_with():
+    """The slopes of the fit's own numbers are those of the model that the change is made in."""
+    problem = problem_with(AttachedMass(mass=0.018, node=3))
+    nominal, change = recalibrate(problem), [AttachedMass(mass=0.001, node=4)]
+    of_another_model = replace(nominal, precision=nominal.precision / 10)
+    assert Score(problem, of_another_model).gain(change)[0] == Score(problem, nominal).gain(change)[0]
+
+
 def test_gains_of_many_changes_are_the_gain_of_each():
     problem = problem_with(FastSweep(dwell=2.0)).made(images=False)
     score = Score(problem, recalibrate(problem), settled=True)

@@ -157,7 +157,7 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     shifts that are free of each other are not.
     """
     rest = Rest(fit, fit.k_b, seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
-    every = thin_out(problem.made(resolution=ROUGH), EVERY.small_gap, fit.k_b, MODEL_ERROR)
+    every = thin_out(problem.made(resolution=ROUGH), EVERY.small_gap, fit.k_b, MODEL_ERROR).around(fit)
     score = Score(every, every.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 

@@ -60,6 +60,14 @@ class Quantity(StrEnum):
     acceleration = "acceleration"
 
 
+class Method(StrEnum):
+    """How k_b is found."""
+
+    network = "network"
+    model = "model"
+    responses = "responses"
+
+
 RIG = "nit-rourkela"
 
 # Upper limits: beyond them a command asks for more memory, time or processes than any machine has for it.
@@ -266,6 +274,9 @@ def estimate(
     rig: Annotated[
         str | None, typer.Option(help="The rig of the files, a TOML or a shipped one; default the estimator's.")
     ] = None,
+    method: Annotated[
+        Method | None, typer.Option(help="By the shifts (network, model) or all lines; default by the shifts.")
+    ] = None,
     trust: TRUST = False,
     as_json: JSON = False,
 ) -> None:
@@ -287,6 +298,7 @@ def estimate(
         estimator=estimator,
         excitation_node=excitation_node,
         quantity=quantity.value if quantity else None,
+        method=method.value if method else None,
         trust=trust,
         **numbers,
     )

@@ -40,6 +40,10 @@ class ModalFitError(MeasurementError):
     """There are too few lines round a resonance, or no resonance at all."""
 
 
+class CoarseRasterError(ModalFitError):
+    """A resonance is there, but too few lines tell of it."""
+
+
 @dataclass(frozen=True)
 class Mode:
     """One fitted mode with standard errors.
@@ -129,13 +133,14 @@ def fit_mode(run: Run, near_hz: float) -> Mode:
 
     Raises
     ------
-    ModalFitError : fewer than 8 lines round it, or another resonance too close to it
+    CoarseRasterError : fewer than 8 lines round it
+    ModalFitError : another resonance too close to it
     """
     centre, width = half_power_band(run.frequency_hz, _displacement_size(run), near_hz)
     reach = min(_BANDWIDTHS * width, _half_way_to_neighbour(run, near_hz))
     use = np.abs(run.frequency_hz - centre) <= reach
     if np.count_nonzero(use) < 8:
-        raise ModalFitError(
+        raise CoarseRasterError(
             f"run {run.name!r}: only {np.count_nonzero(use)} lines within {reach:.3g} Hz of the resonance "
             f"at {centre:.3f} Hz, 8 are needed; its half-power band is {width:.3g} Hz wide: refine the lines there"
         )

@@ -12,20 +12,22 @@ from typing import Any, Literal
 from rigtwin.api.fmus import SHIPPED_RIG, open_estimator, trained_rig
 from rigtwin.api.rigs import as_rig, refuse_tables
 from rigtwin.errors import UserError, existing, for_users
-from rigtwin.estimator.features import Features, features_of_peaks, features_of_runs
+from rigtwin.estimator.features import FEATURE_NAMES, Features, features_of_peaks, features_of_runs
+from rigtwin.estimator.intervals import Z90
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import Estimate
 from rigtwin.estimator.validity import objections
+from rigtwin.gap.responses import fit_responses
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model import html
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
-from rigtwin.sim.campaign import Campaign, MeasurementError, Quantity, Run, SupportKind
+from rigtwin.sim.campaign import UNKNOWN_DAMPING, Campaign, MeasurementError, NominalBelief, Quantity, Run, SupportKind
 from rigtwin.sim.campaign_folder import load_campaign
 from rigtwin.sim.formats import read_run
-from rigtwin.sim.modal_fit import fit_modes
+from rigtwin.sim.modal_fit import CoarseRasterError, fit_modes
 from rigtwin.wording import interval, stiffness_with_error, with_error, yes_no
 
 # A ratio read off a curve without an error of its own is trusted to this share.
@@ -35,7 +37,8 @@ RATIO_TRUST = 0.1
 # paper's own are 6 % off, those of rotors of another size by far more.
 _ANOTHER_RIG = 0.15
 
-Method = Literal["network", "model"]
+# Who answers: the trained network, root finding on the model by both shifts, or the model fitted to all lines.
+Method = Literal["network", "model", "responses"]
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class Answer:
     features: Features
     estimate: Estimate
     objections: list[str]  # why it is not valid
-    method: Method = "network"  # or root finding on the finite-element model
+    method: Method = "network"
 
     def record(self) -> dict[str, Any]:
         """For a machine."""
@@ -79,12 +82,10 @@ class Answer:
     def row(self) -> tuple[str, ...]:
         """For a reader, beneath ANSWER_HEADER."""
         f, e = self.features, self.estimate
-        known = math.isfinite(f.amplitude_ratio)
+        told = ((f.delta_f1, f.delta_f1_std), (f.delta_f2, f.delta_f2_std), (f.amplitude_ratio, f.amplitude_ratio_std))
         return (
             self.test,
-            with_error(f.delta_f1, f.delta_f1_std),
-            with_error(f.delta_f2, f.delta_f2_std),
-            with_error(f.amplitude_ratio, f.amplitude_ratio_std) if known else "",
+            *(with_error(value, std) if math.isfinite(value) else "" for value, std in told),
             stiffness_with_error(e.k_b, e.k_b_std),
             interval(e.k_b_low, e.k_b_high),
             yes_no(e.valid),
@@ -130,13 +131,15 @@ def estimate(
     estimator: str | Path | None = None,
     excitation_node: int | None = None,
     quantity: Quantity | None = None,
+    method: Method | None = None,
     trust: bool = False,
     **numbers: float | None,
 ) -> Answers:
     """Bearing stiffness k_b from two measured runs, from a campaign, or from numbers.
 
     The shipped network answers for the rig it was trained for. For another rig k_b is found on the rig's finite-element
-    model, by the two frequency shifts.
+    model, by the two frequency shifts. Where the lines are too few for shifts, or where it is asked for, the model is
+    fitted to all lines together, with the tolerances of the workshop, dampings, gains and drifts beside k_b.
 
     Parameters
     ----------
@@ -145,6 +148,7 @@ def estimate(
     rig : that was measured, where the source does not say it; default the estimator's
     estimator : StiffnessEstimator.fmu, or an ONNX file of ``rigtwin train``; default the shipped network
     excitation_node, quantity : how the two runs were measured, where their files do not say it
+    method : "network", "model" (by the shifts) or "responses" (by all lines); default as above
     trust : whether an FMU may run that this installation has not built; it runs with all your rights
     numbers : delta_f1, delta_f2 [Hz], amplitude_ratio [-], and delta_f1_std, delta_f2_std, amplitude_ratio_std
 
@@ -172,7 +176,8 @@ def estimate(
         raise UserError(f"{min(unknown)}: there is no such number; there are {', '.join(asdict(Numbers()))}")
     settings = run_settings(excitation_node, quantity)
     chosen = Path(estimator) if estimator else None
-    return answer_tests([_plain(source) for source in sources], Numbers(**numbers), settings, chosen, rig, trust=trust)
+    plain = [_plain(source) for source in sources]
+    return answer_tests(plain, Numbers(**numbers), settings, chosen, rig, method=method, trust=trust)
 
 
 def _plain(source: Run | Campaign | str | Path) -> Run | Campaign | Path:
@@ -186,31 +191,43 @@ def answer_tests(
     estimator: Path | None,
     rig: Rig | str | Path | None = None,
     *,
+    method: Method | None = None,
     trust: bool = False,
 ) -> Answers:
     """Answer every test that the arguments hold; see ``estimate``."""
     if len(sources) == 1 and isinstance(sources[0], Path) and not sources[0].is_file():
         sources = [load_campaign(sources[0])]
     known = rig if rig is not None else next((s.rig for s in sources if isinstance(s, Campaign)), None)
-    with _method(known, estimator, trust) as method:
-        tests, remarks = _tests(sources, numbers, settings, method)
-        if known is None and sources:
-            _check_resonances(sources, settings, method)
-        return Answers(tuple(method.answer(test, features) for test, features in tests), tuple(remarks))
+    if estimator and method not in (None, "network"):
+        raise UserError(f"--estimator: the method {method} asks no network; leave one of the two out")
+    if method == "responses":
+        _refuse(numbers)
+        return Answers((_by_responses(_all_runs(sources, settings, known)),))
+    try:
+        with _asked(known, estimator, trust, method) as asked:
+            tests, remarks = _tests(sources, numbers, settings, asked)
+            if known is None and sources:
+                _check_resonances(sources, settings, asked)
+            return Answers(tuple(asked.answer(test, features) for test, features in tests), tuple(remarks))
+    except CoarseRasterError as error:
+        if method or estimator:
+            raise
+        answer = _by_responses(_all_runs(sources, settings, known))
+        return Answers((answer,), (f"{error}; k_b is found by all lines together instead (--method responses)",))
 
 
 def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None, *, trust: bool = False) -> Answers:
     """Answer every rigid and bearing pair among some runs."""
-    with _method(rig, estimator, trust) as method:
-        pairs, remarks = _pairs(runs, method.node)
-        return Answers(tuple(method.answer(test, features) for test, features in pairs), tuple(remarks))
+    with _asked(rig, estimator, trust) as asked:
+        pairs, remarks = _pairs(runs, asked.node)
+        return Answers(tuple(asked.answer(test, features) for test, features in pairs), tuple(remarks))
 
 
 # -- who answers -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class _Method:
+class _Asked:
     """Who answers, and what for."""
 
     name: Method
@@ -225,19 +242,27 @@ class _Method:
 
 
 @contextmanager
-def _method(rig: Rig | str | Path | None, estimator: Path | None, trust: bool) -> Iterator[_Method]:
-    """The network where it knows the rig, else root finding on the rig's model. Raises UserError."""
+def _asked(
+    rig: Rig | str | Path | None, estimator: Path | None, trust: bool, method: Method | None = None
+) -> Iterator[_Asked]:
+    """The network where it knows the rig, else root finding on the rig's model, or what is asked for.
+
+    Raises UserError.
+    """
+    if method == "model":
+        yield _by_model(as_rig(rig or SHIPPED_RIG))
+        return
     with open_estimator(estimator, trust=trust) as (ask, card):
         trained = trained_rig(card)
         measured = trained if rig is None or rig == SHIPPED_RIG == trained else as_rig(rig).name
         if measured == trained:
             node = card.get("excitation_node", 2)
-            yield _Method("network", trained, node, lambda f: _with_objections(f, ask(f), card))
+            yield _Asked("network", trained, node, lambda f: _with_objections(f, ask(f), card))
             return
-    if estimator:
+    if estimator or method == "network":
         raise UserError(
-            f"the campaign's rig is {measured}, the estimator was trained for {trained}; leave out --estimator to "
-            f"find k_b on the model of {measured}, or train one with rigtwin train --rig {rig}"
+            f"the campaign's rig is {measured}, the estimator was trained for {trained}; leave out --estimator "
+            f"and --method to find k_b on the model of {measured}, or train one with rigtwin train --rig {rig}"
         )
     yield _by_model(as_rig(rig or measured))
 
@@ -246,17 +271,50 @@ def _with_objections(features: Features, estimate: Estimate, card: dict[str, Any
     return estimate, objections(features, estimate, card)
 
 
-def _by_model(rig: Rig) -> _Method:
+def _by_model(rig: Rig) -> _Asked:
     refuse_tables(rig, "an estimate of k_b")
     damping = Condition(bearing_damping=rig.bearing_damping_Ns_per_m, shaft_damping_ratio=rig.shaft_damping_ratio)
     limits = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
     finder = StiffnessFinder(assemble(rig), damping, limits, rig.excitation_node)
-    return _Method("model", rig.name, None, lambda f: (finder.estimate(f), finder.objections(f)))
+    return _Asked("model", rig.name, None, lambda f: (finder.estimate(f), finder.objections(f)))
 
 
-def _check_resonances(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any], method: _Method) -> None:
+def _by_responses(campaign: Campaign) -> Answer:
+    """k_b by all lines of a campaign's runs."""
+    limits = as_rig(campaign.rig).k_b
+    found = fit_responses(campaign)
+    low, high = (found.k_b * math.exp(z * found.log_std) for z in (-Z90, Z90))
+    against = []
+    if not found.explained:
+        against.append(
+            f"the model leaves {math.sqrt(found.misfit):.3g} times the noise, or takes tolerances that are not "
+            "plausible: the rig differs from its model; rigtwin diagnose says where"
+        )
+    if not limits.min_N_per_m < found.k_b < limits.max_N_per_m:
+        against.append(f"k_b = {found.k_b:.4g} N/m is at the end of the range that the rig file gives")
+    estimate = Estimate(found.k_b, found.k_b * found.log_std, low, high, valid=not against)
+    nothing = Features(*[math.nan] * len(FEATURE_NAMES))
+    return Answer(" / ".join(run.name for run in campaign.runs), nothing, estimate, against, "responses")
+
+
+def _all_runs(
+    sources: Sequence[Run | Campaign | Path], settings: dict[str, Any], rig: Rig | str | Path | None
+) -> Campaign:
+    """The campaign's runs of the standing rotor, or the two runs as one, of a rig that nobody states dampings of."""
+    if isinstance(rig, Rig):
+        raise UserError("give the rig by its name or its file: all lines together are fitted to what a file says")
+    if len(sources) == 1 and isinstance(campaign := sources[0], Campaign):
+        standing = tuple(run for run in campaign.runs if run.spin_rpm == 0)
+        return replace(campaign, runs=standing, rig=str(rig or campaign.rig))
+    if len(sources) != 2:
+        raise UserError("give a rigid and a bearing run, or one campaign folder: k_b is looked for in all their lines")
+    belief = NominalBelief(shaft_damping_tolerance=UNKNOWN_DAMPING, bearing_damping_tolerance=UNKNOWN_DAMPING)
+    return Campaign("two runs", str(rig or SHIPPED_RIG), tuple(_read_pair(sources, settings)), nominal=belief)
+
+
+def _check_resonances(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any], asked: _Asked) -> None:
     """Refuse files of another rig than the shipped network's: its resonances on rigid supports are elsewhere."""
-    if method.rig != SHIPPED_RIG:
+    if asked.rig != SHIPPED_RIG:
         return
     rigid, _ = _read_pair(sources, settings)
     structure = assemble(as_rig(SHIPPED_RIG))
@@ -275,12 +333,12 @@ Test = tuple[str, Features]
 
 
 def _tests(
-    sources: Sequence[Run | Campaign | Path], numbers: Numbers, settings: dict[str, Any], method: _Method
+    sources: Sequence[Run | Campaign | Path], numbers: Numbers, settings: dict[str, Any], asked: _Asked
 ) -> tuple[list[Test], list[str]]:
     """The tests, and what was left out or assumed."""
     if len(sources) == 2:
         _refuse(numbers)
-        return _pairs(_read_pair(sources, settings), method.node)
+        return _pairs(_read_pair(sources, settings), asked.node)
     if len(sources) == 1:
         campaign = sources[0]
         if not isinstance(campaign, Campaign):
@@ -288,10 +346,10 @@ def _tests(
             raise UserError(f"{name}: one file alone; give two, first the run on rigid supports, then that on bearings")
         if settings:
             raise UserError(f"{option(min(settings))}: the campaign says that of its runs; change its campaign.toml")
-        return _campaign_tests(campaign, numbers, method)
+        return _campaign_tests(campaign, numbers, asked)
     if sources:
         raise UserError(f"{len(sources)} files given; give a rigid and a bearing run, or one campaign folder")
-    return [("numbers given", _features(numbers, method))], []
+    return [("numbers given", _features(numbers, asked))], []
 
 
 def _refuse(numbers: Numbers, allowed: Sequence[str] = ()) -> None:
@@ -333,12 +391,12 @@ def run_settings(excitation_node: int | None, quantity: Quantity | None) -> dict
     return {key: value for key, value in said.items() if value is not None}
 
 
-def _campaign_tests(campaign: Campaign, numbers: Numbers, method: _Method) -> tuple[list[Test], list[str]]:
+def _campaign_tests(campaign: Campaign, numbers: Numbers, asked: _Asked) -> tuple[list[Test], list[str]]:
     if campaign.runs:
         _refuse(numbers)
-        return _pairs(campaign.runs, method.node)
+        return _pairs(campaign.runs, asked.node)
     _refuse(numbers, allowed=("amplitude_ratio", "amplitude_ratio_std"))
-    ratio, remarks = _ratio(numbers, method)
+    ratio, remarks = _ratio(numbers, asked)
     return [("resonance lists", features_of_campaign_peaks(campaign, ratio))], remarks
 
 
@@ -353,9 +411,9 @@ def features_of_campaign_peaks(campaign: Campaign, ratio: Ratio) -> Features:
     return features_of_peaks(lists["rigid"], lists["bearing"], ratio.value, ratio.std)
 
 
-def _ratio(numbers: Numbers, method: _Method) -> tuple[Ratio, list[str]]:
+def _ratio(numbers: Numbers, asked: _Asked) -> tuple[Ratio, list[str]]:
     """The amplitude ratio, and what is assumed of its error; the model needs none."""
-    if numbers.amplitude_ratio is None and method.name == "model":
+    if numbers.amplitude_ratio is None and asked.name == "model":
         return Ratio(math.nan, math.nan), []
     if numbers.amplitude_ratio is None:
         raise UserError(
@@ -370,17 +428,17 @@ def _ratio(numbers: Numbers, method: _Method) -> tuple[Ratio, list[str]]:
     return ratio, remarks
 
 
-def _features(numbers: Numbers, method: _Method) -> Features:
+def _features(numbers: Numbers, asked: _Asked) -> Features:
     given = asdict(numbers)
     if all(value is None for value in given.values()):
         raise UserError("nothing to estimate from: give RIGID_FILE BEARING_FILE, a campaign folder, or numbers")
-    if method.name == "model":
+    if asked.name == "model":
         given |= {name: math.nan for name in ("amplitude_ratio", "amplitude_ratio_std") if given[name] is None}
     missing = [option(name) for name, value in given.items() if value is None]
     if missing:
         needed = (
             "both shifts and their standard errors"
-            if method.name == "model"
+            if asked.name == "model"
             else "shifts, ratio and all three standard errors"
         )
         raise UserError(f"{', '.join(missing)} missing; {needed} are needed")

@@ -17,5 +17,7 @@ def print_answers(answers: Answers, *, as_json: bool) -> None:
     for answer in answers:
         for objection in answer.objections:
             say(f"{answer.test}: not valid: {objection}")
+    if any(answer.method == "responses" for answer in answers):
+        note("found by all lines; the interval holds what is unknown of tolerances, dampings, gains and drifts")
     if any(answer.method == "model" for answer in answers):
         note("found on the finite-element model of the rig by both shifts; the amplitude ratio is not used")

@@ -1,0 +1,34 @@
+"""k_b from whole responses: the nominal model fitted to every line, and all that a workshop does not know beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rigtwin.gap.audit.findings import usable
+from rigtwin.gap.prepare import prepared
+from rigtwin.gap.verdict.adequacy import judge
+from rigtwin.gap.verdict.standing import excess_of, scale_of
+from rigtwin.sim.campaign import Campaign, MeasurementError
+
+
+@dataclass(frozen=True)
+class ResponseFit:
+    """What the responses of a campaign tell of k_b where the nominal model is right but for its tolerances."""
+
+    k_b: float  # [N/m]
+    log_std: float  # standard error of its logarithm, the Cramér-Rao bound of all lines [kay1993]
+    misfit: float  # root mean square of what is left, over the noise
+    explained: bool  # whether noise alone is left, by tolerances that are plausible
+
+
+def fit_responses(campaign: Campaign) -> ResponseFit:
+    """Fit k_b, dampings, tolerances, gains and drifts of the nominal model to all lines of a campaign together.
+
+    Raises MeasurementError where no run is on bearings, or one has a node that the rig lacks.
+    """
+    if not any(run.support == "bearing" for run in campaign.runs):
+        raise MeasurementError(f"campaign {campaign.title!r}: no run on bearings says anything about k_b")
+    problem, nominal = prepared(usable(campaign))
+    quality = judge(problem, nominal)
+    log_std = nominal.covariance(max(scale_of(quality), 1.0))[0, 0] ** 0.5
+    return ResponseFit(nominal.k_b, float(log_std), float(quality.misfit), excess_of(problem, nominal, quality) < 1)

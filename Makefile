@@ -12,10 +12,12 @@
 # make clean   without dist, build and runs
 # make benchmark-real-data DATA=FOLDER   docs/real-data.md: the diagnosis on data of other laboratories; half an hour
 # make benchmark-tracker   docs/tracker-measured.md: how well a k_b that changes is followed; minutes
+# make benchmark-intervals   docs/interval-coverage.md: how often intervals of k_b hold the true value; half an hour
 # make benchmark-records   k_b from an oscilloscope's records beside that of the sweep; minutes
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
 # make fuzz-files   10,000 damaged files of every format are read: no traceback, no crash, no hang; an hour or two
+# make kills   100 commands are killed at random moments: nothing is lost, half-written or left behind; half an hour
 # make lowest   the lowest versions that pyproject.toml declares, installed together and tested; a quarter of an hour
 # make method-figures   the figures of docs/diagnosis-method.md
 # make paper-rig   docs/paper-rig.md: the diagnosis of the paper's own rig
@@ -33,7 +35,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test test-long lint docs fmus native elsewhere fuzz fuzz-files lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-tracker benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint docs fmus native elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-intervals benchmark-tracker benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -72,6 +74,9 @@ fuzz: $(VENV)/installed
 
 fuzz-files: $(VENV)/installed
 	$(PYTHON) -m tests.fuzz_files --minutes 180
+
+kills: $(VENV)/installed
+	$(PYTHON) -m tests.kill_commands
 
 lowest: $(VENV)/installed
 	$(PYTHON) -m tests.lowest_versions
@@ -112,6 +117,9 @@ benchmark-real-data: $(VENV)/installed
 
 benchmark-tracker: $(VENV)/installed
 	$(PYTHON) -m benchmarks.tracker --page docs/tracker-measured.md
+
+benchmark-intervals: $(VENV)/installed
+	$(PYTHON) -m benchmarks.interval_coverage --page docs/interval-coverage.md
 
 benchmark-records: $(VENV)/installed
 	$(PYTHON) -m benchmarks.oscilloscope_records

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rigtwin.gap.audit.findings import usable
+from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.prepare import prepared
-from rigtwin.gap.verdict.adequacy import judge
-from rigtwin.gap.verdict.standing import excess_of, scale_of
+from rigtwin.gap.verdict.adequacy import Adequacy, judge
+from rigtwin.gap.verdict.standing import excess_of, scale_of, strain
+from rigtwin.gap.verdict.thresholds import THRESHOLDS
 from rigtwin.sim.campaign import Campaign, MeasurementError
 
 
@@ -30,5 +33,16 @@ def fit_responses(campaign: Campaign) -> ResponseFit:
         raise MeasurementError(f"campaign {campaign.title!r}: no run on bearings says anything about k_b")
     problem, nominal = prepared(usable(campaign))
     quality = judge(problem, nominal)
-    log_std = nominal.covariance(max(scale_of(quality), 1.0))[0, 0] ** 0.5
-    return ResponseFit(nominal.k_b, float(log_std), float(quality.misfit), excess_of(problem, nominal, quality) < 1)
+    scale = max(scale_of(quality), quality.misfit**0.5, 1.0)  # what is left counts as noise
+    return ResponseFit(
+        k_b=nominal.k_b,
+        log_std=float(nominal.covariance(scale)[0, 0] ** 0.5),
+        misfit=float(quality.misfit),
+        explained=excess_of(problem, nominal, quality) < 1 or _as_exact_as_the_model(problem, nominal, quality),
+    )
+
+
+def _as_exact_as_the_model(problem: Problem, nominal: Fit, quality: Adequacy) -> bool:
+    """Whether no more is left than noise and what the model's mesh and modes make of responses without any."""
+    left = nominal.chi2 / nominal.n_data / scale_of(quality) ** 2  # its errors hold those of the model
+    return left < THRESHOLDS.adequate_misfit and strain(problem, nominal) < 1

@@ -144,7 +144,7 @@ def find_frequency(samples: FloatArray) -> tuple[float, float]:
     """Frequency of a sine with harmonics and its standard error, in cycles per sample.
 
     The highest line of the spectrum begins a least-squares fit of the sine, its harmonics, a constant and the frequency
-    itself (the four-parameter sine fit of IEEE Std 1057, with harmonics).
+    itself (the four-parameter sine fit [ieee1057], with harmonics).
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ def _clipped_records(records: Sequence[Signals]) -> list[str]:
 
 
 def _independent(window: FloatArray, step: int, blocks: int) -> float:
-    """How many independent blocks have the variance of so many overlapping ones (Welch 1967).
+    """How many independent blocks have the variance of so many overlapping ones [welch1967].
 
     >>> round(_independent(get_window("hann", 64), step=32, blocks=100), 1)
     94.8
@@ -293,7 +293,7 @@ def estimate_response(
     """Response and coherence (n_freq, n_channels) from averaged densities.
 
     H1 = Gxy/Gxx is right where the responses are noisy, H2 = Gyy/Gyx where the force is; coherence |Gxy|^2/(Gxx Gyy)
-    (Bendat and Piersol, Random Data).
+    [bendat2010].
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         H = Gxy / Gxx[:, None] if estimator == "h1" else Gyy / Gxy.conj()

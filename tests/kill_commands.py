@@ -43,7 +43,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "check": ("check", "{made}/build/RotorRig.fmu", "--junit", "{out}/report.xml"),
     "modes": ("modes", "--out", "{out}/modes.png"),
     "campbell": ("campbell", "--out", "{out}/campbell.svg"),
-    "train": ("train", "--rigs", "4", "--calibration-rigs", "4", "--out", "{out}"),
+    "train": ("train", "--rigs", "16", "--calibration-rigs", "16", "--out", "{out}"),
     "blind": ("blind", "W3", "--count", "1", "--out", "{out}"),
 }
 

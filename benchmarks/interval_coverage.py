@@ -1,0 +1,154 @@
+"""How often the true k_b lies in the interval: ``python -m benchmarks.interval_coverage [--rigs N] [--page FILE]``.
+
+Fresh rigs come from the blind benchmark's own elements and solver: k_b evenly spread on a logarithmic scale from 1e6 to
+1e8 N/m, dampings of the bearings evenly from 0 to 60 N s/m, of the shaft from 0.05 to 0.5 %. Each is measured at node 2
+on both supports. The estimator has its three numbers, root finding on the model has the two shifts, and the third
+method fits the model to all lines together.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binom
+
+from benchmarks.page import machine, table
+from rigtwin.api.estimates import Method, estimate
+from rigtwin.blind.generate.lines import choose_lines, resonances
+from rigtwin.blind.generate.machine import Setting
+from rigtwin.blind.generate.machine import Workshop as MadeRig
+from rigtwin.blind.generate.response import N_DRIFTING, machines, reported
+from rigtwin.blind.generate.rig import read_rig
+from rigtwin.errors import UserError
+from rigtwin.rotor.model.arrays import FloatArray
+from rigtwin.scale_out import executor
+from rigtwin.sim.campaign import Channel, Run
+
+NODE, SEED = 2, 20_260
+COARSE = np.arange(20.0, 400.1, 2.0)  # the paper's raster
+METHODS: dict[Method, str] = {"network": "estimator", "model": "root finding", "responses": "all lines"}
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What the measurements of a table's row are like."""
+
+    words: str
+    noise: float = 0.01  # of every line, relative
+    drift: float = 0.0  # of every resonance from run to run
+    scatter: float = 0.0  # of modulus, span and disks
+    coarse: bool = False  # even lines, 2 Hz apart
+    with_std: bool = True  # whether the files hold standard errors
+
+
+CONDITIONS = (
+    Conditions("1 % noise"),
+    Conditions("0.1 % noise", noise=1e-3),
+    Conditions("1 % noise, no standard errors in the files", with_std=False),
+    Conditions("1 % noise, resonances drift by 0.01 % between the runs", drift=1e-4),
+    Conditions("1 % noise, modulus, span and disks off by 0.05 %", scatter=5e-4),
+    Conditions("1 % noise, modulus, span and disks off by 0.5 %", scatter=5e-3),
+    Conditions("1 % noise, lines 2 Hz apart without refinement", coarse=True),
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One method's answer for one rig; refused where there is no estimate."""
+
+    refused: bool
+    valid: bool = False
+    log_error: float = math.nan  # of k_b
+    log_half: float = math.nan  # half the 90 % interval
+
+    @property
+    def covers(self) -> bool:
+        """Whether the interval holds the true value."""
+        return abs(self.log_error) <= self.log_half
+
+
+def main() -> None:
+    """Measure, print, and write the page if one is asked for."""
+    parser = argparse.ArgumentParser(description="How often intervals hold the true k_b.")
+    parser.add_argument("--rigs", type=int, default=100)
+    parser.add_argument("--page", type=Path)
+    options = parser.parse_args()
+    with executor() as pool:
+        rows = [row for c in CONDITIONS for row in _rows(c, options.rigs, pool)]
+    header = ("measured", "method", "refused", "valid", "90 % interval holds k_b", "median half-width", "median error")
+    low, high = (binom(options.rigs, 0.9).ppf(p) / options.rigs for p in (0.025, 0.975))
+    text = "\n\n".join(
+        (
+            __doc__.split("\n\n")[1],
+            f"{options.rigs} rigs a row; {machine()}. Shares are of the valid answers. Of as many right intervals "
+            f"{100 * low:.0f} to {100 * high:.0f} % hold the true value.",
+            table(header, rows),
+        )
+    )
+    print(text)
+    if options.page:
+        options.page.write_text(f"# Intervals of k_b, measured\n\n{text}", encoding="utf-8")
+
+
+def _rows(conditions: Conditions, rigs: int, pool: Executor) -> Iterator[tuple[str, ...]]:
+    results = list(pool.map(partial(_measured, conditions), range(rigs)))
+    for place, words in enumerate(METHODS.values()):
+        found = [result[place] for result in results]
+        valid = [result for result in found if result.valid]
+        yield (
+            conditions.words if not place else "",
+            words,
+            f"{sum(r.refused for r in found)}",
+            f"{len(valid)}",
+            f"{100 * np.mean([r.covers for r in valid]):.0f} %" if valid else "",
+            f"{100 * np.median([r.log_half for r in valid]):.3f} %" if valid else "",
+            f"{100 * np.median([abs(r.log_error) for r in valid]):.3f} %" if valid else "",
+        )
+
+
+def _measured(conditions: Conditions, number: int) -> list[Result]:
+    """What every method says of one rig."""
+    rng = np.random.default_rng([SEED, number])
+    k_b = float(np.exp(rng.uniform(*np.log([1e6, 1e8]))))
+    damping = rng.uniform(0.0, 60.0), float(np.exp(rng.uniform(*np.log([5e-4, 5e-3]))))
+    off = conditions.scatter * rng.standard_normal(4)
+    made = MadeRig(float(off[0]), float(off[1]), (float(off[2]), float(off[3])))
+    runs = [
+        _run(conditions, Setting(rigid, k_b, *damping, NODE), made, np.random.default_rng([SEED, number, rigid]))
+        for rigid in (True, False)
+    ]
+    return [_asked(partial(estimate, *runs, method=method), k_b) for method in METHODS]
+
+
+def _run(conditions: Conditions, setting: Setting, made: MadeRig, rng: np.random.Generator) -> Run:
+    """One run at the driving point."""
+    rig, lines = read_rig("nit-rourkela"), COARSE
+    drift = conditions.drift * rng.standard_normal((2, N_DRIFTING))
+    if not conditions.coarse:
+        peaks = [peak for one in machines(rig, setting, (), made) for peak in resonances(one)]
+        lines = choose_lines(peaks, rng)
+    H: FloatArray = reported(rig, setting, (), lines, made, drift)[:, [NODE - 1]]
+    std = conditions.noise * np.abs(H)
+    H = H + std * (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
+    support = "rigid" if setting.rigid else "bearing"
+    return Run(lines, H, (Channel(NODE),), support, std=std if conditions.with_std else None, name=support)
+
+
+def _asked(ask: Callable, k_b: float) -> Result:
+    try:
+        found = ask().best.estimate
+    except UserError:
+        return Result(refused=True)
+    half = math.log(found.k_b_high / found.k_b_low) / 2
+    return Result(refused=False, valid=found.valid, log_error=math.log(found.k_b / k_b), log_half=half)
+
+
+if __name__ == "__main__":
+    main()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 from rigtwin.api.fmus import SHIPPED_RIG, open_estimator, trained_rig
 from rigtwin.api.rigs import as_rig, refuse_tables
@@ -137,9 +137,10 @@ def estimate(
 ) -> Answers:
     """Bearing stiffness k_b from two measured runs, from a campaign, or from numbers.
 
-    The shipped network answers for the rig it was trained for. For another rig k_b is found on the rig's finite-element
-    model, by the two frequency shifts. Where the lines are too few for shifts, or where it is asked for, the model is
-    fitted to all lines together, with the tolerances of the workshop, dampings, gains and drifts beside k_b.
+    Of a campaign, which says how well its rig is known, the finite-element model is fitted to all lines of each pair of
+    runs, with the tolerances of the workshop, dampings, gains and drifts beside k_b. Of two runs or of numbers k_b is
+    found by the two frequency shifts: by the shipped network for the rig it was trained for, on the model for another
+    one. Where the lines are too few for shifts, all lines are fitted.
 
     Parameters
     ----------
@@ -204,11 +205,13 @@ def answer_tests(
         _refuse(numbers)
         return Answers((_by_responses(_all_runs(sources, settings, known)),))
     try:
+        if method is None and not estimator and len(sources) == 1 and _has_runs(campaign := sources[0]):
+            return _of_campaign(replace(campaign, rig=str(rig or campaign.rig)), numbers, settings)
         with _asked(known, estimator, trust, method) as asked:
             tests, remarks = _tests(sources, numbers, settings, asked)
             if known is None and sources:
                 _check_resonances(sources, settings, asked)
-            return Answers(tuple(asked.answer(test, features) for test, features in tests), tuple(remarks))
+            return Answers(tuple(asked.answer(test) for test in tests), tuple(remarks))
     except CoarseRasterError as error:
         if method or estimator:
             raise
@@ -220,10 +223,19 @@ def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None, *, tr
     """Answer every rigid and bearing pair among some runs."""
     with _asked(rig, estimator, trust) as asked:
         pairs, remarks = _pairs(runs, asked.node)
-        return Answers(tuple(asked.answer(test, features) for test, features in pairs), tuple(remarks))
+        return Answers(tuple(asked.answer(pair) for pair in pairs), tuple(remarks))
 
 
 # -- who answers -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Test:
+    """What is asked about: three numbers, and the two runs that they are of, if there are any."""
+
+    name: str
+    features: Features
+    runs: tuple[Run, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -235,10 +247,10 @@ class _Asked:
     node: int | None  # where the force has to act; None: anywhere
     ask: Callable[[Features], tuple[Estimate, list[str]]]
 
-    def answer(self, test: str, features: Features) -> Answer:
+    def answer(self, test: _Test) -> Answer:
         """Of one test."""
-        estimate, against = self.ask(features)
-        return Answer(test, features, estimate, against, self.name)
+        estimate, against = self.ask(test.features)
+        return Answer(test.name, test.features, estimate, against, self.name)
 
 
 @contextmanager
@@ -279,9 +291,24 @@ def _by_model(rig: Rig) -> _Asked:
     return _Asked("model", rig.name, None, lambda f: (finder.estimate(f), finder.objections(f)))
 
 
-def _by_responses(campaign: Campaign) -> Answer:
+def _has_runs(source: Run | Campaign | Path) -> TypeGuard[Campaign]:
+    return isinstance(source, Campaign) and bool(source.runs)
+
+
+def _of_campaign(campaign: Campaign, numbers: Numbers, settings: dict[str, Any]) -> Answers:
+    """k_b of each pair of runs by all their lines, as the campaign says what the workshop knows of its rig."""
+    _refuse(numbers)
+    _refuse_settings(settings)
+    pairs, remarks = _pairs(campaign.runs, None)
+    told = [_by_responses(replace(campaign, runs=pair.runs), pair.features) for pair in pairs]
+    return Answers(tuple(told), tuple(remarks))
+
+
+def _by_responses(campaign: Campaign, features: Features | None = None) -> Answer:
     """k_b by all lines of a campaign's runs."""
-    limits = as_rig(campaign.rig).k_b
+    rig = as_rig(campaign.rig)
+    refuse_tables(rig, "an estimate of k_b")
+    limits = rig.k_b
     found = fit_responses(campaign)
     low, high = (found.k_b * math.exp(z * found.log_std) for z in (-Z90, Z90))
     against = []
@@ -293,8 +320,8 @@ def _by_responses(campaign: Campaign) -> Answer:
     if not limits.min_N_per_m < found.k_b < limits.max_N_per_m:
         against.append(f"k_b = {found.k_b:.4g} N/m is at the end of the range that the rig file gives")
     estimate = Estimate(found.k_b, found.k_b * found.log_std, low, high, valid=not against)
-    nothing = Features(*[math.nan] * len(FEATURE_NAMES))
-    return Answer(" / ".join(run.name for run in campaign.runs), nothing, estimate, against, "responses")
+    features = features or Features(*[math.nan] * len(FEATURE_NAMES))
+    return Answer(" / ".join(run.name for run in campaign.runs), features, estimate, against, "responses")
 
 
 def _all_runs(
@@ -329,12 +356,10 @@ def _check_resonances(sources: Sequence[Run | Campaign | Path], settings: dict[s
 
 # -- what is asked ---------------------------------------------------------------------------------------
 
-Test = tuple[str, Features]
-
 
 def _tests(
     sources: Sequence[Run | Campaign | Path], numbers: Numbers, settings: dict[str, Any], asked: _Asked
-) -> tuple[list[Test], list[str]]:
+) -> tuple[list[_Test], list[str]]:
     """The tests, and what was left out or assumed."""
     if len(sources) == 2:
         _refuse(numbers)
@@ -344,12 +369,11 @@ def _tests(
         if not isinstance(campaign, Campaign):
             name = campaign.name if isinstance(campaign, Run) else campaign
             raise UserError(f"{name}: one file alone; give two, first the run on rigid supports, then that on bearings")
-        if settings:
-            raise UserError(f"{option(min(settings))}: the campaign says that of its runs; change its campaign.toml")
+        _refuse_settings(settings)
         return _campaign_tests(campaign, numbers, asked)
     if sources:
         raise UserError(f"{len(sources)} files given; give a rigid and a bearing run, or one campaign folder")
-    return [("numbers given", _features(numbers, asked))], []
+    return [_Test("numbers given", _features(numbers, asked))], []
 
 
 def _refuse(numbers: Numbers, allowed: Sequence[str] = ()) -> None:
@@ -357,6 +381,11 @@ def _refuse(numbers: Numbers, allowed: Sequence[str] = ()) -> None:
     given = [option(name) for name, value in asdict(numbers).items() if value is not None and name not in allowed]
     if given:
         raise UserError(f"{', '.join(given)}: numbers go without files that tell them; give either")
+
+
+def _refuse_settings(settings: dict[str, Any]) -> None:
+    if settings:
+        raise UserError(f"{option(min(settings))}: the campaign says that of its runs; change its campaign.toml")
 
 
 def _read_pair(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any]) -> list[Run]:
@@ -391,13 +420,13 @@ def run_settings(excitation_node: int | None, quantity: Quantity | None) -> dict
     return {key: value for key, value in said.items() if value is not None}
 
 
-def _campaign_tests(campaign: Campaign, numbers: Numbers, asked: _Asked) -> tuple[list[Test], list[str]]:
+def _campaign_tests(campaign: Campaign, numbers: Numbers, asked: _Asked) -> tuple[list[_Test], list[str]]:
     if campaign.runs:
         _refuse(numbers)
         return _pairs(campaign.runs, asked.node)
     _refuse(numbers, allowed=("amplitude_ratio", "amplitude_ratio_std"))
     ratio, remarks = _ratio(numbers, asked)
-    return [("resonance lists", features_of_campaign_peaks(campaign, ratio))], remarks
+    return [_Test("resonance lists", features_of_campaign_peaks(campaign, ratio))], remarks
 
 
 def features_of_campaign_peaks(campaign: Campaign, ratio: Ratio) -> Features:
@@ -457,7 +486,7 @@ def _finite(what: str, value: float) -> float:
     return value
 
 
-def _pairs(runs: Sequence[Run], node: int | None) -> tuple[list[Test], list[str]]:
+def _pairs(runs: Sequence[Run], node: int | None) -> tuple[list[_Test], list[str]]:
     """Each bearing run with the rigid run of the same exciter place; standing rotor only.
 
     Of runs whose response is not per force, that is of the same force as well. A pair that cannot be used is told, as
@@ -475,7 +504,8 @@ def _pairs(runs: Sequence[Run], node: int | None) -> tuple[list[Test], list[str]
     found, refused = [], []
     for first, second in pairs:
         try:
-            found.append((f"{first.name} / {second.name}", features_of_runs(first, second)))
+            features = features_of_runs(first, second)
+            found.append(_Test(f"{first.name} / {second.name}", features, (first, second)))
         except MeasurementError as error:
             refused.append(error)
     if not found:

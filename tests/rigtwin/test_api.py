@@ -122,7 +122,8 @@ def test_runs_estimate_as_their_files_do(swept):
     (told,) = run_json("estimate", swept.rigid, swept.bearing)["estimates"]
     assert found.k_b == told["k_b"] != 0
     assert (found.best.method, found.best.estimate.valid) == ("network", True)
-    assert rigtwin.estimate(rigtwin.Campaign("", "nit-rourkela", runs)).k_b == found.k_b
+    asked = rigtwin.estimate(rigtwin.Campaign("", "nit-rourkela", runs), method="network")
+    assert asked.k_b == found.k_b
 
 
 # -- k_b of another rig ------------------------------------------------------------------------------------
@@ -146,7 +147,10 @@ def test_another_rig_is_estimated_on_its_model(own_runs):
     assert found.best.estimate.valid
     assert_allclose(found.k_b, 3.4e6, rtol=1e-4)
     campaign = rigtwin.Campaign("", str(OWN_ROTOR), own_runs)
-    assert rigtwin.estimate(campaign).k_b == found.k_b
+    assert rigtwin.estimate(campaign, method="model").k_b == found.k_b
+    by_lines = rigtwin.estimate(campaign).best
+    assert (by_lines.method, by_lines.features) == ("responses", found.best.features)
+    assert by_lines.estimate.k_b_low < 3.4e6 < by_lines.estimate.k_b_high
 
 
 def test_files_of_another_rig_are_refused_and_the_rig_is_asked_for(own_runs):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from rigtwin.sim.campaign import UNKNOWN_DAMPING, Channel, NominalBelief, Run
 from rigtwin.sim.formats import write_run
 from tests.rigtwin.conftest import run_json
 
+ROOT = Path(__file__).resolve().parents[2]
 K_B = 4e6
 COARSE = np.arange(20.0, 400.1, 2.0)  # the paper's raster, with hardly a line in any half-power band
 
@@ -59,6 +62,18 @@ def test_too_few_lines_for_shifts_are_all_lines_together(tmp_path, shipped):
     (told,) = run_json("estimate", *paths, "--excitation-node", 2)["estimates"]
     assert (told["method"], told["valid"], told["delta_f1"]) == ("responses", True, None)
     assert told["k_b_low"] < K_B < told["k_b_high"]
+
+
+@pytest.mark.parametrize(("name", "holds"), [("ross_nothing", True), ("ross_pedestals", False)])
+def test_a_campaign_is_answered_by_all_lines_as_its_workshop_knows_the_rig(name, holds):
+    """Of rotors that another code has computed; the shifts alone are surer than they may be."""
+    stored = ROOT / "benchmarks" / "stored_campaigns" / name
+    true = json.loads((stored / "truth" / "label.json").read_text(encoding="utf-8"))["k_b"]
+    (told,) = run_json("estimate", stored / "measured")["estimates"]
+    assert (told["method"], told["valid"], told["delta_f1"] > 0) == ("responses", holds, True)
+    assert (told["k_b_low"] < true < told["k_b_high"]) == holds
+    (shifts,) = run_json("estimate", stored / "measured", "--method", "network")["estimates"]
+    assert not shifts["k_b_low"] < true < shifts["k_b_high"]
 
 
 def test_one_run_on_bearings_is_enough(shipped):

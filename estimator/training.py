@@ -6,6 +6,9 @@ import copy
 import hashlib
 import json
 import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,13 +23,15 @@ from rigtwin.estimator.features import FEATURE_NAMES
 from rigtwin.estimator.network import K_REF, Curve, Limits, StiffnessNetwork
 from rigtwin.estimator.prior import PRIOR, Prior
 from rigtwin.estimator.runtime import CARD_KEY, OUTPUT_NAMES
-from rigtwin.scratch import replacing
+from rigtwin.scratch import replacing, scratch_folder
 
 UNITS = {"delta_f": "Hz", "amplitude_ratio": "1", "k_b": "N/m"}
 
 # Each calibration rig is looked at so many times, with errors drawn afresh.
 _REPEATS = 40
 _DECADES = range(-6, -1)  # of relative errors
+
+_TORCH_CACHE = "TORCHINDUCTOR_CACHE_DIR"
 
 
 Card = dict[str, Any]
@@ -172,15 +177,16 @@ def export(network: StiffnessNetwork, card: Card, path: Path) -> None:
     # The exporter announces every optional package it does not find.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     example = torch.tensor([list(card["example_inputs"].values())] * 2, dtype=torch.float32)
-    program = torch.onnx.export(
-        copy.deepcopy(network).float().eval(),
-        (example,),
-        dynamo=True,
-        input_names=["features"],
-        output_names=["estimate"],
-        dynamic_shapes=({0: torch.export.Dim("n")},),
-        verbose=False,
-    )
+    with _own_cache():
+        program = torch.onnx.export(
+            copy.deepcopy(network).float().eval(),
+            (example,),
+            dynamo=True,
+            input_names=["features"],
+            output_names=["estimate"],
+            dynamic_shapes=({0: torch.export.Dim("n")},),
+            verbose=False,
+        )
     assert program is not None
     model = program.model_proto
     model.doc_string = card["task"]
@@ -195,6 +201,20 @@ def export(network: StiffnessNetwork, card: Card, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
         onnx.save(model, beside)
+
+
+@contextmanager
+def _own_cache() -> Iterator[None]:
+    """Torch makes a folder for compiled code, which it leaves behind, unless the user has named one."""
+    if _TORCH_CACHE in os.environ:
+        yield
+        return
+    with scratch_folder("torch_") as folder:
+        os.environ[_TORCH_CACHE] = str(folder)
+        try:
+            yield
+        finally:
+            del os.environ[_TORCH_CACHE]
 
 
 def _strip_traces(model: onnx.ModelProto) -> None:

@@ -93,9 +93,9 @@ def processes(mark: str) -> Iterator[str]:
 
 def files(folder: Path) -> dict[str, bytes]:
     """Files by name, but for those of folders in which one is being made."""
-    found = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    names = {path.relative_to(folder): path for path in found}
-    return {str(name): path.read_bytes() for name, path in names.items() if not name.parts[0].startswith(".")}
+    found = {path.relative_to(folder): path for path in sorted(folder.rglob("*")) if path.is_file()}
+    seen = (name for name in found if not any(part.startswith(".") for part in name.parts))
+    return {str(name): found[name].read_bytes() for name in seen}
 
 
 def _zip_is_whole(content: bytes, folder: Path) -> bool:

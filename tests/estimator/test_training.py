@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import os
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -192,6 +193,18 @@ def test_single_precision_costs_nothing_that_matters(data, trained, model):
 def test_exporting_leaves_the_network_as_it_was(trained, model):
     assert model.exists()
     assert {value.dtype for value in trained[0].state_dict().values()} == {torch.float64}
+
+
+def test_exporting_leaves_nothing_in_the_folder_for_temporary_files(trained, tmp_path, monkeypatch):
+    """Torch keeps a cache there unless it is told otherwise."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    monkeypatch.delenv("TORCHINDUCTOR_CACHE_DIR", raising=False)
+    with pytest.warns(FutureWarning, match="LeafSpec"):
+        export(*trained, tmp_path / "network.onnx")
+    assert list(temporary.iterdir()) == []
+    assert "TORCHINDUCTOR_CACHE_DIR" not in os.environ
 
 
 def test_the_card_comes_back_out_of_the_file(trained, model):

@@ -13,8 +13,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from rigtwin.blind.generate.folder import MEASURED
 from rigtwin.gap.diagnose import diagnose
 from rigtwin.gap.document import Cause, Diagnosis
 from rigtwin.sim.campaign_folder import load_campaign
+from rigtwin.workers import worker_pool
 
 FROZEN = Path(__file__).with_name("frozen_answers.json")
 SEED = 48
@@ -60,7 +60,7 @@ def main() -> int:
 
 def _answers() -> Iterator[tuple[str, dict[str, Any]]]:
     orders = [Order(name, "tuning", SEED, index) for name, indices in TUNING.items() for index in indices]
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(2, get_context("spawn")) as pool:
+    with tempfile.TemporaryDirectory() as folder, worker_pool(2) as pool:
         jobs = [pool.submit(_of_tuning, order, Path(folder)) for order in orders]
         jobs += [pool.submit(_of_ross, name) for name in ROSS]
         for number, job in enumerate(as_completed(jobs), start=1):

@@ -43,7 +43,7 @@ class Conditions:
     words: str
     noise: float = 0.01  # of every line, relative
     drift: float = 0.0  # of every resonance from run to run
-    scatter: float = 0.0  # of modulus, span and disks
+    scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of modulus, span and disks
     coarse: bool = False  # even lines, 2 Hz apart
     with_std: bool = True  # whether the files hold standard errors
 
@@ -53,8 +53,8 @@ CONDITIONS = (
     Conditions("0.1 % noise", noise=1e-3),
     Conditions("1 % noise, no standard errors in the files", with_std=False),
     Conditions("1 % noise, resonances drift by 0.01 % between the runs", drift=1e-4),
-    Conditions("1 % noise, modulus, span and disks off by 0.05 %", scatter=5e-4),
-    Conditions("1 % noise, modulus, span and disks off by 0.5 %", scatter=5e-3),
+    Conditions("1 % noise, modulus, span and disks off by 0.05 %", scatter=(5e-4, 5e-4, 5e-4)),
+    Conditions("1 % noise, modulus off by 1 %, span by 0.1 %, disks by 0.5 %", scatter=(1e-2, 1e-3, 5e-3)),
     Conditions("1 % noise, lines 2 Hz apart without refinement", coarse=True),
 )
 
@@ -87,8 +87,9 @@ def main() -> None:
     text = "\n\n".join(
         (
             __doc__.split("\n\n")[1],
-            f"{options.rigs} rigs a row; {machine()}. Shares are of the valid answers. Of as many right intervals "
-            f"{100 * low:.0f} to {100 * high:.0f} % hold the true value.",
+            f"{options.rigs} rigs a row; {machine()}. Shares and medians are of the valid answers. An offset is the\n"
+            f"standard deviation of many rigs. If intervals are right, {100 * low:.0f} to {100 * high:.0f} % of so "
+            "many hold the true value.",
             table(header, rows),
         )
     )
@@ -118,7 +119,8 @@ def _measured(conditions: Conditions, number: int) -> list[Result]:
     rng = np.random.default_rng([SEED, number])
     k_b = float(np.exp(rng.uniform(*np.log([1e6, 1e8]))))
     damping = rng.uniform(0.0, 60.0), float(np.exp(rng.uniform(*np.log([5e-4, 5e-3]))))
-    off = conditions.scatter * rng.standard_normal(4)
+    modulus, span, disks = conditions.scatter
+    off = np.array([modulus, span, disks, disks]) * rng.standard_normal(4)
     made = MadeRig(float(off[0]), float(off[1]), (float(off[2]), float(off[3])))
     runs = [
         _run(conditions, Setting(rigid, k_b, *damping, NODE), made, np.random.default_rng([SEED, number, rigid]))

@@ -37,6 +37,21 @@ _TORCH_CACHE = "TORCHINDUCTOR_CACHE_DIR"
 Card = dict[str, Any]
 
 
+@contextmanager
+def _own_cache() -> Iterator[None]:
+    """Torch makes a folder for compiled code, which it leaves behind, unless the user has named one."""
+    if _TORCH_CACHE in os.environ:
+        yield
+        return
+    with scratch_folder("torch_") as folder:
+        os.environ[_TORCH_CACHE] = str(folder)
+        try:
+            yield
+        finally:
+            del os.environ[_TORCH_CACHE]
+
+
+@_own_cache()
 def train(training: Dataset, calibration: Dataset, seed: int, prior: Prior = PRIOR) -> tuple[StiffnessNetwork, Card]:
     """Train on one set, calibrate on another (made with a finer mesh).
 
@@ -172,21 +187,21 @@ def data_digest(dataset: Dataset) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+@_own_cache()
 def export(network: StiffnessNetwork, card: Card, path: Path) -> None:
     """Write the network as ONNX (float32), beside and renamed, with its card in the metadata."""
     # The exporter announces every optional package it does not find.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     example = torch.tensor([list(card["example_inputs"].values())] * 2, dtype=torch.float32)
-    with _own_cache():
-        program = torch.onnx.export(
-            copy.deepcopy(network).float().eval(),
-            (example,),
-            dynamo=True,
-            input_names=["features"],
-            output_names=["estimate"],
-            dynamic_shapes=({0: torch.export.Dim("n")},),
-            verbose=False,
-        )
+    program = torch.onnx.export(
+        copy.deepcopy(network).float().eval(),
+        (example,),
+        dynamo=True,
+        input_names=["features"],
+        output_names=["estimate"],
+        dynamic_shapes=({0: torch.export.Dim("n")},),
+        verbose=False,
+    )
     assert program is not None
     model = program.model_proto
     model.doc_string = card["task"]
@@ -201,20 +216,6 @@ def export(network: StiffnessNetwork, card: Card, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
         onnx.save(model, beside)
-
-
-@contextmanager
-def _own_cache() -> Iterator[None]:
-    """Torch makes a folder for compiled code, which it leaves behind, unless the user has named one."""
-    if _TORCH_CACHE in os.environ:
-        yield
-        return
-    with scratch_folder("torch_") as folder:
-        os.environ[_TORCH_CACHE] = str(folder)
-        try:
-            yield
-        finally:
-            del os.environ[_TORCH_CACHE]
 
 
 def _strip_traces(model: onnx.ModelProto) -> None:

@@ -195,14 +195,14 @@ def test_exporting_leaves_the_network_as_it_was(trained, model):
     assert {value.dtype for value in trained[0].state_dict().values()} == {torch.float64}
 
 
-def test_exporting_leaves_nothing_in_the_folder_for_temporary_files(trained, tmp_path, monkeypatch):
+def test_training_leaves_nothing_in_the_folder_for_temporary_files(data, tmp_path, monkeypatch):
     """Torch keeps a cache there unless it is told otherwise."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
     monkeypatch.delenv("TORCHINDUCTOR_CACHE_DIR", raising=False)
     with pytest.warns(FutureWarning, match="LeafSpec"):
-        export(*trained, tmp_path / "network.onnx")
+        export(*train(*data, seed=SEED), tmp_path / "network.onnx")
     assert list(temporary.iterdir()) == []
     assert "TORCHINDUCTOR_CACHE_DIR" not in os.environ
 

@@ -206,7 +206,7 @@ def answer_tests(
         return Answers((_by_responses(_all_runs(sources, settings, known)),))
     try:
         if method is None and not estimator and len(sources) == 1 and _has_runs(campaign := sources[0]):
-            return _of_campaign(replace(campaign, rig=str(rig or campaign.rig)), numbers, settings)
+            return _of_campaign(replace(campaign, rig=_named(rig or campaign.rig)), numbers, settings)
         with _asked(known, estimator, trust, method) as asked:
             tests, remarks = _tests(sources, numbers, settings, asked)
             if known is None and sources:
@@ -328,15 +328,19 @@ def _all_runs(
     sources: Sequence[Run | Campaign | Path], settings: dict[str, Any], rig: Rig | str | Path | None
 ) -> Campaign:
     """The campaign's runs of the standing rotor, or the two runs as one, of a rig that nobody states dampings of."""
-    if isinstance(rig, Rig):
-        raise UserError("give the rig by its name or its file: all lines together are fitted to what a file says")
     if len(sources) == 1 and isinstance(campaign := sources[0], Campaign):
         standing = tuple(run for run in campaign.runs if run.spin_rpm == 0)
-        return replace(campaign, runs=standing, rig=str(rig or campaign.rig))
+        return replace(campaign, runs=standing, rig=_named(rig or campaign.rig))
     if len(sources) != 2:
         raise UserError("give a rigid and a bearing run, or one campaign folder: k_b is looked for in all their lines")
     belief = NominalBelief(shaft_damping_tolerance=UNKNOWN_DAMPING, bearing_damping_tolerance=UNKNOWN_DAMPING)
-    return Campaign("two runs", str(rig or SHIPPED_RIG), tuple(_read_pair(sources, settings)), nominal=belief)
+    return Campaign("two runs", _named(rig or SHIPPED_RIG), tuple(_read_pair(sources, settings)), nominal=belief)
+
+
+def _named(rig: Rig | str | Path) -> str:
+    if isinstance(rig, Rig):
+        raise UserError("give the rig by its name or its file: all lines together are fitted to what a file says")
+    return str(rig)
 
 
 def _check_resonances(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any], asked: _Asked) -> None:

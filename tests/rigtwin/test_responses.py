@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -102,5 +101,6 @@ def test_what_does_not_go_together_is_refused(shipped, tmp_path):
         rigtwin.estimate(bearing, method="responses")
     with pytest.raises(UserError, match="numbers go without files"):
         rigtwin.estimate(rigid, bearing, method="responses", delta_f1=1.0)
-    with pytest.raises(UserError, match="by its name or its file"):
-        rigtwin.estimate(rigid, replace(bearing), method="responses", rig=shipped)
+    for sources in ((rigid, bearing), (rigtwin.Campaign("", "nit-rourkela", (rigid, bearing)),)):
+        with pytest.raises(UserError, match="by its name or its file"):
+            rigtwin.estimate(*sources, method="responses", rig=shipped)

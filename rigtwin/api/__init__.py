@@ -8,6 +8,7 @@ module           what it holds                                         start her
 ``fmus``         FMUs built, opened, asked                             ``build_fmu``
 ``values``       values as the variables of an FMU have them           ``as_kind``
 ``sweeps``       stepped-sine runs on the virtual rig                  ``sweep``
+``responses``    k_b by all lines of measured responses                 ``fit_responses``
 ``estimates``    bearing stiffness from runs, lists, numbers           ``estimate``
 ``diagnoses``    the diagnosis of a campaign                           ``diagnose``
 ``predictions``  a diagnosis applied to runs that it never saw         ``predict``

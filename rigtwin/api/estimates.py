@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeGuard
 
 from rigtwin.api.fmus import SHIPPED_RIG, open_estimator, trained_rig
+from rigtwin.api.responses import fit_responses
 from rigtwin.api.rigs import as_rig, refuse_tables
 from rigtwin.errors import UserError, existing, for_users
 from rigtwin.estimator.features import FEATURE_NAMES, Features, features_of_peaks, features_of_runs
@@ -17,7 +18,6 @@ from rigtwin.estimator.intervals import Z90
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import Estimate
 from rigtwin.estimator.validity import objections
-from rigtwin.gap.responses import fit_responses
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig

@@ -121,9 +121,11 @@ import time
 from rigtwin.interrupt import end_at_the_second, install
 install()
 end_at_the_second(again_after=0.2)
-print("ready", flush=True)
+words = ["ready"]
 while True:
-    try:
+    try:  # also where the signal comes at once
+        print(*words, flush=True)
+        words = []
         time.sleep(1000)
     except KeyboardInterrupt:
         pass

@@ -230,7 +230,7 @@ def test_a_campaign_says_what_its_workshop_states_and_no_more(tmp_path):
 # -- sizes ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ROTORS)
+@pytest.mark.parametrize("name", [REFERENCE, *(pytest.param(n, marks=pytest.mark.long) for n in OTHERS)])
 def test_what_a_workshop_does_not_know_costs_no_more_than_its_prior(name):
     """A rig one standard deviation off in everything, resonances drifted by more than their width."""
     rig, rng = read_rig(name), np.random.default_rng(2)
@@ -289,7 +289,7 @@ def test_a_damping_within_its_tolerance_is_no_effect_that_could_be_seen():
     assert size_ratio(rig, known, effect, np.random.default_rng(1)) > 3
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", [OTHERS[0], *(pytest.param(n, marks=pytest.mark.long) for n in OTHERS[1:])])
 def test_a_mass_is_the_larger_the_heavier_it_is(name):
     rig, rng = read_rig(name), np.random.default_rng(5)
     case = workshop_case(rig, rng)

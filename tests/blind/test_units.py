@@ -52,6 +52,7 @@ def test_frequencies_stay_and_accelerances_are_divided_by_the_mass(originals, co
     assert after.nominal.modulus_tolerance == before.nominal.modulus_tolerance
 
 
+@pytest.mark.long
 def test_the_copys_rig_responds_as_its_data_are_scaled(copy):
     rigs = load_rig("pump-overhung"), load_rig(load_campaign(copy / "measured").rig)
     lines = np.linspace(20.0, 300.0, 30)

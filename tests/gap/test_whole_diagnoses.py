@@ -107,6 +107,7 @@ def test_a_law_is_named_where_levels_differ(hardened):
     assert len(hardened.curves) == 4
 
 
+@pytest.mark.long
 def test_the_virtual_rig_is_driven_by_the_forces_that_were_found(hardened):
     shrink = hardened.diagnosis.shrink
     assert shrink.verified_by == "rig"

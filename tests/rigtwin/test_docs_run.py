@@ -41,6 +41,7 @@ LONG = {
     "docs/diagnosis.md",
     "docs/modes.md",
     "docs/reduce.md",
+    "docs/tracker.md",
     "docs/tutorial.md",
 }
 

@@ -131,6 +131,7 @@ def test_runs_are_those_of_one_instance_wherever_they_are_measured(rotor_fmu):
             assert_array_equal(found[place].run.H, sweep(session, rig, plan).run.H)
 
 
+@pytest.mark.long
 def test_levels_are_swept_on_a_cluster(rotor_fmu, cluster, tmp_path):
     options = ("sweep", rotor_fmu, "--levels", "1,2", "--lines", 24, "--f-max", 90)
     for place, where in (("there.csv", ("--executor", f"dask://{cluster.address}")), ("here.csv", ())):

@@ -52,7 +52,7 @@ def _interrupt_at(limit):
     return count
 
 
-@pytest.mark.parametrize("change", ["rigs", "plan", "node"])
+@pytest.mark.parametrize("change", ["rigs", *(pytest.param(each, marks=pytest.mark.long) for each in ("plan", "node"))])
 def test_what_was_measured_otherwise_is_measured_again(rotor_fmu, tmp_path, change):
     plan = FEATURE_PLAN
     measure_rigs(rotor_fmu, PRIOR.draw(1, seed=5), InThisProcess(), plan=plan, store=tmp_path)

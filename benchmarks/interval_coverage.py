@@ -27,7 +27,6 @@ from rigtwin.blind.generate.machine import Workshop as MadeRig
 from rigtwin.blind.generate.response import N_DRIFTING, machines, reported
 from rigtwin.blind.generate.rig import read_rig
 from rigtwin.errors import UserError
-from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.scale_out import executor
 from rigtwin.sim.campaign import Channel, Run
 
@@ -86,7 +85,7 @@ def main() -> None:
     low, high = (binom(options.rigs, 0.9).ppf(p) / options.rigs for p in (0.025, 0.975))
     text = "\n\n".join(
         (
-            __doc__.split("\n\n")[1],
+            (__doc__ or "").split("\n\n")[1],
             f"{options.rigs} rigs a row; {machine()}. Shares and medians are of the valid answers. An offset is the\n"
             f"standard deviation of many rigs. If intervals are right, {100 * low:.0f} to {100 * high:.0f} % of so "
             "many hold the true value.",
@@ -136,7 +135,7 @@ def _run(conditions: Conditions, setting: Setting, made: MadeRig, rng: np.random
     if not conditions.coarse:
         peaks = [peak for one in machines(rig, setting, (), made) for peak in resonances(one)]
         lines = choose_lines(peaks, rng)
-    H: FloatArray = reported(rig, setting, (), lines, made, drift)[:, [NODE - 1]]
+    H = reported(rig, setting, (), lines, made, drift)[:, [NODE - 1]]
     std = conditions.noise * np.abs(H)
     H = H + std * (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
     support = "rigid" if setting.rigid else "bearing"

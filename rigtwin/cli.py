@@ -275,7 +275,8 @@ def estimate(
         str | None, typer.Option(help="The rig of the files, a TOML or a shipped one; default the estimator's.")
     ] = None,
     method: Annotated[
-        Method | None, typer.Option(help="By the shifts (network, model) or all lines; default by the shifts.")
+        Method | None,
+        typer.Option(help="By shifts (network, model) or all lines; default all lines of a campaign, else shifts."),
     ] = None,
     trust: TRUST = False,
     as_json: JSON = False,

@@ -329,6 +329,7 @@ def _all_runs(
 ) -> Campaign:
     """The campaign's runs of the standing rotor, or the two runs as one, of a rig that nobody states dampings of."""
     if len(sources) == 1 and isinstance(campaign := sources[0], Campaign):
+        _refuse_settings(settings)
         standing = tuple(run for run in campaign.runs if run.spin_rpm == 0)
         return replace(campaign, runs=standing, rig=_named(rig or campaign.rig))
     if len(sources) != 2:

@@ -20,7 +20,7 @@ class ResponseFit:
 
     k_b: float  # [N/m]
     log_std: float  # standard error of its logarithm, the Cramér-Rao bound of all lines [kay1993]
-    misfit: float  # root mean square of what is left, over the noise
+    misfit: float  # mean square of what is left, over that of the noise
     explained: bool  # whether noise alone is left, by tolerances that are plausible
 
 

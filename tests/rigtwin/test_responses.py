@@ -99,6 +99,8 @@ def test_what_does_not_go_together_is_refused(shipped, tmp_path):
         rigtwin.estimate(rigtwin.Campaign("", "nit-rourkela", (rigid,)), method="responses")
     with pytest.raises(UserError, match="give a rigid and a bearing run, or one campaign folder"):
         rigtwin.estimate(bearing, method="responses")
+    with pytest.raises(UserError, match="the campaign says that of its runs"):
+        rigtwin.estimate(rigtwin.Campaign("", "nit-rourkela", (bearing,)), method="responses", excitation_node=3)
     with pytest.raises(UserError, match="numbers go without files"):
         rigtwin.estimate(rigid, bearing, method="responses", delta_f1=1.0)
     for sources in ((rigid, bearing), (rigtwin.Campaign("", "nit-rourkela", (rigid, bearing)),)):

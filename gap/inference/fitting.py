@@ -254,11 +254,10 @@ class _Descent:
         if parts is None:
             return None
         n = len(u) + self.problem.nuisances.n
-        chi2, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
+        chi2, gradient, hessian = 0.0, np.zeros(n), curvature(parts, n)
         for residual, J, where in parts:
             chi2 += float(residual @ residual)
             gradient[where] += J @ residual
-            hessian[np.ix_(where, where)] += J @ J.T
         return _Point(u, nu, chi2, gradient, hessian) if np.isfinite(hessian).all() else None
 
 
@@ -343,6 +342,14 @@ def linear_parts(
     moved = [_step_aside(problem, hypothesis, u, j) for j in range(len(u))]
     error = problem.total_error(added)
     return [_slopes(problem, r, modal, moved, nu, error) for r, modal in enumerate(modals)]
+
+
+def curvature(parts: Sequence[Slopes], n: int) -> FloatArray:
+    """(n, n) half the misfit's, by all of (u, nu)."""
+    total = np.zeros((n, n))
+    for _, J, where in parts:
+        total[np.ix_(where, where)] += J @ J.T
+    return total
 
 
 def _step_aside(problem: Problem, hypothesis: Hypothesis, u: FloatArray, j: int) -> Moved:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.fitting import curvature
 from rigtwin.gap.inference.observed import derivatives, weights_and_residuals
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.effects import Effect
@@ -59,7 +60,7 @@ class Score:
         gradient = self._gradient()
         held = problem.held(fit.u, gradient[: len(fit.u)], fit.hypothesis.ends)
         # Of these slopes, not of those that the fit ended with: a gain is a share of the misfit, whatever was fitted.
-        self._covariance = replace(fit, precision=self._precision()).covariance(held=held)
+        self._covariance = replace(fit, precision=curvature(parts, len(gradient))).covariance(held=held)
         self._prior_precision = np.append(np.zeros(len(fit.u)), 1 / fit.prior_std**2)
         self._unsettled = gradient if settled else np.zeros(len(gradient))
 
@@ -117,14 +118,6 @@ class Score:
         n_u = len(fit.u)
         left[n_u:] -= fit.nu / fit.prior_std**2
         return left
-
-    def _precision(self) -> FloatArray:
-        """Half the curvature of the misfit by (u, nu)."""
-        n = len(self.fit.u) + len(self.fit.nu)
-        precision = np.zeros((n, n))
-        for _, J, where in self._parts:
-            precision[np.ix_(where, where)] += J @ J.T
-        return precision
 
     def apart(self, runs: Sequence[int], *, shapes: bool = False) -> tuple[float, int]:
         """To first order, the misfit that goes where each resonance of these runs has its own shift and damping.

@@ -141,7 +141,9 @@ def test_what_was_compiled_once_is_kept(tmp_path, monkeypatch):
     assert len(list((tmp_path / "cache" / "rigtwin").iterdir())) == 2
 
 
-@pytest.mark.parametrize("damage", [lambda whole: b"", lambda whole: whole[:-100] + bytes(100), None])
+@pytest.mark.parametrize(
+    "damage", [lambda whole: whole[:1000], lambda whole: b"", lambda whole: whole[:-100] + bytes(100), None]
+)
 def test_a_damaged_library_in_the_cache_is_named_and_made_again(tmp_path, monkeypatch, caplog, damage):
     """A damaged one ends the process that loads it."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

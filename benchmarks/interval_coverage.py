@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -125,7 +125,7 @@ def _measured(conditions: Conditions, number: int) -> list[Result]:
         _run(conditions, Setting(rigid, k_b, *damping, NODE), made, np.random.default_rng([SEED, number, rigid]))
         for rigid in (True, False)
     ]
-    return [_asked(partial(estimate, *runs, method=method), k_b) for method in METHODS]
+    return [_asked(runs, method, k_b) for method in METHODS]
 
 
 def _run(conditions: Conditions, setting: Setting, made: MadeRig, rng: np.random.Generator) -> Run:
@@ -142,9 +142,9 @@ def _run(conditions: Conditions, setting: Setting, made: MadeRig, rng: np.random
     return Run(lines, H, (Channel(NODE),), support, std=std if conditions.with_std else None, name=support)
 
 
-def _asked(ask: Callable, k_b: float) -> Result:
+def _asked(runs: Sequence[Run], method: Method, k_b: float) -> Result:
     try:
-        found = ask().best.estimate
+        found = estimate(*runs, method=method).best.estimate
     except UserError:
         return Result(refused=True)
     half = math.log(found.k_b_high / found.k_b_low) / 2

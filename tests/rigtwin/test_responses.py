@@ -16,6 +16,7 @@ from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.sim.campaign import UNKNOWN_DAMPING, Channel, NominalBelief, Run
 from rigtwin.sim.formats import write_run
+from tests.gap.conftest import blank, with_noise
 from tests.rigtwin.conftest import run_json
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,10 +29,9 @@ def runs_of(rig: Rig, seed: int = 0, drift: float = 0.0, noise: float = 0.01, da
     rng, structure, made = np.random.default_rng(seed), assemble(rig, elements_between_nodes=4), []
     for support in ("rigid", "bearing"):
         condition = Condition(K_B, support == "rigid", bearing_damping=damping, shaft_damping_ratio=0.002)
-        f = COARSE / (1 + drift * rng.standard_normal())
-        H = measured_response(structure, condition, (), f, [2])
-        error = noise * np.abs(H) * (rng.standard_normal((2, *H.shape)).T @ [1, 1j] / np.sqrt(2)).T
-        made.append(Run(COARSE, H + error, (Channel(2),), support, std=noise * np.abs(H), name=support))
+        H = measured_response(structure, condition, (), COARSE / (1 + drift * rng.standard_normal()), [2])
+        run = blank(support, COARSE, channels=(Channel(2),), name=support)
+        made.append(with_noise(run, H, 2 * seed + len(made), noise))
     return made
 
 

@@ -508,6 +508,7 @@ def test_the_form_of_a_law_is_fitted_where_the_plain_law_leaves_more_than_noise(
     assert name not in plain.causes[0].parameters
 
 
+@pytest.mark.long
 def test_a_law_that_is_bent_little_is_no_second_effect():
     """A collar 14 mm wide, without its width within twice the noise; with it, nothing is left for another effect."""
     runs = both_supports(AttachedMass(mass=0.3, node=3, half_width=0.007), seed=11)

@@ -61,7 +61,7 @@ def test_the_unit_of_a_run_in_an_arbitrary_unit_does_not_count():
     assert misfit(problem_of(*louder), K_B) == pytest.approx(misfit(problem, K_B), abs=1e-6)
 
 
-@pytest.mark.parametrize("asymmetry", [0.45, 0.3])
+@pytest.mark.parametrize("asymmetry", [0.45, pytest.param(0.3, marks=pytest.mark.long)])
 def test_a_gap_of_many_widths_is_found_from_afar(asymmetry):
     problem = problem_of(*both_supports(BearingAsymmetry(asymmetry=asymmetry)))
     assert recalibrate(problem).chi2 > 100 * recalibrate(problem).n_data

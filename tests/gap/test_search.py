@@ -221,7 +221,7 @@ RIVALS_OF_A_PLANE = ("bearing_asymmetry", "pedestal_flexibility")
         # Two resonances for each of the nominal model's, whose k_b suits one of them.
         (PlaneAnisotropy(anisotropy=0.45, angle=0.6), RIVALS_OF_A_PLANE),
         # A narrow one of the other plane.
-        (PlaneAnisotropy(anisotropy=0.3, angle=0.1), RIVALS_OF_A_PLANE),
+        pytest.param(PlaneAnisotropy(anisotropy=0.3, angle=0.1), RIVALS_OF_A_PLANE, marks=pytest.mark.long),
         # One that draws the nominal model's k_b and nuisances away.
         pytest.param(PlaneAnisotropy(anisotropy=0.15, angle=0.1), RIVALS_OF_A_PLANE, marks=pytest.mark.long),
         # One at the end of its range.
@@ -281,7 +281,7 @@ def test_the_chain_leaves_the_rotor_as_it_is():
         (0.13, 1e-5),
         pytest.param(0.48, 1e-5, marks=pytest.mark.long),
         pytest.param(1.2, 1e-5, marks=pytest.mark.long),
-        (3.4, 1e-3),
+        pytest.param(3.4, 1e-3, marks=pytest.mark.long),
     ],
 )
 def test_a_dwell_is_found_among_its_many_minima(dwell, within):
@@ -299,7 +299,10 @@ def test_a_dwell_is_found_among_its_many_minima(dwell, within):
     assert best.chi2 < 1.2 * best.n_data
 
 
-@pytest.mark.parametrize(("reduction", "position"), [(0.27, 0.074), (0.23, 0.103), (0.14, 0.07)])
+@pytest.mark.parametrize(
+    ("reduction", "position"),
+    [(0.27, 0.074), *(pytest.param(*at, marks=pytest.mark.long) for at in [(0.23, 0.103), (0.14, 0.07)])],
+)
 def test_a_crack_is_found_wherever_it_is(reduction, position):
     """Seen by one accelerometer, next to another minimum, from where it slid to an end of its range."""
     crack = OpenCrack(reduction=reduction, position=position)

@@ -234,7 +234,7 @@ def true_transients(measured: Sweep, rig: Rig) -> np.ndarray:
 
 
 @pytest.mark.parametrize("rig", IMPATIENT.values(), ids=IMPATIENT)
-@pytest.mark.parametrize("settle_time", [1.0, 3.0])
+@pytest.mark.parametrize("settle_time", [1.0, pytest.param(3.0, marks=pytest.mark.long)])
 def test_the_estimated_transient_bounds_the_true_one(session, rig, settle_time):
     """With windows so close together that many are needed, on resonances and between them."""
     near = [f * (1 + zeta * k) for f, zeta in modes_in_band(rig, PLAN)[:2] for k in (-10, -4, -1, 0, 1, 4, 10)]
@@ -289,7 +289,7 @@ def squared_z_scores(values: np.ndarray, exact: np.ndarray, std: np.ndarray) -> 
     return (np.abs(values - exact)[:, moving] ** 2 / std[:, moving] ** 2).ravel()
 
 
-@pytest.mark.parametrize("periods", [1, 4])
+@pytest.mark.parametrize("periods", [1, pytest.param(4, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     "noise", [SensorNoise(relative=0.01, seed=1), SensorNoise(floor=3e-3, seed=2)], ids=["relative", "floor"]
 )

@@ -13,10 +13,10 @@ from tests.fmu.native.sanitizers import program, run
 SEQUENCES = {"RotorRig": 200, "StiffnessEstimator": 3000}
 
 
-LONGER = (pytest.param(name, marks=pytest.mark.long) for name in ("rotor_fmu", "estimator3"))
+LONGER = (pytest.param(name, marks=pytest.mark.long) for name in ("rotor_fmu", "estimator_fmu", "estimator3"))
 
 
-@pytest.mark.parametrize("name", ["rotor3", "estimator_fmu", *LONGER])
+@pytest.mark.parametrize("name", ["rotor3", *LONGER])
 def test_random_calls_find_nothing_that_the_sanitizers_object_to(name, request, tmp_path):
     fmu = request.getfixturevalue(name)
     fmi = read_model_description(str(fmu), validate=False).fmiVersion

@@ -36,7 +36,7 @@ NATIVE = Path(__file__).with_name("native")
 
 # What every FMU has, what the rotor adds, and the shell of each FMI version.
 INSTANCE = ("instance",)
-TRACKER_CORE = ("linalg", "tracker", "tracker_model")
+TRACKER_CORE = ("linalg", "reduced_rotor", "tracker", "tracker_model")
 ROTOR_CORE = ("exciter", "laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
@@ -90,10 +90,10 @@ def reduced_code(rotor: ReducedRotor) -> str:
         "most_k_b": high,
         "highest_hz": rotor.highest_hz,
     }
-    members = [f"    .r = {rotor.r},\n", f"    .n_stiffnesses = {len(rotor.ln_k)},\n"]
+    members = [f"    .r = {rotor.r},\n", f"    .n_nodes = {len(rotor.nodes)},\n", f"    .n_stiffnesses = {len(rotor.ln_k)},\n"]
     members += [f"    .{name} = {_number(float(value))},\n" for name, value in numbers.items()]
     members += [f"    .{name} = {name.upper()},\n" for name in arrays]
-    return f"""{_PRINTED}#include "tracker.h"
+    return f"""{_PRINTED}#include "reduced_rotor.h"
 
 {"".join(_array(name.upper(), value) for name, value in arrays.items())}extern const ReducedRotor REDUCED;
 

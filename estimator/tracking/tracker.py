@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh, expm
+from scipy.linalg import eigh
 
 from rigtwin.estimator.intervals import Z90
 from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
@@ -30,7 +30,7 @@ from rigtwin.rotor.model.arrays import FloatArray
 
 # The parameters of a filter, the first four those that its matrices depend on.
 STIFFNESS, DISK_MASS, BEARING_DAMPING, SHAFT_DAMPING, GAIN = range(5)
-_N, _IN_MATRICES, _N_FORCES = 5, 4, 3
+_N, _IN_MATRICES = 5, 4
 
 # Nodes that a tracker can read.
 MOST_SENSORS = 8
@@ -140,6 +140,19 @@ class Tracked:
     valid: bool
 
 
+@dataclass(frozen=True)
+class Learned:
+    """What a tracker knows of the machine."""
+
+    point: FloatArray  # (5,) the parameters
+    x: FloatArray  # (2 r,) the motion
+    P: FloatArray  # (2 r + 5, 2 r + 5) covariance of motion and parameters
+    power: FloatArray  # (2 r,) mean square of the motion
+    noise: float  # standard error of an acceleration [m/s^2]
+    loud: float  # mean square of the accelerations
+    loud_force: float  # mean square of the force
+
+
 @dataclass
 class _Filter:
     """Motion and parameters with their covariance."""
@@ -234,6 +247,15 @@ class StiffnessTracker:
         return Tracked(k_b, k_b * math.exp(-Z90 * error), k_b * math.exp(Z90 * error), bool(valid))
 
     @property
+    def learned(self) -> Learned | None:
+        """All that it knows of the machine; None while several filters run, or none."""
+        o = self._state
+        if len(o.filters) != 1:
+            return None
+        f = o.filters[0]
+        return Learned(f.parameters.copy(), f.x, f.P, f.power, o.noise, o.loud, float(o.likeness[0, 0]))
+
+    @property
     def error(self) -> float:
         """Standard error of ln k_b."""
         o, at = self._state, 2 * self._rotor.r + STIFFNESS
@@ -244,7 +266,7 @@ class StiffnessTracker:
     def save(self) -> dict[str, Any]:
         """All that it remembers, in JSON types."""
         state = asdict(replace(self._state, filters=[replace(each, linear=None) for each in self._state.filters]))
-        return _plain(state)
+        return plain(state)
 
     def restore(self, belief: Belief, saved: dict[str, Any]) -> None:
         """Go back to what ``save`` gave, under the belief of then."""
@@ -262,18 +284,9 @@ class StiffnessTracker:
 
     def _matrices(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """T (m, 2 r, 2 r + 3) and Y (m, n_sensors, 2 r + 1) at points (m, 5); the force is a parabola."""
-        rotor, h = self._rotor, self._state.step
-        r, n, driven = rotor.r, 2 * rotor.r, self._belief.driven_node - 1
-        logs = zip(points[:, :BEARING_DAMPING], np.exp(points[:, BEARING_DAMPING:GAIN]), strict=True)
-        rows = np.array([rotor.accelerations(ln_k, mass, d, zeta, driven) for (ln_k, mass), (d, zeta) in logs])
-        A = np.zeros((len(points), n + _N_FORCES, n + _N_FORCES))
-        A[:, :r, r:n] = h * np.diag(rotor.scale)
-        A[:, r:n, : n + 1] = h * rows
-        A[:, n, n + 1] = A[:, n + 1, n + 2] = 1.0
-        E = expm(A)[:, :n]
-        held, ramp, bow = np.moveaxis(E[:, :, n:], 2, 0)
-        T = np.concatenate([E[:, :, :n], np.stack([bow - ramp / 2, held - 2 * bow, bow + ramp / 2], axis=2)], axis=2)
-        return T, self._read @ rows
+        rotor, driven = self._rotor, self._belief.driven_node - 1
+        rows = np.array([rotor.accelerations(at, driven) for at in points])
+        return rotor.a_step(rows, self._state.step), self._read @ rows
 
     def _linear(self, at: FloatArray) -> _Linear:
         away = DIFFERENCE * np.eye(_N)[:_IN_MATRICES]
@@ -449,10 +462,10 @@ class StiffnessTracker:
             self._alarm()
 
 
-def _plain(value: Any) -> Any:
-    """The same in JSON types."""
+def plain(value: Any) -> Any:
+    """Dictionaries, lists and arrays in JSON types."""
     if isinstance(value, dict):
-        return {name: _plain(each) for name, each in value.items()}
+        return {name: plain(each) for name, each in value.items()}
     if isinstance(value, list):
-        return [_plain(each) for each in value]
+        return [plain(each) for each in value]
     return value.tolist() if isinstance(value, np.ndarray) else value

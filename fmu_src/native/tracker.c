@@ -7,9 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Room for states, for parameters and a row of a covariance, for forces between which the motion is followed. */
-enum { STATES = 2 * MOST_COORDINATES, WIDE = STATES + N_FORCES, ALL = STATES + N_PARAMETERS + 3 };
-enum { SEEN = STATES + 1, READ = MOST_SENSORS * SEEN, MOVED = STATES * WIDE };
+/* Room for a row of a covariance, for what is read, for a step of the motion. */
+enum { ALL = STATES + N_PARAMETERS + 3, READ = MOST_SENSORS * SEEN, MOVED = STATES * WIDE };
 
 /* How far a parameter may be from where the matrices were made. */
 static const double NEAR[IN_MATRICES] = ALL_NEAR;
@@ -45,9 +44,9 @@ struct Tracker {
     int n_sensors, nodes[MOST_SENSORS], known;
     State now;
     Linear linear[FILTERS];
-    double work[7 * WIDE * WIDE], A[WIDE * WIDE], E[WIDE * WIDE], up[MOVED], down[MOVED], Y_up[READ], Y_down[READ];
+    Room room;
+    double up[MOVED], down[MOVED], Y_up[READ], Y_down[READ];
     double T[MOVED], W[STATES * ALL], top[STATES * ALL];
-    int rows[WIDE];
 };
 
 static double dot(int n, const double *a, const double *b)
@@ -60,66 +59,13 @@ static double dot(int n, const double *a, const double *b)
 
 /* -- matrices ---------------------------------------------------------------------------------------------------- */
 
-/* A = M^-1 (K, C, force) of the accelerations, row by row, for the states and the force. */
-static void accelerations(Tracker *s, const double *p, double *rows)
-{
-    const ReducedRotor *R = &s->rotor;
-    const int r = R->r, rr = r * r, row = 2 * r + 1;
-    double *M = s->work, *K = M + rr, *C = K + rr, *b = C + rr;
-    const double k = exp(p[STIFFNESS]), d = exp(p[BEARING_DAMPING]), zeta = exp(p[SHAFT_DAMPING]);
-    const double heavier = expm1(p[DISK_MASS]);
-    const double place = fmin(fmax((p[STIFFNESS] - R->lowest_ln_k) / R->spacing, 0), R->n_stiffnesses - 1);
-    const int left = (int)fmin(place, R->n_stiffnesses - 2);
-    const double share = place - left, *C0 = R->C_shaft + left * rr, *C1 = C0 + rr;
-    for (int i = 0; i < rr; i++) {
-        M[i] = heavier * R->M_disks[i] + (i % (r + 1) == 0);
-        K[i] = R->K_fixed[i] + k * R->K_bearing[i];
-        C[i] = d * R->C_bearing[i] + zeta * ((1 - share) * C0[i] + share * C1[i]);
-    }
-    memcpy(b, R->nodes + s->belief.driven * r, (size_t)r * sizeof *b);
-    la_lu(r, M, s->rows); /* a mass matrix is not singular */
-    la_lu_solve(r, M, s->rows, r, K);
-    la_lu_solve(r, M, s->rows, r, C);
-    la_lu_solve(r, M, s->rows, 1, b);
-    for (int i = 0; i < r; i++) {
-        for (int j = 0; j < r; j++) {
-            rows[i * row + j] = -K[i * r + j] / R->scale[j];
-            rows[i * row + r + j] = -C[i * r + j];
-        }
-        rows[i * row + 2 * r] = b[i];
-    }
-}
-
 /* T and Y at some parameters. */
 static void matrices(Tracker *s, const double *p, double *T, double *Y)
 {
-    const ReducedRotor *R = &s->rotor;
-    const int r = R->r, n = 2 * r, row = n + 1, wide = n + N_FORCES;
-    const double h = s->now.step;
-    double rows[MOST_COORDINATES * SEEN], *A = s->A;
-    accelerations(s, p, rows);
-    memset(A, 0, (size_t)(wide * wide) * sizeof *A);
-    for (int i = 0; i < r; i++) {
-        A[i * wide + r + i] = h * R->scale[i];
-        for (int j = 0; j < row; j++)
-            A[(r + i) * wide + j] = h * rows[i * row + j];
-    }
-    A[n * wide + n + 1] = A[(n + 1) * wide + n + 2] = 1;
-    for (int q = 0; q < s->n_sensors; q++)
-        for (int j = 0; j < row; j++) {
-            double sum = 0;
-            for (int i = 0; i < r; i++)
-                sum += R->nodes[s->nodes[q] * r + i] * rows[i * row + j];
-            Y[q * row + j] = sum;
-        }
-    la_exponential(wide, A, s->E, s->work, s->rows);
-    for (int i = 0; i < n; i++) { /* the force is a parabola through three instants */
-        double *t = T + i * wide, *e = s->E + i * wide;
-        memcpy(t, e, (size_t)n * sizeof *t);
-        t[n] = e[n + 2] - e[n + 1] / 2;
-        t[n + 1] = e[n] - 2 * e[n + 2];
-        t[n + 2] = e[n + 2] + e[n + 1] / 2;
-    }
+    double rows[MOST_COORDINATES * SEEN];
+    reduced_accelerations(&s->rotor, p, 0, 0, s->belief.driven, rows, &s->room);
+    reduced_reading(&s->rotor, rows, s->n_sensors, s->nodes, Y);
+    reduced_step(&s->rotor, rows, s->now.step, T, &s->room);
 }
 
 static void difference(int n, const double *up, const double *down, double over, double *out)
@@ -137,7 +83,7 @@ static void curvature(int n, const double *up, const double *down, const double 
 /* Make the matrices of a filter anew, where its parameters are. */
 static void linearise(Tracker *s, int which)
 {
-    const int n = 2 * s->rotor.r, moved = n * (n + N_FORCES), read = s->n_sensors * (n + 1);
+    const int n = 2 * s->rotor.r, moved = n * (n + FORCES), read = s->n_sensors * (n + 1);
     Linear *l = s->linear + which;
     const double *at = s->now.filters[which].at;
     double p[N_PARAMETERS];
@@ -176,7 +122,7 @@ static void predict(Tracker *s, int which, double force, double doubt)
 {
     Filter *f = s->now.filters + which;
     const Linear *l = s->linear + which;
-    const int n = 2 * s->rotor.r, wide = n + N_FORCES, all = n + N_PARAMETERS;
+    const int n = 2 * s->rotor.r, wide = n + FORCES, all = n + N_PARAMETERS;
     const double g = exp(f->parameters[GAIN]);
     double by[IN_MATRICES], u[WIDE], moved[STATES], own[STATES];
     for (int j = 0; j < IN_MATRICES; j++)
@@ -193,7 +139,7 @@ static void predict(Tracker *s, int which, double force, double doubt)
         for (int j = 0; j < IN_MATRICES; j++)
             W[n + j] = dot(wide, l->dT[j] + i * wide, u);
         W[n + STIFFNESS] += by[STIFFNESS] * dot(wide, l->ddT + i * wide, u);
-        W[n + GAIN] = dot(N_FORCES, T + n, u + n);
+        W[n + GAIN] = dot(FORCES, T + n, u + n);
         moved[i] = dot(wide, T, u);
         own[i] = (T[n] + T[n + 1] + T[n + 2]) * doubt;
     }
@@ -403,12 +349,12 @@ static void begin(Tracker *s)
     const int r = R->r, n = 2 * r;
     Filter *f = o->filters;
     double w[MOST_COORDINATES], loud[MOST_COORDINATES * MOST_COORDINATES];
-    double *K = s->A, *M = K + r * r, *Phi = M + r * r;
+    double *K = s->room.A, *M = K + r * r, *Phi = M + r * r;
     for (int i = 0; i < r * r; i++) {
         K[i] = R->K_fixed[i] + exp(f->parameters[STIFFNESS]) * R->K_bearing[i];
         M[i] = expm1(f->parameters[DISK_MASS]) * R->M_disks[i] + (i % (r + 1) == 0);
     }
-    la_modes(r, K, M, w, Phi, s->work);
+    la_modes(r, K, M, w, Phi, s->room.some);
     for (int i = 0; i < r * r; i++) /* each mode as loud as all of them */
         loud[i] = LOUDEST * sqrt(o->loud) * Phi[i] / w[i % r];
     for (int i = 0; i < r; i++)
@@ -538,6 +484,24 @@ int tracker_valid(const Tracker *s)
     const double k_b = tracker_stiffness(s);
     return o->n == 1 && (o->rich || s->known) && o->contradiction < CONTRADICTED && tracker_error(s) < LARGEST_ERROR &&
            k_b > s->rotor.least_k_b && k_b < s->rotor.most_k_b;
+}
+
+int tracker_learned(const Tracker *s, Learned *learned)
+{
+    const State *o = &s->now;
+    const Filter *f = best_of(s);
+    const int n = 2 * s->rotor.r, all = n + N_PARAMETERS;
+    if (o->n != 1)
+        return 0;
+    memcpy(learned->point, f->parameters, sizeof f->parameters);
+    memcpy(learned->x, f->x, sizeof f->x);
+    memcpy(learned->power, f->power, sizeof f->power);
+    for (int i = 0; i < all; i++)
+        memcpy(learned->P + i * all, f->P + i * ALL, (size_t)all * sizeof *f->P);
+    learned->noise = o->noise;
+    learned->loud = o->loud;
+    learned->loud_force = o->likeness[0];
+    return 1;
 }
 
 int tracker_size(void)

@@ -3,21 +3,10 @@
 #define RIGTWIN_TRACKER_H
 
 #include "names.h"
+#include "reduced_rotor.h"
 
-/* What a filter estimates beside the motion; natural logarithms, of the disks' masses and the gain relative to 1. */
-enum { STIFFNESS, DISK_MASS, BEARING_DAMPING, SHAFT_DAMPING, GAIN, N_PARAMETERS };
-
-enum { MOST_COORDINATES = 8, MOST_SENSORS = 8 };
-
-/* The rotor in r coordinates, matrices row by row: (1 + (e^m - 1) M_disks) a + C v + K q = force f,
-   K = K_fixed + k_b K_bearing, C = d C_bearing + zeta C_shaft(ln k_b). */
-typedef struct {
-    int r, n_stiffnesses;
-    double lowest_ln_k, spacing;  /* of the stiffnesses at which C_shaft is given */
-    double least_k_b, most_k_b;   /* that are looked for [N/m] */
-    double highest_hz;            /* of the motion that the coordinates hold */
-    const double *M_disks, *K_fixed, *K_bearing, *C_bearing, *C_shaft, *nodes, *scale;
-} ReducedRotor;
+/* What a filter estimates beside the motion: what the matrices depend on, and the logarithm of the gain. */
+enum { GAIN = IN_MATRICES, N_PARAMETERS };
 
 /* What is believed before anything was measured, and how fast the stiffness may change. */
 typedef struct {
@@ -45,6 +34,16 @@ double tracker_error(const Tracker *tracker);
 
 /* Whether to believe them. */
 int tracker_valid(const Tracker *tracker);
+
+/* What a tracker knows of the machine: logarithms and gain, motion, covariance of motion and parameters (2 r + 5 square),
+   mean square of the motion, standard error of an acceleration, mean squares of accelerations and force. */
+typedef struct {
+    double point[N_PARAMETERS], x[STATES], P[(STATES + N_PARAMETERS) * (STATES + N_PARAMETERS)], power[STATES];
+    double noise, loud, loud_force;
+} Learned;
+
+/* Whether it knows the machine, which it does while one filter runs. */
+int tracker_learned(const Tracker *tracker, Learned *learned);
 
 /* What it remembers, as doubles. Restoring takes the belief that it was saved under, and returns 1 where these doubles
    are no state. */

@@ -19,7 +19,7 @@ from scipy.signal import butter, sosfilt
 
 from benchmarks.page import bar, machine, table
 from rigtwin.estimator.tracking.tracker import Belief, StiffnessTracker
-from rigtwin.fmu_src.build import build_native_tracker_fmu, reduced_rotor
+from rigtwin.fmu_src.build import TRACKER, build_native_listener_fmu, reduced_rotor
 from rigtwin.fmu_src.compiling import this_machine
 from rigtwin.rotor.effects import DiskMass
 from rigtwin.rotor.geometry.assembly import assemble
@@ -50,7 +50,7 @@ class Stream:
 def main() -> None:
     """Measure, print, and write the page if one is asked for."""
     with tempfile.TemporaryDirectory() as folder:
-        fmu = build_native_tracker_fmu(RIG, Path(folder), (NODE,), targets=[this_machine()])
+        fmu = build_native_listener_fmu(TRACKER, RIG, Path(folder), (NODE,), targets=[this_machine()])
         parts = [_jumps(fmu), _ramps(fmu), _single_lines(fmu), _steps()]
     text = "\n\n".join([f"{__doc__.split(chr(10) * 2)[1]}\n\n{machine()}", *parts])
     print(text)

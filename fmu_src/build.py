@@ -17,7 +17,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -32,6 +32,7 @@ from rigtwin.estimator.tracking.reduced_rotor import to_arrays as to_reduced_arr
 from rigtwin.estimator.tracking.reduction import reduce_rotor
 from rigtwin.estimator.tracking.tracker import MOST_SENSORS
 from rigtwin.fmu_src.beside import (
+    ReferenceRun,
     external_dependencies,
     licences,
     metadata,
@@ -42,7 +43,7 @@ from rigtwin.fmu_src.beside import (
 )
 from rigtwin.fmu_src.built_here import record
 from rigtwin.fmu_src.compiling import CompileError, Target, compile_library, reachable_targets
-from rigtwin.fmu_src.documentation import estimator_pages, rotor_pages, tracker_pages
+from rigtwin.fmu_src.documentation import estimator_pages, listener_pages, rotor_pages
 from rigtwin.fmu_src.estimator_variables import (
     ESTIMATOR_MEANING,
     ESTIMATOR_STEP,
@@ -50,11 +51,20 @@ from rigtwin.fmu_src.estimator_variables import (
     estimator_variables,
 )
 from rigtwin.fmu_src.model_description import Model, build_description, fmi2, fmi3
-from rigtwin.fmu_src.native_sources import c_files, digest, estimator_sources, rotor_sources, tracker_sources
-from rigtwin.fmu_src.reference_runs import estimator_run, rotor_run, tracker_run
+from rigtwin.fmu_src.monitor_variables import MONITOR_MEANING, monitor_variables
+from rigtwin.fmu_src.native_sources import (
+    c_files,
+    digest,
+    estimator_sources,
+    monitor_sources,
+    rotor_sources,
+    tracker_sources,
+)
+from rigtwin.fmu_src.reference_runs import estimator_run, monitor_run, rotor_run, tracker_run
 from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, RotorFacts, accelerations_array, rotor_variables
 from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, modules_of, stage
 from rigtwin.fmu_src.tracker_variables import TRACKER_MEANING, TRACKER_TOLERANCE, TrackerFacts, tracker_variables
+from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, RigError, load_rig
@@ -74,7 +84,6 @@ _SLAVE_MODULES = ("rigtwin.fmu_src.slave", "rigtwin.fmu_src.variables", "rigtwin
 # What the rotor needs at run time: everything but geometry and the frequency domain.
 _ROTOR_PACKAGES = ("rigtwin.rotor.model", "rigtwin.rotor.effects", "rigtwin.rotor.time")
 ESTIMATOR_FMU = "StiffnessEstimator.fmu"
-TRACKER_FMU = "StiffnessTracker.fmu"
 
 # What the tracker needs at run time.
 _TRACKER_MODULES = (
@@ -234,7 +243,7 @@ def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
 def reduced_rotor(rig: Rig, structure: Structure) -> ReducedRotor:
     """The rotor as a tracker carries it. Raises BuildError where no bearing has the stiffness k_b."""
     if not structure.bearings:
-        raise BuildError(f"{TRACKER_FMU} is not built: {rig.name} has no bearing whose stiffness is k_b")
+        raise BuildError(f"No tracker and no monitor is built: {rig.name} has no bearing whose stiffness is k_b")
     low, high = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
     start = rig.k_b.start_N_per_m
     within = max(low, start / _TRACKED), min(high, start * _TRACKED)
@@ -245,9 +254,9 @@ def tracker_facts(rig: Rig, rotor: ReducedRotor, nodes: Sequence[int]) -> Tracke
     """What the tracker's variable table needs to know of a rig. Raises BuildError for nodes that cannot be read."""
     for node in nodes:
         if not 1 <= node <= len(rig.nodes_m):
-            raise BuildError(f"{TRACKER_FMU}: there is no node {node}; {rig.name} has nodes 1 to {len(rig.nodes_m)}")
+            raise BuildError(f"there is no node {node}; {rig.name} has nodes 1 to {len(rig.nodes_m)}")
     if not 1 <= len(set(nodes)) == len(nodes) <= MOST_SENSORS:
-        raise BuildError(f"{TRACKER_FMU}: give 1 to {MOST_SENSORS} different nodes")
+        raise BuildError(f"give 1 to {MOST_SENSORS} different nodes")
     step = 1 / (_VALUES * float(rotor.highest_hz))
     return TrackerFacts(
         nodes=tuple(nodes),
@@ -262,25 +271,64 @@ def tracker_facts(rig: Rig, rotor: ReducedRotor, nodes: Sequence[int]) -> Tracke
     )
 
 
-def build_tracker_fmu(rig: Rig, folder: Path, nodes: Sequence[int] | None = None) -> Path:
-    """Build ``StiffnessTracker.fmu`` of a rig, which reads accelerations of some nodes, from 1, default the driven one.
+@dataclass(frozen=True)
+class Listener:
+    """An FMU that listens to a running rotor, instant by instant."""
 
-    Raises BuildError; an older file is then left as it was.
+    name: str  # of the model; the file's with .fmu
+    meaning: str
+    variables: Callable[[TrackerFacts], tuple[Variable, ...]]
+    script: str  # of its slave
+    modules: tuple[str, ...]  # that its slave needs beside those of every slave
+    template: str  # of its page
+    sources: Callable[[Model, ReducedRotor, Sequence[int], str], dict[str, str]]
+    run: Callable[[ReducedRotor, TrackerFacts], ReferenceRun]
+
+
+TRACKER = Listener(
+    name="StiffnessTracker",
+    meaning=TRACKER_MEANING,
+    variables=tracker_variables,
+    script="rigtwin.fmu_src.tracker_slave",
+    modules=("rigtwin.fmu_src.tracker_variables", *_TRACKER_MODULES),
+    template="tracker.html",
+    sources=tracker_sources,
+    run=tracker_run,
+)
+MONITOR = Listener(
+    name="GapMonitor",
+    meaning=MONITOR_MEANING,
+    variables=monitor_variables,
+    script="rigtwin.fmu_src.monitor_slave",
+    modules=(*TRACKER.modules, "rigtwin.fmu_src.monitor_variables", "rigtwin.estimator.tracking.monitor"),
+    template="monitor.html",
+    sources=monitor_sources,
+    run=monitor_run,
+)
+LISTENERS = (TRACKER, MONITOR)
+
+
+def build_listener_fmu(listener: Listener, rig: Rig, folder: Path, nodes: Sequence[int] | None = None) -> Path:
+    """Build ``StiffnessTracker.fmu`` or ``GapMonitor.fmu`` of a rig.
+
+    It reads accelerations of some nodes, from 1, default the driven one. Raises BuildError; an older file is then left
+    as it was.
     """
     structure = assemble(rig)
     rotor = reduced_rotor(rig, structure)
     facts = tracker_facts(rig, rotor, nodes or (rig.excitation_node,))
     bundle = Bundle(
-        script="rigtwin.fmu_src.tracker_slave",
-        modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.tracker_variables", *_TRACKER_MODULES),
+        script=listener.script,
+        modules=(*_SLAVE_MODULES, *listener.modules),
         data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": _rig_json(rig)},
     )
-    files = tracker_pages(rig, facts, float(rotor.highest_hz)) | _beside_python(("numpy", "scipy"))
-    files |= _tracker_extra(rig, rotor, facts)
-    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / TRACKER_FMU)
+    files = _listener_pages(listener, rig, facts, rotor, needs_python=True) | _beside_python(("numpy", "scipy"))
+    files |= _listener_extra(listener, rig, rotor, facts)
+    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / f"{listener.name}.fmu")
 
 
-def build_native_tracker_fmu(
+def build_native_listener_fmu(
+    listener: Listener,
     rig: Rig,
     folder: Path,
     nodes: Sequence[int] | None = None,
@@ -288,27 +336,35 @@ def build_native_tracker_fmu(
     fmi: str = "2.0",
     targets: Sequence[Target] | None = None,
 ) -> Path:
-    """``StiffnessTracker.fmu`` without Python inside; see ``build_tracker_fmu`` and ``build_native_rotor_fmu``."""
+    """The same without Python inside; see ``build_native_rotor_fmu``."""
     rotor = reduced_rotor(rig, assemble(rig))
     facts = tracker_facts(rig, rotor, nodes or (rig.excitation_node,))
-    described = version("rigtwin"), TRACKER_MEANING, facts.step, tracker_variables(facts)
-    blank = Model("StiffnessTracker", "", *described, tolerance=TRACKER_TOLERANCE)
+    described = version("rigtwin"), listener.meaning, facts.step, listener.variables(facts)
+    blank = Model(listener.name, "", *described, tolerance=TRACKER_TOLERANCE)
 
     def sources(model: Model) -> dict[str, str]:
-        return tracker_sources(model, rotor, facts.nodes, fmi)
+        return listener.sources(model, rotor, facts.nodes, fmi)
 
-    pages = tracker_pages(rig, facts, float(rotor.highest_hz), needs_python=False) | _beside_native(fmi)
-    pages |= _tracker_extra(rig, rotor, facts)
+    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False) | _beside_native(fmi)
+    pages |= _listener_extra(listener, rig, rotor, facts)
     if fmi == "3.0":
         pages |= terminals_and_icon((), pages["model.png"])
     data = {"rig.json": _rig_json(rig)}
-    return _build_native(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / TRACKER_FMU)
+    target = folder / f"{listener.name}.fmu"
+    return _build_native(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, target)
 
 
-def _tracker_extra(rig: Rig, rotor: ReducedRotor, facts: TrackerFacts) -> dict[str, bytes]:
-    """A reference run of the tracker, and what it is made for."""
+def _listener_pages(
+    listener: Listener, rig: Rig, facts: TrackerFacts, rotor: ReducedRotor, *, needs_python: bool
+) -> dict[str, bytes]:
+    about = facts, listener.variables(facts), float(rotor.highest_hz)
+    return listener_pages(listener.template, rig, *about, needs_python=needs_python)
+
+
+def _listener_extra(listener: Listener, rig: Rig, rotor: ReducedRotor, facts: TrackerFacts) -> dict[str, bytes]:
+    """A reference run, and what the FMU is made for."""
     described = {
-        "model": "StiffnessTracker",
+        "model": listener.name,
         "rigtwin": version("rigtwin"),
         "rig": {"name": rig.name, "title": rig.title, "sha256": sha256(_rig_json(rig))},
         "validity": {
@@ -317,7 +373,7 @@ def _tracker_extra(rig: Rig, rotor: ReducedRotor, facts: TrackerFacts) -> dict[s
             "motion": "lateral vibration of the shaft in y; the rotor stands, or its gyroscopic effect is small",
         },
     }
-    return references(tracker_run(rotor, facts)) | metadata(described)
+    return references(listener.run(rotor, facts)) | metadata(described)
 
 
 def build_native_rotor_fmu(

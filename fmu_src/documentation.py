@@ -18,7 +18,7 @@ from matplotlib.patches import Polygon, Rectangle
 from rigtwin.fmu_src.estimator_variables import estimator_variables
 from rigtwin.fmu_src.model_description import variability
 from rigtwin.fmu_src.rotor_variables import RotorFacts, effects_in_fmu, rotor_variables
-from rigtwin.fmu_src.tracker_variables import TrackerFacts, tracker_variables
+from rigtwin.fmu_src.tracker_variables import TrackerFacts
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
@@ -61,10 +61,18 @@ def estimator_pages(model: Path, *, needs_python: bool = True) -> dict[str, byte
     return {"model.png": estimator_picture(), "documentation/index.html": page.encode()}
 
 
-def tracker_pages(rig: Rig, facts: TrackerFacts, highest_hz: float, *, needs_python: bool = True) -> dict[str, bytes]:
-    """``model.png`` and ``documentation/index.html`` of the tracker FMU."""
-    page = _PAGES.get_template("tracker.html").render(
-        rig=rig, facts=facts, highest_hz=highest_hz, rows=_rows(tracker_variables(facts)), needs_python=needs_python
+def listener_pages(
+    template: str,
+    rig: Rig,
+    facts: TrackerFacts,
+    variables: Sequence[Variable],
+    highest_hz: float,
+    *,
+    needs_python: bool = True,
+) -> dict[str, bytes]:
+    """``model.png`` and ``documentation/index.html`` of the tracker or the monitor."""
+    page = _PAGES.get_template(template).render(
+        rig=rig, facts=facts, highest_hz=highest_hz, rows=_rows(variables), needs_python=needs_python
     )
     return {"model.png": rotor_picture(rig), "documentation/index.html": page.encode()}
 
@@ -81,7 +89,7 @@ def _rows(variables: Sequence[Variable]) -> list[dict[str, str]]:
             "name": v.name,
             "causality": v.causality,
             "variability": variability(v),
-            "type": v.kind,
+            "type": v.type,
             "unit": v.unit or "",
             "start": _start(v),
             "range": _range(v),

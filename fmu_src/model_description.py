@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from rigtwin.fmu_src.variables import DISPLAY_UNITS, UNITS, ArrayOutput, Variable
 
 _DEFAULT_VARIABILITY = {"Real": "continuous", "Integer": "discrete", "Boolean": "discrete"}
-_FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+_FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
 
 # What an FMU tells its host, by log category; pythonfmu's FMUs tell of errors only.
 LOG_CATEGORIES = {
@@ -76,7 +76,7 @@ def fmi2(model: Model, *, needs_execution_tool: bool) -> Element:
             attributes["initial"] = "calculated"
         elif variable.causality == "parameter":
             attributes["initial"] = "exact"
-        SubElement(SubElement(variables, "ScalarVariable", attributes), variable.kind, _type_of(variable))
+        SubElement(SubElement(variables, "ScalarVariable", attributes), variable.type, _type_of(variable))
     structure = SubElement(root, "ModelStructure")
     for tag, attribute in (("Outputs", "depends_on"), ("InitialUnknowns", "initially_depends_on")):
         parent = SubElement(structure, tag)
@@ -102,7 +102,7 @@ def fmi3(model: Model) -> Element:
     variables = SubElement(root, "ModelVariables")
     for number, variable in enumerate(model.table):
         attributes = {"name": variable.name, "valueReference": str(number), **_said(variable), **_type_of(variable)}
-        SubElement(variables, _FMI3_TYPES[variable.kind], attributes)
+        SubElement(variables, _FMI3_TYPES[variable.type], attributes)
     for array in model.arrays:
         attributes = {"name": array.name, "valueReference": str(model.reference(array.name)), "causality": "output"}
         attributes |= {"variability": "continuous", "description": array.description, "unit": array.unit}
@@ -155,6 +155,7 @@ def _add_frame(root: Element, model: Model, log_categories: Sequence[str]) -> No
             if name in DISPLAY_UNITS:
                 shown, factor = DISPLAY_UNITS[name]
                 SubElement(unit, "DisplayUnit", {"name": shown, "factor": _number(factor)})
+    _add_enumerations(root, model)
     categories = SubElement(root, "LogCategories")
     for name in log_categories:
         SubElement(categories, "Category", {"name": name, "description": LOG_CATEGORIES[name]})
@@ -164,12 +165,26 @@ def _add_frame(root: Element, model: Model, log_categories: Sequence[str]) -> No
     SubElement(root, "DefaultExperiment", experiment)
 
 
+def _add_enumerations(root: Element, model: Model) -> None:
+    """What the values of enumerations mean."""
+    if not (named := [v for v in model.table if v.labels]):
+        return
+    definitions = SubElement(root, "TypeDefinitions")
+    for variable in named:
+        if root.get("fmiVersion") == "3.0":
+            items = SubElement(definitions, "EnumerationType", {"name": variable.name})
+        else:
+            items = SubElement(SubElement(definitions, "SimpleType", {"name": variable.name}), "Enumeration")
+        for value, label in enumerate(variable.labels):
+            SubElement(items, "Item", {"name": label, "value": str(value)})
+
+
 def _said(variable: Variable) -> dict[str, str]:
     return {"causality": variable.causality, "variability": variability(variable), "description": variable.description}
 
 
 def _type_of(variable: Variable) -> dict[str, str]:
-    attributes = {}
+    attributes = {"declaredType": variable.name} if variable.labels else {}
     if variable.unit:
         attributes["unit"] = variable.unit
         if variable.unit in DISPLAY_UNITS:

@@ -18,11 +18,14 @@ from types import ModuleType
 
 import numpy as np
 
-from rigtwin.estimator.tracking import tracker
+from rigtwin.estimator.tracking import monitor, tracker
+from rigtwin.estimator.tracking.monitor import GapMonitor
 from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
 from rigtwin.estimator.tracking.reduced_rotor import to_arrays as to_reduced_arrays
+from rigtwin.estimator.tracking.tracker import Belief
 from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmu_src.model_description import Model, variability
+from rigtwin.fmu_src.monitor_variables import WALK
 from rigtwin.fmu_src.rotor_variables import HELD_FORCE, effects_in_fmu
 from rigtwin.fmu_src.tracker_variables import KALMAN_FILTER, NO_NETWORK
 from rigtwin.fmu_src.variables import Variable
@@ -36,12 +39,12 @@ NATIVE = Path(__file__).with_name("native")
 
 # What every FMU has, what the rotor adds, and the shell of each FMI version.
 INSTANCE = ("instance",)
-TRACKER_CORE = ("linalg", "reduced_rotor", "tracker", "tracker_model")
+TRACKER_CORE = ("linalg", "reduced_rotor", "tracker")
 ROTOR_CORE = ("exciter", "laws", "linalg", "nonlinear", "rotor", "simulator", "states", "stepper")
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
 # Files that declare a function of another file themselves.
-_DECLARE_THEMSELVES = ("estimator_model.c", "tracker_model.c")
+_DECLARE_THEMSELVES = ("estimator_model.c", "tracker_model.c", "monitor_model.c")
 
 # Numbers that decide what the core computes stand in these modules and in the effects'; C leaves their underscore out.
 _MODULES_WITH_CONSTANTS = (design, speed_tables, system, stepper, simulator, nonlinear_stepper, exciter)
@@ -71,10 +74,22 @@ def tracker_sources(model: Model, rotor: ReducedRotor, nodes: Sequence[int], fmi
     printed = {
         "variables.c": variables_code(model),
         "reduced.c": reduced_code(rotor),
-        "tracker_variables.h": _tracker_header(model, nodes),
-        "constants.h": _constants_code(TRACKER_CORE, (tracker,)),
+        "tracker_variables.h": _places(model, nodes) + _OF_TRACKER,
+        "constants.h": _constants_code((*TRACKER_CORE, "tracker_model"), (tracker,)),
     }
-    return _with_names(model, {**_written((*INSTANCE, *TRACKER_CORE, SHELLS[fmi])), **printed})
+    return _with_names(model, {**_written((*INSTANCE, *TRACKER_CORE, "tracker_model", SHELLS[fmi])), **printed})
+
+
+def monitor_sources(model: Model, rotor: ReducedRotor, nodes: Sequence[int], fmi: str) -> dict[str, str]:
+    """The same of ``GapMonitor``."""
+    core = (*TRACKER_CORE, "monitor", "monitor_model")
+    printed = {
+        "variables.c": variables_code(model),
+        "reduced.c": reduced_code(rotor),
+        "monitor_variables.h": _places(model, nodes) + _numbers(rotor, nodes),
+        "constants.h": _constants_code(core, (tracker, monitor)),
+    }
+    return _with_names(model, {**_written((*INSTANCE, *core, SHELLS[fmi])), **printed})
 
 
 def reduced_code(rotor: ReducedRotor) -> str:
@@ -90,7 +105,11 @@ def reduced_code(rotor: ReducedRotor) -> str:
         "most_k_b": high,
         "highest_hz": rotor.highest_hz,
     }
-    members = [f"    .r = {rotor.r},\n", f"    .n_nodes = {len(rotor.nodes)},\n", f"    .n_stiffnesses = {len(rotor.ln_k)},\n"]
+    members = [
+        f"    .r = {rotor.r},\n",
+        f"    .n_nodes = {len(rotor.nodes)},\n",
+        f"    .n_stiffnesses = {len(rotor.ln_k)},\n",
+    ]
     members += [f"    .{name} = {_number(float(value))},\n" for name, value in numbers.items()]
     members += [f"    .{name} = {name.upper()},\n" for name in arrays]
     return f"""{_PRINTED}#include "reduced_rotor.h"
@@ -102,15 +121,24 @@ const ReducedRotor REDUCED = {{
 """
 
 
-def _tracker_header(model: Model, nodes: Sequence[int]) -> str:
-    """``tracker_variables.h``: where the tracker's parameters are."""
-    places = [v.name for v in model.table if v.causality == "parameter"]
+def _places(model: Model, nodes: Sequence[int]) -> str:
+    """``tracker_variables.h`` or ``monitor_variables.h``: where parameters and k_b are, and which nodes are read."""
+    places = [v.name for v in model.table if v.causality == "parameter" or (v.causality, v.name) == ("input", "k_b")]
     named = {"BEARING_DAMPING_AT" if name == "bearing_damping" else name.upper(): name for name in places}
     lines = [f"#define {name} {model.reference(variable)}\n" for name, variable in named.items()]
     places_of_nodes = ", ".join(str(node - 1) for node in nodes)
     lines += [f"#define N_SENSORS {len(nodes)}\n", f"#define SENSOR_NODES {{{places_of_nodes}}}\n"]
-    lines += [f"#define KALMAN_FILTER {KALMAN_FILTER}\n", f'#define NO_NETWORK "{NO_NETWORK}"\n']
     return _PRINTED + "".join(lines)
+
+
+_OF_TRACKER = f'#define KALMAN_FILTER {KALMAN_FILTER}\n#define NO_NETWORK "{NO_NETWORK}"\n'
+
+
+def _numbers(rotor: ReducedRotor, nodes: Sequence[int]) -> str:
+    """The rest of ``monitor_variables.h``: what can change."""
+    can_change = GapMonitor(rotor, nodes, Belief(1e6, 1.0, 1e-3)).can_change
+    rows = ", ".join(f"{{{cause}, {column}}}" for cause, column in can_change)
+    return f"#define N_NODES {len(rotor.nodes)}\n#define NUMBERS {{{rows}}}\n#define WALK {WALK}\n"
 
 
 def _with_names(model: Model, sources: dict[str, str]) -> dict[str, str]:

@@ -6,16 +6,18 @@ An importer that replays them knows that it drives the FMU as it is meant.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rigtwin.estimator.tracking.monitor import CAUSES, GapMonitor
 from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
 from rigtwin.estimator.tracking.tracker import Belief, StiffnessTracker
 from rigtwin.fmu_src.beside import ReferenceRun, run_through
 from rigtwin.fmu_src.estimator_variables import estimator_variables
+from rigtwin.fmu_src.monitor_variables import WALK, monitor_variables
 from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
 from rigtwin.fmu_src.tracker_variables import TrackerFacts, tracker_variables
 from rigtwin.fmu_src.variables import Variable
@@ -79,15 +81,8 @@ def tracker_run(rotor: ReducedRotor, facts: TrackerFacts) -> ReferenceRun:
     """A tracker that listens to its own rotor under noise: until it begins, and some values more."""
     table = tracker_variables(facts)
     starts = {v.name: float(v.start or 0.0) for v in table}
-    belief = Belief(
-        starts["k_b_start"], starts["bearing_damping"], starts["shaft_damping_ratio"], driven_node=facts.excitation_node
-    )
-    number = round(_TRACKED / facts.step)
-    force = np.random.default_rng(0).standard_normal(number + 1)
-    # What the rotor does does not matter: the tracker's answers are compared, not its success.
-    names = [f"node_{node}.acceleration_y" for node in facts.nodes]
-    inputs = {"force": force, **{name: np.roll(force, place + 1) for place, name in enumerate(names)}}
-    tracker = StiffnessTracker(rotor, facts.nodes, belief)
+    tracker = StiffnessTracker(rotor, facts.nodes, _belief(starts["k_b_start"], starts, facts))
+    inputs, names = _noise(facts)
 
     def answer(_time: float, h: float, values: dict[str, float]) -> Sequence[float]:
         if h:
@@ -95,7 +90,35 @@ def tracker_run(rotor: ReducedRotor, facts: TrackerFacts) -> ReferenceRun:
         tracked = tracker.tracked
         return [tracked.k_b, tracked.k_b_low, tracked.k_b_high, float(tracked.valid)]
 
-    return run_through(facts.step * np.arange(number + 1), inputs, _outputs(table), answer)
+    return run_through(facts.step * np.arange(len(inputs["force"])), inputs, _outputs(table), answer)
+
+
+def monitor_run(rotor: ReducedRotor, facts: TrackerFacts) -> ReferenceRun:
+    """A monitor that listens under noise."""
+    table = monitor_variables(facts)
+    starts = {v.name: float(v.start or 0.0) for v in table}
+    monitor = GapMonitor(rotor, facts.nodes, replace(_belief(starts["k_b"], starts, facts), walk=WALK))
+    inputs, names = _noise(facts)
+    inputs["k_b"] = np.full(len(inputs["force"]), starts["k_b"])
+
+    def answer(_time: float, h: float, values: dict[str, float]) -> Sequence[float]:
+        if h:
+            monitor.step(h, values["force"], np.array([values[name] for name in names]), values["k_b"])
+        watched = monitor.watched
+        return [watched.drift, float(watched.alarm), float(CAUSES.index(watched.cause)), watched.k_b]
+
+    return run_through(facts.step * np.arange(len(inputs["force"])), inputs, _outputs(table), answer)
+
+
+def _belief(k_b: float, starts: dict[str, float], facts: TrackerFacts) -> Belief:
+    return Belief(k_b, starts["bearing_damping"], starts["shaft_damping_ratio"], driven_node=facts.excitation_node)
+
+
+def _noise(facts: TrackerFacts) -> tuple[dict[str, Any], list[str]]:
+    """Inputs, and names of the accelerations. What the rotor does does not matter: only the answers are compared."""
+    force = np.random.default_rng(0).standard_normal(round(_TRACKED / facts.step) + 1)
+    names = [f"node_{node}.acceleration_y" for node in facts.nodes]
+    return {"force": force, **{name: np.roll(force, place + 1) for place, name in enumerate(names)}}, names
 
 
 def _outputs(table: Sequence[Variable]) -> list[str]:

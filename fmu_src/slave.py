@@ -305,4 +305,4 @@ def _end_glue_early(library: Path) -> None:
 def _start_value(variable: Variable) -> Any:
     if variable.start is not None:
         return variable.start
-    return False if variable.kind == "Boolean" else 0.0
+    return {"Boolean": False, "Integer": 0}.get(variable.kind, 0.0)

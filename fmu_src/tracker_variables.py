@@ -1,4 +1,4 @@
-"""The variables of ``StiffnessTracker.fmu``."""
+"""The variables of ``StiffnessTracker.fmu``, and those that it shares with ``GapMonitor.fmu``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NO_NETWORK = "method 1, a network, is not there: no network has been trained for
 
 @dataclass(frozen=True)
 class TrackerFacts:
-    """What the tracker's variable table needs to know of its rig."""
+    """What the variable tables of tracker and monitor need to know of its rig."""
 
     nodes: tuple[int, ...]  # whose accelerations are read
     n_nodes: int
@@ -31,30 +31,13 @@ class TrackerFacts:
 
 def tracker_variables(facts: TrackerFacts) -> tuple[Variable, ...]:
     """Variables of ``StiffnessTracker.fmu`` for a rig with these numbers."""
-    read = tuple(f"node_{node}.acceleration_y" for node in facts.nodes)
-    inputs = (
-        Variable("force", "input", "Force on the rotor at this instant", "N", 0.0, -1e9, 1e9),
-        *(
-            Variable(name, "input", f"Measured acceleration of node {node} in y", "m/s2", 0.0, -1e9, 1e9)
-            for name, node in zip(read, facts.nodes, strict=True)
-        ),
-    )
     parameters = (
-        _whole("method", "2 = extended Kalman filter; 1 = network: none is trained", KALMAN_FILTER, 1, 2),
-        _whole("excitation_node", "Node the force acts on", facts.excitation_node, 1, facts.n_nodes),
-        _number("k_b_start", "Radial stiffness of each bearing that is believed at the start", "N/m", facts.k_b_start,
-                facts.k_b_min, facts.k_b_max),
-        _number("k_b_start_std", "Its standard error, of the logarithm", "1", 0.3, 0.01, 2.0),
-        _number("k_b_change", "Standard deviation of the change of ln k_b in a second", "1", 0.04, 0.0, 10.0),
-        _number("disk_mass_std", "Relative standard error of the disks' masses; 0: known", "1", 0.01, 0.0, 0.3),
-        _number("bearing_damping", "Viscous damping of each bearing that is believed", "N.s/m", facts.bearing_damping,
-                1e-6, 1e9),
-        _number("bearing_damping_std", "Its standard error, of the logarithm; 0: known", "1", 0.7, 0.0, 2.0),
-        _number("shaft_damping_ratio", "Damping ratio of the shaft's bending that is believed", "1",
-                facts.shaft_damping_ratio, 1e-8, 0.2),
-        _number("shaft_damping_std", "Its standard error, of the logarithm; 0: known", "1", 0.7, 0.0, 2.0),
-        _number("gain_std", "Relative standard error of the gain, force over sensors; 0: known", "1", 0.02, 0.0, 0.3),
-        _number("acceleration_std", "Standard error of an acceleration; 0: 2 % of the rms", "m/s2", 0.0, 0.0, 1e9),
+        whole("method", "2 = extended Kalman filter; 1 = network: none is trained", KALMAN_FILTER, 1, 2),
+        number("k_b_start", "Radial stiffness of each bearing that is believed at the start", "N/m", facts.k_b_start,
+               facts.k_b_min, facts.k_b_max),
+        number("k_b_start_std", "Its standard error, of the logarithm", "1", 0.3, 0.01, 2.0),
+        number("k_b_change", "Standard deviation of the change of ln k_b in a second", "1", 0.04, 0.0, 10.0),
+        *about_the_machine(facts),
     )  # fmt: skip
     outputs = (
         ("k_b", "Radial stiffness of each bearing"),
@@ -63,16 +46,46 @@ def tracker_variables(facts: TrackerFacts) -> tuple[Variable, ...]:
     )
     at_start = ("k_b_start", "k_b_start_std")
     return (
-        *inputs,
+        *readings(facts),
         *parameters,
         *(Variable(name, "output", text, "N/m", initially_depends_on=at_start) for name, text in outputs),
         Variable("valid", "output", "False while k_b is not known: do not use it then", boolean=True),
     )
 
 
-def _number(name: str, text: str, unit: str, start: float, least: float, most: float) -> Variable:
+def readings(facts: TrackerFacts) -> tuple[Variable, ...]:
+    """What is measured of the machine: the force, and accelerations."""
+    read = tuple(f"node_{node}.acceleration_y" for node in facts.nodes)
+    return (
+        Variable("force", "input", "Force on the rotor at this instant", "N", 0.0, -1e9, 1e9),
+        *(
+            Variable(name, "input", f"Measured acceleration of node {node} in y", "m/s2", 0.0, -1e9, 1e9)
+            for name, node in zip(read, facts.nodes, strict=True)
+        ),
+    )
+
+
+def about_the_machine(facts: TrackerFacts) -> tuple[Variable, ...]:
+    """Parameters that say what is believed of the machine, apart from k_b."""
+    return (
+        whole("excitation_node", "Node the force acts on", facts.excitation_node, 1, facts.n_nodes),
+        number("disk_mass_std", "Relative standard error of the disks' masses; 0: known", "1", 0.01, 0.0, 0.3),
+        number("bearing_damping", "Viscous damping of each bearing that is believed", "N.s/m", facts.bearing_damping,
+               1e-6, 1e9),
+        number("bearing_damping_std", "Its standard error, of the logarithm; 0: known", "1", 0.7, 0.0, 2.0),
+        number("shaft_damping_ratio", "Damping ratio of the shaft's bending that is believed", "1",
+               facts.shaft_damping_ratio, 1e-8, 0.2),
+        number("shaft_damping_std", "Its standard error, of the logarithm; 0: known", "1", 0.7, 0.0, 2.0),
+        number("gain_std", "Relative standard error of the gain, force over sensors; 0: known", "1", 0.02, 0.0, 0.3),
+        number("acceleration_std", "Standard error of an acceleration; 0: 2 % of the rms", "m/s2", 0.0, 0.0, 1e9),
+    )  # fmt: skip
+
+
+def number(name: str, text: str, unit: str, start: float, least: float, most: float) -> Variable:
+    """A parameter."""
     return Variable(name, "parameter", text, unit, start, least, most, "fixed")
 
 
-def _whole(name: str, text: str, start: int, least: int, most: int) -> Variable:
+def whole(name: str, text: str, start: int, least: int, most: int) -> Variable:
+    """A parameter that is a whole number."""
     return Variable(name, "parameter", text, None, start, least, most, "fixed")

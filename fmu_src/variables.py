@@ -50,13 +50,19 @@ class Variable:
     depends_on: tuple[str, ...] = ()  # inputs with a direct feedthrough to this output
     initially_depends_on: tuple[str, ...] = ()  # what its value at initialisation depends on
     boolean: bool = False
+    labels: tuple[str, ...] = ()  # of an enumeration, whose first value is 0
 
     @property
     def kind(self) -> str:
         """FMI type: "Boolean", "Integer" or "Real"."""
         if self.boolean or isinstance(self.start, bool):
             return "Boolean"
-        return "Integer" if isinstance(self.start, int) else "Real"
+        return "Integer" if self.labels or isinstance(self.start, int) else "Real"
+
+    @property
+    def type(self) -> str:
+        """The same, or "Enumeration"."""
+        return "Enumeration" if self.labels else self.kind
 
     def refusal(self, value: float) -> str | None:
         """Why this value cannot be set, as a sentence; None when it can."""

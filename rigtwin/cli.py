@@ -156,15 +156,20 @@ def build(
         typer.Option(metavar="PLATFORM", help="With --native: here, x86_64-linux, ...; repeat. Default all."),
     ] = None,
     tracker: Annotated[bool, typer.Option(help="StiffnessTracker.fmu, too: k_b that changes in time.")] = False,
+    monitor: Annotated[
+        bool, typer.Option(help="GapMonitor.fmu, too: says that the rotor has changed, and how.")
+    ] = False,
     tracker_node: Annotated[
-        list[int] | None, typer.Option(min=1, max=MOST_NODES, help="Node that the tracker reads; repeat.")
+        list[int] | None, typer.Option(min=1, max=MOST_NODES, help="Node that tracker and monitor read; repeat.")
     ] = None,
 ) -> None:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
     from rigtwin.commands.build import BuildRequest, build_fmus
 
     read, targets = tuple(tracker_node or ()), tuple(target or ())
-    build_fmus(BuildRequest(rig, out, train, native, array_output, targets, tracker or bool(read), read))
+    wanted = {"StiffnessTracker": tracker or (bool(read) and not monitor), "GapMonitor": monitor}
+    listeners = tuple(name for name, asked in wanted.items() if asked)
+    build_fmus(BuildRequest(rig, out, train, native, array_output, targets, listeners, read))
 
 
 @app.command(short_help="Measure a run on the virtual rig, fit its modes.")

@@ -45,6 +45,9 @@ def _taking(log: Log) -> Callable[..., None]:
 class FMU2Instance(FMU2Slave):
     """FMI 2.0."""
 
+    getEnumeration = FMU2Slave.getInteger
+    setEnumeration = FMU2Slave.setInteger
+
     def begin(self, log: Log) -> None:
         """Instantiate; log gets every message."""
         own = fmi2CallbackFunctions(
@@ -71,6 +74,8 @@ class FMU2Instance(FMU2Slave):
 class FMU3Instance(FMU3Slave):
     """FMI 3.0."""
 
+    getEnumeration = FMU3Slave.getInt64
+    setEnumeration = FMU3Slave.setInt64
     getFMUstate = FMU3Slave.getFMUState
     setFMUstate = FMU3Slave.setFMUState
     freeFMUstate = FMU3Slave.freeFMUState

@@ -67,10 +67,10 @@ GAUGED_FOR, WORTH_FIRST, WORTH_MOST = 0.2, 20.0, 1e5
 NEAR_K_B, NEAR_DAMPING, NEAR_MASS = 0.05, 0.1, 0.02
 
 # Filters that look for the cause begin here, with this standard deviation: changes of ln k_b, of the logarithm of a
-# damping, of a mass over the modal mass. A sensor's gain is linear.
+# damping, of a mass over the modal mass, which falls to half of it at most. A sensor's gain is linear.
 STARTS_K_B, STARTS_DAMPING, STARTS_MASS = (0.0, -0.15, 0.15, -0.35, 0.35, -0.6, 0.6), (0.0, -1.0, 1.0), (0.0, 0.3, 1.0)
 WIDTHS_K_B, WIDTHS_DAMPING = (0.15,) * 7, (0.5,) * 3
-WIDTHS_MASS, WIDTH_GAIN, FARTHEST_STEP = (0.1, 0.15, 0.5), 0.5, 0.3
+WIDTHS_MASS, WIDTH_GAIN, FARTHEST_STEP, LEAST_MASS = (0.1, 0.15, 0.5), 0.5, 0.3, -0.5
 
 # They doubt measurements, by a factor on the squared noise: at first by the squared innovation that raised the alarm or
 # this; then by what the best of them needs, within these seconds, for which a square counts for so much at most.
@@ -229,6 +229,11 @@ class GapMonitor:
         o = self._state
         k_b = o.found if o.phase else self._tracker.tracked.k_b
         return Watched(o.drift / _LOG_10, o.phase == 2, CAUSES[o.cause], k_b)
+
+    @property
+    def can_change(self) -> list[tuple[int, int]]:
+        """Cause and column of every number that can change."""
+        return [(each.cause, each.column) for each in self._numbers]
 
     # -- states ------------------------------------------------------------------------------------------------
 
@@ -489,13 +494,13 @@ class GapMonitor:
         self._keep_within(guess)
 
     def _keep_within(self, guess: _Guess) -> None:
-        """k_b stays in its range, and no mass falls below what leaves half of the modal mass."""
+        """k_b and masses stay in their ranges."""
         number = self._numbers[guess.number]
         if number.cause == OF_K_B:
             low, high = np.log(self._rotor.k_b)
             guess.value = min(max(guess.value, low), high)
         elif number.cause == OF_MASS:
-            guess.value = max(guess.value, -0.5)
+            guess.value = max(guess.value, LEAST_MASS)
 
     def _take_for_known(self) -> None:
         """Watch on from the k_b that was found."""

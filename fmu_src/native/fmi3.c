@@ -227,9 +227,11 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference refere
 
 #define SAME(value) (double)(value)
 #define WHOLE(value) (fmi3Int32)(value)
+#define LONG(value) (fmi3Int64)(value)
 #define TRUTH(value) ((value) != 0)
 
 GET(fmi3GetInt32, fmi3Int32, INTEGER, WHOLE)
+GET(fmi3GetInt64, fmi3Int64, INTEGER, LONG) /* enumerations */
 GET(fmi3GetBoolean, fmi3Boolean, BOOLEAN, TRUTH)
 SET(fmi3SetFloat64, fmi3Float64, REAL, SAME)
 SET(fmi3SetInt32, fmi3Int32, INTEGER, SAME)
@@ -293,7 +295,7 @@ NO_VALUES(UInt8)
 NO_VALUES(Int16)
 NO_VALUES(UInt16)
 NO_VALUES(UInt32)
-NO_VALUES(Int64)
+NO_GET(fmi3SetInt64, const fmi3Int64)
 NO_VALUES(UInt64)
 NO_VALUES(String)
 

@@ -17,14 +17,15 @@ from rigtwin.estimator.features import FEATURE_NAMES, Features
 from rigtwin.estimator.runtime import OUTPUT_NAMES, Estimate, StiffnessEstimator
 from rigtwin.fmu_src.build import (
     ESTIMATOR_FMU,
+    LISTENERS,
     SHIPPED_RIG,
     BuildError,
     build_estimator_fmu,
+    build_listener_fmu,
     build_native,
+    build_native_listener_fmu,
     build_native_rotor_fmu,
-    build_native_tracker_fmu,
     build_rotor_fmu,
-    build_tracker_fmu,
     is_shipped,
 )
 from rigtwin.fmu_src.built_here import is_built_here
@@ -136,17 +137,21 @@ def build_compiled(rig: Rig, folder: Path, *, array_output: bool, targets: Seque
         ) from error
 
 
-def build_trackers(rig: Rig, folder: Path, nodes: Sequence[int], *, native: Sequence[str] | None) -> list[Path]:
-    """StiffnessTracker.fmu, which reads these nodes, default the driven one.
+def build_listeners(
+    names: Sequence[str], rig: Rig, folder: Path, nodes: Sequence[int], *, native: Sequence[str] | None
+) -> list[Path]:
+    """StiffnessTracker.fmu and GapMonitor.fmu, those that are named, which read these nodes, default the driven one.
 
     With ``native`` it is built without Python inside, too, for FMI 2.0 and 3.0: for these platforms, or for all where
     there are none. Raises UserError where it cannot be built.
     """
     try:
-        built = [build_tracker_fmu(rig, folder, nodes)]
+        which = [each for each in LISTENERS if each.name in names]
+        built = [build_listener_fmu(each, rig, folder, nodes) for each in which]
         chosen = targets_named(native) if native else None
         for fmi in ("2.0", "3.0") if native is not None else ():
-            built.append(build_native_tracker_fmu(rig, folder / f"fmi{fmi[0]}", nodes, fmi=fmi, targets=chosen))
+            beside = folder / f"fmi{fmi[0]}"
+            built += [build_native_listener_fmu(each, rig, beside, nodes, fmi=fmi, targets=chosen) for each in which]
     except (BuildError, CompileError) as error:
         raise UserError(str(error)) from error
     return built
@@ -232,7 +237,9 @@ def _built_again(fmu: Path, folder: Path) -> Path:
     names = ("rig.json", "estimator.onnx", "reduced.npz")
     rig, network, reduced = (read_member(fmu, f"resources/{name}") for name in names)
     if rig and reduced:
-        return build_tracker_fmu(Rig.model_validate_json(rig), folder, manifest(fmu)["facts"]["nodes"])
+        described = read_member(fmu, DESCRIPTION) or b""
+        listener = next(each for each in LISTENERS if f'modelName="{each.name}"'.encode() in described)
+        return build_listener_fmu(listener, Rig.model_validate_json(rig), folder, manifest(fmu)["facts"]["nodes"])
     if rig:
         return build_rotor_fmu(Rig.model_validate_json(rig), folder)
     (folder / "network.onnx").write_bytes(network or b"")

@@ -11,7 +11,7 @@ from rigtwin.api.fmus import (
     SHIPPED_RIG,
     build_compiled,
     build_fmu,
-    build_trackers,
+    build_listeners,
     check_native,
     is_shipped,
 )
@@ -32,12 +32,12 @@ class BuildRequest:
     native: bool
     array_output: bool = False
     targets: tuple[str, ...] = ()  # platforms of --native; default all
-    tracker: bool = False
-    tracker_nodes: tuple[int, ...] = ()  # default the driven one
+    listeners: tuple[str, ...] = ()  # StiffnessTracker, GapMonitor
+    nodes: tuple[int, ...] = ()  # that they read, default the driven one
 
 
 def build_fmus(request: BuildRequest) -> None:
-    """Build RotorRig.fmu of a rig, the estimator FMU where there is a network for it, and the tracker if asked for.
+    """Build RotorRig.fmu of a rig, its estimator where there is a network, tracker and monitor if asked for.
 
     Raises UserError where the shipped rig is to be trained, or an array is asked for that no FMU would have.
     """
@@ -55,9 +55,9 @@ def build_fmus(request: BuildRequest) -> None:
     if request.native:
         for path in build_compiled(rig, request.out, array_output=request.array_output, targets=request.targets):
             say(str(path))
-    if request.tracker:
+    if request.listeners:
         native = request.targets if request.native else None
-        for path in build_trackers(rig, request.out, request.tracker_nodes, native=native):
+        for path in build_listeners(request.listeners, rig, request.out, request.nodes, native=native):
             say(str(path))
 
 

@@ -9,10 +9,11 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from rigtwin.fmu_src.build import (
+    TRACKER,
     BuildError,
+    build_listener_fmu,
+    build_native_listener_fmu,
     build_native_rotor_fmu,
-    build_native_tracker_fmu,
-    build_tracker_fmu,
     reduced_rotor,
     tracker_facts,
 )
@@ -53,7 +54,7 @@ def stream(tmp_path_factory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory) -> Path:
-    return build_native_tracker_fmu(RIG, tmp_path_factory.mktemp("c"), targets=[this_machine()])
+    return build_native_listener_fmu(TRACKER, RIG, tmp_path_factory.mktemp("c"), targets=[this_machine()])
 
 
 def track(fmu: Path, force: np.ndarray, read: np.ndarray, **settings: float) -> np.ndarray:
@@ -85,7 +86,7 @@ def test_a_step_of_the_stiffness_is_followed(stream, compiled):
 def test_both_flavours_tell_the_same(stream, compiled, tmp_path):
     """Filters begin after 1,000 instants; the pythonfmu one is slow while there are several."""
     force, read, _ = stream
-    python = build_tracker_fmu(RIG, tmp_path)
+    python = build_listener_fmu(TRACKER, RIG, tmp_path)
     few = slice(2_000, 3_060)
     mine = track(python, force[few], read[few])
     other = track(compiled, force[few], read[few])

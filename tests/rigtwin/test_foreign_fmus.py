@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from rigtwin.api import fmus
-from rigtwin.fmu_src.build import build_tracker_fmu
+from rigtwin.fmu_src.build import TRACKER, build_listener_fmu
 from rigtwin.rotor.geometry.rig import load_rig
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_check import STEP, with_slave
@@ -58,7 +58,11 @@ def test_an_fmu_that_was_built_elsewhere_is_not_run_unasked(printing, estimator_
 @pytest.mark.parametrize("model", ["estimator", "tracker"])
 def test_an_fmu_that_this_installation_would_build_alike_is_its_own(model, estimator_fmu, tmp_path, monkeypatch):
     """Where the list of what was built is not there or cannot be written."""
-    fmu = estimator_fmu if model == "estimator" else build_tracker_fmu(load_rig("nit-rourkela"), tmp_path, (2, 4))
+    fmu = (
+        estimator_fmu
+        if model == "estimator"
+        else build_listener_fmu(TRACKER, load_rig("nit-rourkela"), tmp_path, (2, 4))
+    )
     make, built = getattr(fmus, f"build_{model}_fmu"), []
 
     def build(*about: Any) -> Path:

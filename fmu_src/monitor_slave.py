@@ -1,0 +1,83 @@
+"""GapMonitor: the monitor of the reduced rotor as a co-simulation slave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigtwin.estimator.tracking.monitor import CAUSES, Watching
+from rigtwin.estimator.tracking.monitor import GapMonitor as Monitor
+from rigtwin.estimator.tracking.reduced_rotor import from_arrays
+from rigtwin.estimator.tracking.tracker import Belief
+from rigtwin.fmu_src.monitor_variables import MONITOR_MEANING, WALK, monitor_variables
+from rigtwin.fmu_src.slave import TableSlave, read_manifest
+from rigtwin.fmu_src.tracker_variables import TRACKER_TOLERANCE, TrackerFacts
+from rigtwin.fmu_src.variables import Variable
+
+
+class GapMonitor(TableSlave):
+    """Force, accelerations and believed k_b in, instant by instant; what has changed out."""
+
+    def __init__(self, **kwargs: Any):
+        resources = Path(kwargs["resources"])
+        with np.load(resources / "reduced.npz", allow_pickle=False) as arrays:
+            self._rotor = from_arrays(arrays)
+        facts = TrackerFacts(**read_manifest(resources)["facts"])
+        super().__init__(
+            monitor_variables(facts),
+            description=MONITOR_MEANING,
+            step_size=facts.step,
+            tolerance=TRACKER_TOLERANCE,
+            **kwargs,
+        )
+        self._nodes = tuple(facts.nodes)
+        self._inputs = [v.name for v in self._table if v.causality == "input"]
+        self._monitor = self._new()
+
+    def accept_settings(self, changed: Sequence[Variable]) -> None:
+        """Begin with another belief, which is only possible before the simulation."""
+        if any(v.causality == "parameter" for v in changed):
+            self._monitor = self._new()
+
+    def advance(self, time: float, h: float) -> None:
+        """Take up the inputs as they stood during this step."""
+        force, *accelerations, k_b = (self.value(name) for name in self._inputs)
+        self._monitor.step(h, force, np.array(accelerations), k_b)
+
+    def compute_outputs(self) -> list[float | bool | int]:
+        """Evidence, whether it is an alarm, what has changed, and k_b."""
+        watched = self._monitor.watched
+        return [watched.drift, watched.alarm, CAUSES.index(watched.cause), watched.k_b]
+
+    def save_state(self) -> Any:
+        """All that the monitor remembers."""
+        return self._monitor.save()
+
+    def load_state(self, state: Any) -> None:
+        """Go back; the variables' values have been restored already."""
+        self._monitor = self._new()
+        self._monitor.restore(self._belief(), state)
+
+    def _new(self) -> Monitor:
+        return Monitor(self._rotor, self._nodes, self._belief(), self._watching())
+
+    def _watching(self) -> Watching:
+        return Watching(alarm_every=self.value("alarm_every"), learning=self.value("learning_time"))
+
+    def _belief(self) -> Belief:
+        return Belief(
+            k_b=self.value("k_b"),
+            bearing_damping=self.value("bearing_damping"),
+            shaft_damping_ratio=self.value("shaft_damping_ratio"),
+            k_b_std=self.value("k_b_std"),
+            disk_mass_std=self.value("disk_mass_std"),
+            bearing_damping_std=self.value("bearing_damping_std"),
+            shaft_damping_std=self.value("shaft_damping_std"),
+            gain_std=self.value("gain_std"),
+            walk=WALK,
+            acceleration_std=self.value("acceleration_std"),
+            driven_node=self.value("excitation_node"),
+        )

@@ -237,7 +237,15 @@ def _nothing(fmu: Path) -> str:
                         alarm = i
                         break
             spent = time.process_time() - start
-            rows.append((words, excitation.__name__.replace("_", " "), f"{i + 1:,}", alarm or "none", f"{most:.1f}"))
+            rows.append(
+                (
+                    words,
+                    excitation.__name__.replace("_", " "),
+                    f"{i + 1:,}",
+                    "none" if alarm is None else f"{alarm:,}",
+                    f"{most:.1f}",
+                )
+            )
     header = ("machine", "force", "steps", "alarm at step", "largest drift")
     took = f"A step took {1e6 * spent / (i + 1):.0f} µs with setting and reading the variables through fmpy."
     return "\n".join(["## Nothing changes\n", table(header, rows), "", took])

@@ -242,15 +242,18 @@ class StiffnessTracker:
         o, error = self._state, self.error
         k_b = math.exp(self._state.filters[o.best].parameters[STIFFNESS]) if o.filters else self._belief.k_b
         low, high = self._rotor.k_b
-        tells = len(o.filters) == 1 and (o.rich or self._belief.others_known)
-        valid = tells and o.contradiction < CONTRADICTED and error < LARGEST_ERROR and low < k_b < high
+        valid = self._tells and o.contradiction < CONTRADICTED and error < LARGEST_ERROR and low < k_b < high
         return Tracked(k_b, k_b * math.exp(-Z90 * error), k_b * math.exp(Z90 * error), bool(valid))
 
     @property
+    def _tells(self) -> bool:
+        return len(self._state.filters) == 1 and (self._state.rich or self._belief.others_known)
+
+    @property
     def learned(self) -> Learned | None:
-        """All that it knows of the machine; None while several filters run, or none."""
+        """All that it knows of the machine; None while several filters run, or none, or the force is not rich."""
         o = self._state
-        if len(o.filters) != 1:
+        if not self._tells:
             return None
         f = o.filters[0]
         return Learned(f.parameters.copy(), f.x, f.P, f.power, o.noise, o.loud, float(o.likeness[0, 0]))

@@ -467,6 +467,11 @@ static const Filter *best_of(const Tracker *s)
     return s->now.filters + (int)s->now.best;
 }
 
+static int tells(const Tracker *s)
+{
+    return s->now.n == 1 && (s->now.rich || s->known);
+}
+
 double tracker_stiffness(const Tracker *s)
 {
     return exp(best_of(s)->parameters[STIFFNESS]);
@@ -482,7 +487,7 @@ int tracker_valid(const Tracker *s)
 {
     const State *o = &s->now;
     const double k_b = tracker_stiffness(s);
-    return o->n == 1 && (o->rich || s->known) && o->contradiction < CONTRADICTED && tracker_error(s) < LARGEST_ERROR &&
+    return tells(s) && o->contradiction < CONTRADICTED && tracker_error(s) < LARGEST_ERROR &&
            k_b > s->rotor.least_k_b && k_b < s->rotor.most_k_b;
 }
 
@@ -491,7 +496,7 @@ int tracker_learned(const Tracker *s, Learned *learned)
     const State *o = &s->now;
     const Filter *f = best_of(s);
     const int n = 2 * s->rotor.r, all = n + N_PARAMETERS;
-    if (o->n != 1)
+    if (!tells(s))
         return 0;
     memcpy(learned->point, f->parameters, sizeof f->parameters);
     memcpy(learned->x, f->x, sizeof f->x);

@@ -42,7 +42,7 @@ typedef struct {
     double noise, loud, loud_force;
 } Learned;
 
-/* Whether it knows the machine, which it does while one filter runs. */
+/* Whether it knows the machine: while one filter runs, and the force is rich. */
 int tracker_learned(const Tracker *tracker, Learned *learned);
 
 /* What it remembers, as doubles. Restoring takes the belief that it was saved under, and returns 1 where these doubles

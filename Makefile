@@ -12,6 +12,7 @@
 # make clean   without dist, build and runs
 # make benchmark-real-data DATA=FOLDER   docs/real-data.md: the diagnosis on data of other laboratories; half an hour
 # make benchmark-tracker   docs/tracker-measured.md: how well a k_b that changes is followed; minutes
+# make benchmark-monitor   docs/monitor-measured.md: how well a change of the machine is found and named; ten minutes
 # make benchmark-intervals   docs/interval-coverage.md: how often intervals of k_b hold the true value; half an hour
 # make benchmark-records   k_b from an oscilloscope's records beside that of the sweep; minutes
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
@@ -35,7 +36,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test test-long lint docs fmus native elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-intervals benchmark-tracker benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint docs fmus native elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-intervals benchmark-tracker benchmark-monitor benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -117,6 +118,9 @@ benchmark-real-data: $(VENV)/installed
 
 benchmark-tracker: $(VENV)/installed
 	$(PYTHON) -m benchmarks.tracker --page docs/tracker-measured.md
+
+benchmark-monitor: $(VENV)/installed
+	$(PYTHON) -m benchmarks.monitor --page docs/monitor-measured.md
 
 benchmark-intervals: $(VENV)/installed
 	$(PYTHON) -m benchmarks.interval_coverage --page docs/interval-coverage.md

@@ -7,11 +7,13 @@ module                   what it holds
 ``rotor_variables``      the variables of RotorRig: the one place where their names stand
 ``estimator_variables``  the variables of StiffnessEstimator
 ``tracker_variables``    the variables of StiffnessTracker
+``monitor_variables``    the variables of GapMonitor
 ``model_description``    modelDescription.xml of a variable table, FMI 2.0 and 3.0
 ``slave``                a pythonfmu slave driven by such a table
 ``rotor_slave``          RotorRig, the rotor as a co-simulation FMU
 ``estimator_slave``      StiffnessEstimator, the network as a co-simulation FMU
 ``tracker_slave``        StiffnessTracker, the Kalman filter as a co-simulation FMU
+``monitor_slave``        GapMonitor, the watch over a machine as a co-simulation FMU
 ``staging``              bundles sources under names no host can own
 ``documentation``        the FMU's picture and its HTML page
 ``beside``               licences, terminals, a reference run and facts inside each FMU

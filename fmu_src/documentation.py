@@ -106,6 +106,8 @@ def _start(variable: Variable) -> str:
 
 
 def _range(variable: Variable) -> str:
+    if variable.labels:
+        return ", ".join(f"{value} {label}" for value, label in enumerate(variable.labels))
     low, high = variable.minimum, variable.maximum
     if low is None and high is None:
         return ""

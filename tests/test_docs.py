@@ -14,12 +14,15 @@ from rigtwin.blind.judge.results import from_row
 from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.fmu_src.documentation import _rows
 from rigtwin.fmu_src.estimator_variables import estimator_variables
+from rigtwin.fmu_src.monitor_variables import monitor_variables
 from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
+from rigtwin.fmu_src.tracker_variables import TrackerFacts, tracker_variables
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.geometry.rig import Disk, Joint, Mass, Rig, Segment, SpeedCoefficients, SupportTable
 
 ROOT = Path(__file__).resolve().parent.parent
 CONTRACTS = (ROOT / "docs" / "contracts.md").read_text(encoding="utf-8")
+LISTENS = TrackerFacts((2,), 7, 2, 1e7, 1e4, 1e10, 1.0, 1e-3, 1e-4)
 SHIPPED = RotorFacts(7, 2, 0.001, 0.0, 1e7, 1e4, 1e12, 0.426)
 
 
@@ -32,7 +35,8 @@ def _table_row(variable: Variable) -> str:
 @pytest.mark.parametrize(
     "variable",
     [v for v in rotor_variables(SHIPPED) if not v.name.startswith("node_")]
-    + list(estimator_variables(StiffnessEstimator().card["example_inputs"])),
+    + list(estimator_variables(StiffnessEstimator().card["example_inputs"]))
+    + [v for table in (tracker_variables, monitor_variables) for v in table(LISTENS) if not v.name.startswith("node_")],
     ids=lambda v: v.name,
 )
 def test_every_fmu_variable_stands_in_the_contracts_as_it_is(variable):

@@ -365,7 +365,7 @@ def test_the_wheel_brings_one_name_and_no_benchmark_data(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0].removesuffix(".dist-info").split("-")[0] for name in names} == {"rigtwin"}
     assert not [name for name in names if "stored_campaigns" in name or name.endswith(".npz")]
-    assert wheel.stat().st_size < 1_500_000  # a third of it is plotly.js
+    assert wheel.stat().st_size < 1_600_000  # a third of it is plotly.js
     for data in (
         "rotor/rigs/nit-rourkela.toml",
         "pages/templates/page.html",

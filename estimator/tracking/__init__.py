@@ -6,5 +6,6 @@ module               what it holds                                           sta
 ``reduced_rotor``    the rotor with few coordinates, as an FMU carries it    ``ReducedRotor``
 ``reduction``        such a rotor made of a finite-element model             ``reduce_rotor``
 ``tracker``          the Kalman filter                                       ``StiffnessTracker``
+``monitor``          has the machine changed, and what                       ``GapMonitor``
 ===================  ======================================================  =======================
 """

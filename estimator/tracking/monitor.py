@@ -22,6 +22,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_toeplitz
 
 from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
 from rigtwin.estimator.tracking.tracker import (
@@ -59,9 +60,9 @@ MOST_OF_ONE = 3.0
 # rms.
 LEARNED, GAINS_APART, AT_REST = 4.0, 0.05, 0.1
 
-# Seconds after the listening in which the size of innovations is learned and no bet runs; instants that it is worth at
-# first, and at most.
-GAUGED_FOR, WORTH_FIRST, WORTH_MOST = 0.2, 20.0, 1e5
+# Seconds after the listening in which it is learned how innovations foretell each other, and by how many; seconds after
+# it in which their size is learned, too, and no bet runs; instants that the size is worth at first, and at most.
+COMPARED_FOR, ORDER_OF_LIKENESS, GAUGED_FOR, WORTH_FIRST, WORTH_MOST = 0.2, 8, 0.4, 20.0, 1e5
 
 # How far a number may be from where the matrices of its filter were made: ln k_b, dampings, masses.
 NEAR_K_B, NEAR_DAMPING, NEAR_MASS = 0.05, 0.1, 0.02
@@ -83,7 +84,7 @@ KEPT, BEHIND, NAMED_AFTER, SURE, DOUBTFUL = 0.03, 12.0, 0.03, 0.99, 3.0
 # A node carries no mass of note where its modal mass is so many times the least.
 LEAST_MOTION = 1e-4
 
-# A k_b that is set to what was found, within this share, is taken for known.
+# A k_b that is set anew to what was found, within this share, is taken for known.
 TAKEN_FOR_KNOWN = 0.03
 
 _LOG_10 = math.log(10.0)
@@ -167,13 +168,18 @@ class _State:
     D: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # derivatives of x by the numbers
     off: FloatArray = field(default_factory=lambda: np.zeros(0))  # what is not known of the machine, and its covariance
     C: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    size: float = 1.0  # squared innovations over their variance
+    rough: float = 1.0  # squared innovations over their variance
+    size: float = 1.0  # the same of what those before do not foretell
     worth: float = WORTH_FIRST
     G: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # derivatives of ``off`` by a change
     told: FloatArray = field(default_factory=lambda: np.zeros(0))  # of a change: information, and that times it
     tells: FloatArray = field(default_factory=lambda: np.zeros(0))
     bets: FloatArray = field(default_factory=lambda: np.zeros(0))  # logarithms
+    likeness: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # products of innovations, by their distance
+    foretell: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # an innovation from those before
+    past: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))  # innovations with derivatives, newest first
     drift: float = 0.0
+    known_k_b: float = 0.0  # believed at the alarm [N/m]
     latest: float = 0.0  # squared innovation over its variance
     guesses: list[_Guess] = field(default_factory=list)
     doubt: float = 1.0
@@ -218,8 +224,8 @@ class GapMonitor:
         else:
             if other:
                 self._linearise()
-            self._watch(force, accelerations)
-            if o.cause == OF_K_B and abs(math.log(k_b / o.found)) < TAKEN_FOR_KNOWN:
+            self._watch(force, accelerations, k_b)
+            if o.cause == OF_K_B and k_b != o.known_k_b and abs(math.log(k_b / o.found)) < TAKEN_FOR_KNOWN:
                 self._take_for_known()
         o.before = np.array([force, *o.before[:2]])
 
@@ -295,7 +301,10 @@ class GapMonitor:
         o.off, o.D = np.zeros(len(self._base)), np.zeros((2 * self._rotor.r, 1 + self._at_rest[-1]))
         m = len(self._numbers)
         o.G, o.tells, o.told = np.zeros((len(self._base), m)), np.zeros(m), self._precision()
-        o.bets, o.drift, o.size, o.worth = np.zeros(m + 1), 0.0, 1.0, WORTH_FIRST
+        o.bets, o.drift, o.rough, o.size, o.worth = np.zeros(m + 1), 0.0, 1.0, 1.0, WORTH_FIRST
+        n_sensors, order = len(self._nodes), ORDER_OF_LIKENESS
+        o.likeness, o.foretell = np.zeros((n_sensors, order + 1)), np.zeros((n_sensors, order))
+        o.past = np.zeros((n_sensors, order, 1 + self._at_rest[-1] + 1))
         o.guesses, o.cause, o.found = [], NONE, math.exp(o.point[STIFFNESS])
         o.phase, o.instants = 1, 0
         self._linearise()
@@ -342,7 +351,7 @@ class GapMonitor:
 
     # -- watching ----------------------------------------------------------------------------------------------
 
-    def _watch(self, force: float, read: FloatArray) -> None:
+    def _watch(self, force: float, read: FloatArray, k_b: float) -> None:
         o = self._state
         g = math.exp(o.point[GAIN])
         third = force - 3 * o.before[0] + 3 * o.before[1] - o.before[2]
@@ -352,7 +361,7 @@ class GapMonitor:
         if o.phase == 1:
             self._foretell(forces, doubt, read)
             if o.drift >= math.log(self._watching.alarm_every):
-                self._alarm()
+                self._alarm(k_b)
         else:
             self._name(forces, doubt, read)
 
@@ -375,14 +384,41 @@ class GapMonitor:
             dy[self._at_rest[q]] += 1.0
             off, PH = value - foretold, o.P @ Y[:n]
             variance = float(Y[:n] @ PH) + o.noise**2
-            self._bet(off, variance, dy)
-            gain = PH / variance * min(1.0, OUTLIER * math.sqrt(variance * o.size) / max(abs(off), 1e-300))
+            self._bet(*self._white(q, off, dy), variance)
+            left = off - float(dy[self._base] @ o.off)
+            o.rough *= 1 + (min(left**2 / variance / o.rough, LARGEST_SQUARE) - 1) / o.worth
+            gain = PH / variance * min(1.0, OUTLIER * math.sqrt(variance * o.rough) / max(abs(off), 1e-300))
             o.x += gain * off
             o.D -= np.outer(gain, dy)
             o.P -= np.outer(PH, PH / variance)
         o.power += (o.x**2 - o.power) * min(1.0, o.step / REMEMBERED)
 
-    def _bet(self, off: float, variance: float, dy: FloatArray) -> None:
+    def _white(self, q: int, off: float, dy: FloatArray) -> tuple[float, FloatArray]:
+        """An innovation and its derivatives less what those before foretell, as far as that has been learned.
+
+        Innovations of a filter that lacks something of the machine foretell each other [box2015].
+        """
+        o, row = self._state, np.array([off, *dy])
+        seconds = o.instants * o.step
+        if seconds <= COMPARED_FOR:
+            left = np.vstack([row, o.past[q]]) @ np.array([1.0, *-self._in_columns(o.off)])
+            o.likeness[q] += left[0] * left
+        elif seconds - o.step <= COMPARED_FOR and o.likeness[q, 0] > 0:
+            first = o.likeness[q] * np.array([1 + 1e-9, *np.ones(ORDER_OF_LIKENESS)])
+            o.foretell[q] = solve_toeplitz(first[:-1], first[1:])
+            if not q:
+                o.size, o.worth = 1.0, WORTH_FIRST
+        white = row - o.foretell[q] @ o.past[q]
+        o.past[q] = np.vstack([row, o.past[q, :-1]])
+        return float(white[0]), white[1:]
+
+    def _in_columns(self, off: FloatArray) -> FloatArray:
+        """What is not known of the machine, among all of its numbers."""
+        whole = np.zeros(1 + self._at_rest[-1])
+        whole[self._base] = off
+        return whole
+
+    def _bet(self, off: float, dy: FloatArray, variance: float) -> None:
         """One innovation more for all bets, and for what is not known of the machine."""
         o, S = self._state, dy[self._base]
         CS = o.C @ S
@@ -412,7 +448,7 @@ class GapMonitor:
 
     # -- naming ------------------------------------------------------------------------------------------------
 
-    def _alarm(self) -> None:
+    def _alarm(self, k_b: float) -> None:
         """Filters begin, each with another number free."""
         o, n = self._state, 2 * self._rotor.r
         P = np.zeros((n + 1, n + 1))
@@ -425,6 +461,7 @@ class GapMonitor:
                 at = now + start
                 o.guesses.append(_Guess(which, at, at, o.x.copy(), P.copy(), -math.log(several)))
                 o.guesses[-1].linear = self._of_guess(o.guesses[-1])
+        o.known_k_b = k_b
         o.phase, o.instants, o.cause, o.doubt = 2, 0, UNKNOWN, max(DOUBTED, o.latest)
 
     def _name(self, forces: FloatArray, doubt: float, read: FloatArray) -> None:
@@ -460,13 +497,13 @@ class GapMonitor:
         W = np.column_stack([T[:, :n], J])
         top, own = W @ guess.P, T[:, n:].sum(axis=1) * doubt
         guess.x = T @ u
-        guess.P[:n, :n] = top @ W.T + np.outer(own, own) * self._state.size
+        guess.P[:n, :n] = top @ W.T + np.outer(own, own) * self._state.rough
         guess.P[:n, n] = guess.P[n, :n] = top[:, n]
 
     def _correct(self, guess: _Guess, force: float, read: FloatArray) -> None:
         linear, n, number, o = guess.linear, 2 * self._rotor.r, self._numbers[guess.number], self._state
         assert linear is not None
-        noise, total = o.noise**2 * o.size * o.doubt, 0.0
+        noise, total = o.noise**2 * o.rough * o.doubt, 0.0
         for q, value in enumerate(read):
             v = np.append(guess.x, force)
             if number.cause == OF_SENSOR:

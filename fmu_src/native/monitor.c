@@ -1,6 +1,7 @@
 #include "monitor.h"
 
 #include "constants.h"
+#include "linalg.h"
 #include "monitor_variables.h"
 
 #include <math.h>
@@ -39,6 +40,7 @@ static const struct {
     [OF_SENSOR] = {CHANGE_OF_GAIN, INFINITY, 1, GAIN_START, GAIN_WIDTH},
 };
 
+enum { ROW = 1 + COLUMNS }; /* an innovation and its derivatives */
 enum { ONE_MORE = STATES + 1, STEP = STATES * WIDE, READ = N_SENSORS * SEEN };
 
 /* A step of the motion and what is read, with first and second derivative by one number. */
@@ -56,9 +58,11 @@ typedef struct {
     double phase, instants; /* 0 listens, 1 watches, 2 has raised the alarm; instants of this phase */
     double step, before[3], loud, point[N_PARAMETERS], noise;
     double x[STATES], P[STATES * STATES], power[STATES], D[COLUMNS * STATES]; /* D: derivatives of x, by columns */
-    double off[BASE], C[BASE * BASE], size, worth;
+    double off[BASE], C[BASE * BASE], rough, size, worth;
     double G[BASE * N_NUMBERS], told[N_NUMBERS], tells[N_NUMBERS], bets[N_NUMBERS + 1];
-    double drift, latest, doubt, cause, found, n;
+    double likeness[N_SENSORS * (ORDER_OF_LIKENESS + 1)], foretell[N_SENSORS * ORDER_OF_LIKENESS];
+    double past[N_SENSORS * ORDER_OF_LIKENESS * ROW]; /* innovations with derivatives, newest first */
+    double drift, known_k_b, latest, doubt, cause, found, n;
     Guess guesses[GUESSES];
 } State;
 
@@ -183,10 +187,13 @@ static void start_watch(Monitor *s, double loud)
     memset(o->G, 0, sizeof o->G);
     memset(o->tells, 0, sizeof o->tells);
     memset(o->bets, 0, sizeof o->bets);
+    memset(o->likeness, 0, sizeof o->likeness);
+    memset(o->foretell, 0, sizeof o->foretell);
+    memset(o->past, 0, sizeof o->past);
     for (int i = 0; i < N_NUMBERS; i++)
         o->told[i] = precision(i);
     o->drift = o->latest = o->n = 0;
-    o->size = 1;
+    o->rough = o->size = 1;
     o->worth = WORTH_FIRST;
     o->cause = NONE;
     o->found = exp(o->point[STIFFNESS]);
@@ -214,6 +221,59 @@ static void hear(Monitor *s, double force, const double *read)
     o->noise = learned.noise;
     o->loud = learned.loud_force;
     start_watch(s, learned.loud);
+}
+
+/* What is left of an innovation without what is not known of the machine. */
+static double left_of(const State *o, const double *row)
+{
+    double left = row[0];
+    for (int i = 0; i < BASE; i++)
+        left -= row[1 + base_column(i)] * o->off[i];
+    return left;
+}
+
+/* How an innovation follows from those before; a small system, solved as any other. */
+static void learn_likeness(State *o, int q)
+{
+    enum { N = ORDER_OF_LIKENESS };
+    const double *likeness = o->likeness + q * (N + 1);
+    double A[N * N], *b = o->foretell + q * N;
+    int rows[N];
+    for (int i = 0; i < N; i++) {
+        b[i] = likeness[i + 1];
+        for (int j = 0; j < N; j++)
+            A[i * N + j] = likeness[abs(i - j)] * (i == j ? 1 + 1e-9 : 1);
+    }
+    if (la_lu(N, A, rows))
+        memset(b, 0, N * sizeof *b);
+    else
+        la_lu_solve(N, A, rows, 1, b);
+}
+
+/* An innovation and its derivatives less what those before foretell, as far as that has been learned. */
+static void whiten(State *o, int q, double *row)
+{
+    double *past = o->past + q * ORDER_OF_LIKENESS * ROW, own[ROW];
+    const double *foretell = o->foretell + q * ORDER_OF_LIKENESS, seconds = o->instants * o->step;
+    if (seconds <= COMPARED_FOR) {
+        double *likeness = o->likeness + q * (ORDER_OF_LIKENESS + 1);
+        const double now = left_of(o, row);
+        likeness[0] += now * now;
+        for (int k = 0; k < ORDER_OF_LIKENESS; k++)
+            likeness[k + 1] += now * left_of(o, past + k * ROW);
+    } else if (seconds - o->step <= COMPARED_FOR && o->likeness[q * (ORDER_OF_LIKENESS + 1)] > 0) {
+        learn_likeness(o, q);
+        if (!q) {
+            o->size = 1;
+            o->worth = WORTH_FIRST;
+        }
+    }
+    memcpy(own, row, sizeof own);
+    for (int k = 0; k < ORDER_OF_LIKENESS; k++)
+        for (int c = 0; c < ROW; c++)
+            row[c] -= foretell[k] * past[k * ROW + c];
+    memmove(past + ROW, past, (ORDER_OF_LIKENESS - 1) * ROW * sizeof *past);
+    memcpy(past, own, sizeof own);
 }
 
 /* One innovation more for all bets, and for what is not known of the machine. */
@@ -271,7 +331,7 @@ static void foretell(Monitor *s, const double *forces, double doubt, const doubl
 {
     State *o = &s->now;
     const int n = 2 * s->rotor.r, wide = n + FORCES, row = n + 1;
-    double u[WIDE], own[STATES], column[STATES], v[SEEN], PH[STATES], dy[COLUMNS];
+    double u[WIDE], own[STATES], column[STATES], v[SEEN], PH[STATES], dy[COLUMNS], white[ROW];
     memcpy(u, o->x, (size_t)n * sizeof *u);
     memcpy(u + n, forces, FORCES * sizeof *u);
     for (int c = 0; c < COLUMNS; c++) {
@@ -311,8 +371,15 @@ static void foretell(Monitor *s, const double *forces, double doubt, const doubl
         for (int i = 0; i < n; i++)
             PH[i] = dot(n, o->P + i * n, Y);
         const double variance = dot(n, Y, PH) + o->noise * o->noise;
-        bet(s, off, variance, dy);
-        const double share = fmin(1, OUTLIER * sqrt(variance * o->size) / fmax(fabs(off), 1e-300)) / variance;
+        white[0] = off;
+        memcpy(white + 1, dy, sizeof dy);
+        whiten(o, q, white);
+        bet(s, white[0], variance, white + 1);
+        white[0] = off;
+        memcpy(white + 1, dy, sizeof dy);
+        const double left = left_of(o, white);
+        o->rough *= 1 + (fmin(left * left / variance / o->rough, LARGEST_SQUARE) - 1) / o->worth;
+        const double share = fmin(1, OUTLIER * sqrt(variance * o->rough) / fmax(fabs(off), 1e-300)) / variance;
         for (int i = 0; i < n; i++)
             o->x[i] += PH[i] * share * off;
         for (int c = 0; c < COLUMNS; c++)
@@ -329,7 +396,7 @@ static void foretell(Monitor *s, const double *forces, double doubt, const doubl
 /* -- naming ------------------------------------------------------------------------------------------------------ */
 
 /* Filters begin, each with another number free. */
-static void alarm(Monitor *s)
+static void alarm(Monitor *s, double k_b)
 {
     State *o = &s->now;
     const int n = 2 * s->rotor.r, one_more = n + 1;
@@ -356,6 +423,7 @@ static void alarm(Monitor *s)
             linearise_guess(s, (int)o->n++);
         }
     }
+    o->known_k_b = k_b;
     o->phase = 2;
     o->instants = 0;
     o->cause = UNKNOWN;
@@ -395,7 +463,7 @@ static void predict(Monitor *s, int k, const double *forces, double doubt)
     for (int i = 0; i < n; i++) {
         const double *top = s->top + i * one_more;
         for (int j = 0; j <= i; j++) {
-            const double both = dot(n, top, s->moved + j * wide) + top[n] * J[j] + own[i] * own[j] * s->now.size;
+            const double both = dot(n, top, s->moved + j * wide) + top[n] * J[j] + own[i] * own[j] * s->now.rough;
             g->P[i * one_more + j] = g->P[j * one_more + i] = both;
         }
         g->P[i * one_more + n] = g->P[n * one_more + i] = top[n];
@@ -408,7 +476,7 @@ static void correct(Monitor *s, int k, double force, const double *read)
     Guess *g = s->now.guesses + k;
     const Linear *l = s->linear + k;
     const int n = 2 * s->rotor.r, row = n + 1, one_more = n + 1, cause = NUMBER[(int)g->number].cause;
-    const double noise = o->noise * o->noise * o->size * o->doubt;
+    const double noise = o->noise * o->noise * o->rough * o->doubt;
     double total = 0, v[SEEN], Y[SEEN], H[ONE_MORE], PH[ONE_MORE];
     for (int q = 0; q < N_SENSORS; q++) {
         const double *Y0 = l->Y + q * row, *dY = l->dY + q * row, *ddY = l->ddY + q * row;
@@ -597,10 +665,10 @@ void monitor_step(Monitor *s, double step, double force, const double *read, dou
         if (o->phase == 1) {
             foretell(s, forces, doubt, read);
             if (o->drift >= log(s->alarm_every))
-                alarm(s);
+                alarm(s, k_b);
         } else
             name(s, forces, doubt, read);
-        if ((int)o->cause == OF_K_B && fabs(log(k_b / o->found)) < TAKEN_FOR_KNOWN)
+        if ((int)o->cause == OF_K_B && k_b != o->known_k_b && fabs(log(k_b / o->found)) < TAKEN_FOR_KNOWN)
             take_for_known(s);
     }
     o->before[2] = o->before[1];

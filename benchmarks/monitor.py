@@ -32,12 +32,13 @@ from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.session import FmuSession
 
-NOISE, LEARNED_S, HEARD_S = 0.01, 1.5, 0.4
+NOISE, LEARNED_S, HEARD_S = 0.01, 1.8, 0.5
 STIFFNESSES = (1e6, 3e6, 1e7, 3e7)
 STRUCTURE, FAST = assemble(RIG), STEP / FASTER
 READ = f"node_{NODE}.acceleration_y"
 ALARM_EVERY = 1e6  # the default is 1e9
 PERIODS = 20.0  # of the first resonance within which a change of 1 % should be found
+FIRST_SEED = 10  # the monitor was tuned on 0 to 3
 LONG_S = 100.0  # of a machine that does not change
 
 Strange = Callable[[float, FloatArray], FloatArray]
@@ -151,7 +152,7 @@ def _changes(fmu: Path) -> str:
     found: list[tuple[Change, float, str, float]] = []
     for excitation in (band_noise, multisine):
         for place, k_b in enumerate(STIFFNESSES):
-            found += watch(fmu, excitation, k_b, mass=(0.0, 0.03)[place % 2], seed=place)
+            found += watch(fmu, excitation, k_b, mass=(0.0, 0.03)[place % 2], seed=FIRST_SEED + place)
     rows = []
     for change in CHANGES:
         own = [each for each in found if each[0] is change]

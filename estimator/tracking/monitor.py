@@ -56,9 +56,9 @@ CHANGE_OF_K_B, CHANGE_OF_DAMPING, CHANGE_OF_MASS, CHANGE_OF_GAIN, UNKNOWN_SQUARE
 # The most that one instant adds to the logarithm of a bet: a single wild value is no alarm.
 MOST_OF_ONE = 3.0
 
-# What the tracker's covariance is taken times; gains of sensors against each other, and what they read at rest over the
-# rms.
-LEARNED, GAINS_APART, AT_REST = 4.0, 0.05, 0.1
+# Standard deviations that the tracker's five numbers have at least, whatever it says, as its filter is not linear; what
+# its covariance is taken times; gains of sensors against each other, and what they read at rest over the rms.
+LEAST_DOUBT, LEARNED, GAINS_APART, AT_REST = (0.01, 0.001, 0.1, 0.1, 0.005), 4.0, 0.05, 0.1
 
 # Seconds after the listening in which it is learned how innovations foretell each other, and by how many; seconds after
 # it in which their size is learned, too, and no bet runs; instants that the size is worth at first, and at most.
@@ -77,9 +77,13 @@ WIDTHS_MASS, WIDTH_GAIN, FARTHEST_STEP, LEAST_MASS = (0.1, 0.15, 0.5), 0.5, 0.3,
 # this; then by what the best of them needs, within these seconds, for which a square counts for so much at most.
 DOUBTED, FOLLOWED, LARGEST_SQUARE = 30.0, 0.01, 9.0
 
-# Seconds after which a filter ends that is behind by so much in the logarithm; before which nothing is named; how much
-# more likely than all others a cause is that is named; and the doubt above which it is not.
-KEPT, BEHIND, NAMED_AFTER, SURE, DOUBTFUL = 0.03, 12.0, 0.03, 0.99, 3.0
+# A filter ends that is behind by so much in the logarithm, before and after so many seconds; seconds after which what
+# was likely is forgotten, because the first instants after a change mislead; growth in a second of the variance of a
+# motion over its mean square, for what the model does not have.
+BEHIND_EARLY, BEHIND, KEPT, FORGOTTEN, MODEL_DOUBT = 60.0, 12.0, 0.3, 0.1, 2e-4
+
+# Seconds before which nothing is named; how likely a cause is that is named; and the doubt above which it is not.
+NAMED_AFTER, SURE, DOUBTFUL = 0.03, 0.99, 3.0
 
 # A node carries no mass of note where its modal mass is so many times the least.
 LEAST_MOTION = 1e-4
@@ -297,7 +301,7 @@ class GapMonitor:
         o, apart = self._state, (len(self._nodes) - 1, len(self._nodes))
         rest = [GAINS_APART**2] * apart[0] + [AT_REST**2 * loud] * apart[1]
         o.C = np.diag([*np.zeros(_N), *rest])
-        o.C[:_N, :_N] = C
+        o.C[:_N, :_N] = C + np.diag(np.square(LEAST_DOUBT))
         o.off, o.D = np.zeros(len(self._base)), np.zeros((2 * self._rotor.r, 1 + self._at_rest[-1]))
         m = len(self._numbers)
         o.G, o.tells, o.told = np.zeros((len(self._base), m)), np.zeros(m), self._precision()
@@ -473,9 +477,10 @@ class GapMonitor:
         best = max(o.guesses, key=lambda each: each.log_weight)
         most, seconds = best.log_weight, o.instants * o.step
         for guess in o.guesses:
-            guess.log_weight -= most
-        if seconds > KEPT:
-            o.guesses = [each for each in o.guesses if each.log_weight >= -BEHIND]
+            guess.log_weight = (guess.log_weight - most) * (1 - min(1.0, o.step / FORGOTTEN))
+        if seconds > NAMED_AFTER:
+            behind = BEHIND if seconds > KEPT else BEHIND_EARLY
+            o.guesses = [each for each in o.guesses if each.log_weight >= -behind]
         o.doubt = max(1.0, o.doubt * math.exp((min(best.square, LARGEST_SQUARE) - 1) * min(1.0, o.step / FOLLOWED)))
         cause = self._numbers[best.number].cause
         same = sum(math.exp(g.log_weight) for g in o.guesses if self._numbers[g.number].cause == cause)
@@ -498,6 +503,7 @@ class GapMonitor:
         top, own = W @ guess.P, T[:, n:].sum(axis=1) * doubt
         guess.x = T @ u
         guess.P[:n, :n] = top @ W.T + np.outer(own, own) * self._state.rough
+        guess.P[range(n), range(n)] += MODEL_DOUBT * self._state.step * self._state.power
         guess.P[:n, n] = guess.P[n, :n] = top[:, n]
 
     def _correct(self, guess: _Guess, force: float, read: FloatArray) -> None:

@@ -176,7 +176,10 @@ static double precision(int which)
 /* Watch a machine that is known but for the covariance of its numbers, in C already. */
 static void start_watch(Monitor *s, double loud)
 {
+    static const double least[N_PARAMETERS] = LEAST_DOUBT;
     State *o = &s->now;
+    for (int i = 0; i < N_PARAMETERS; i++)
+        o->C[i * (BASE + 1)] += least[i] * least[i];
     for (int i = N_PARAMETERS; i < BASE; i++) {
         for (int j = 0; j < BASE; j++)
             o->C[i * BASE + j] = o->C[j * BASE + i] = 0;
@@ -467,6 +470,7 @@ static void predict(Monitor *s, int k, const double *forces, double doubt)
             g->P[i * one_more + j] = g->P[j * one_more + i] = both;
         }
         g->P[i * one_more + n] = g->P[n * one_more + i] = top[n];
+        g->P[i * one_more + i] += MODEL_DOUBT * s->now.step * s->now.power[i];
     }
 }
 
@@ -531,12 +535,12 @@ static int most_likely(const State *o)
 }
 
 /* Filters that are far behind end. */
-static void drop(Monitor *s)
+static void drop(Monitor *s, double behind)
 {
     State *o = &s->now;
     int left = 0;
     for (int k = 0; k < (int)o->n; k++) {
-        if (o->guesses[k].log_weight < -BEHIND)
+        if (o->guesses[k].log_weight < -behind)
             continue;
         if (left != k) {
             o->guesses[left] = o->guesses[k];
@@ -557,9 +561,9 @@ static void name(Monitor *s, const double *forces, double doubt, const double *r
     }
     const double most = o->guesses[most_likely(o)].log_weight, seconds = o->instants * o->step;
     for (int k = 0; k < (int)o->n; k++)
-        o->guesses[k].log_weight -= most;
-    if (seconds > KEPT)
-        drop(s);
+        o->guesses[k].log_weight = (o->guesses[k].log_weight - most) * (1 - fmin(1, o->step / FORGOTTEN));
+    if (seconds > NAMED_AFTER)
+        drop(s, seconds > KEPT ? BEHIND : BEHIND_EARLY);
     const Guess *best = o->guesses + most_likely(o);
     const int cause = NUMBER[(int)best->number].cause;
     double same = 0, all = 0;

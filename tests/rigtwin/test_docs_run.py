@@ -40,6 +40,7 @@ LONG = {
     "docs/compare.md",
     "docs/diagnosis.md",
     "docs/modes.md",
+    "docs/monitor.md",
     "docs/reduce.md",
     "docs/tracker.md",
     "docs/tutorial.md",

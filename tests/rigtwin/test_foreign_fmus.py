@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from rigtwin.api import fmus
-from rigtwin.fmu_src.build import TRACKER, build_listener_fmu
+from rigtwin.fmu_src.build import LISTENERS, build_listener_fmu
 from rigtwin.rotor.geometry.rig import load_rig
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_check import STEP, with_slave
@@ -55,21 +55,19 @@ def test_an_fmu_that_was_built_elsewhere_is_not_run_unasked(printing, estimator_
     assert trusted.stdout == run("estimate", *numbers, "--estimator", estimator_fmu).stdout
 
 
-@pytest.mark.parametrize("model", ["estimator", "tracker"])
-def test_an_fmu_that_this_installation_would_build_alike_is_its_own(model, estimator_fmu, tmp_path, monkeypatch):
+@pytest.mark.parametrize("listener", [None, *LISTENERS], ids=lambda each: each.name if each else "StiffnessEstimator")
+def test_an_fmu_that_this_installation_would_build_alike_is_its_own(listener, estimator_fmu, tmp_path, monkeypatch):
     """Where the list of what was built is not there or cannot be written."""
-    fmu = (
-        estimator_fmu
-        if model == "estimator"
-        else build_listener_fmu(TRACKER, load_rig("nit-rourkela"), tmp_path, (2, 4))
-    )
-    make, built = getattr(fmus, f"build_{model}_fmu"), []
+    rig = load_rig("nit-rourkela")
+    fmu = build_listener_fmu(listener, rig, tmp_path, (2, 4)) if listener else estimator_fmu
+    builder = "build_listener_fmu" if listener else "build_estimator_fmu"
+    make, built = getattr(fmus, builder), []
 
     def build(*about: Any) -> Path:
         built.append(make(*about))
         return built[-1]
 
-    monkeypatch.setattr(fmus, f"build_{model}_fmu", build)
+    monkeypatch.setattr(fmus, builder, build)
     (tmp_path / "a file").touch()
     with monkeypatch.context() as without, fmus.host_of(fmu, trust=False):
         assert built == [], "it stands in the list"

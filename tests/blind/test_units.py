@@ -65,6 +65,7 @@ def test_the_copys_rig_responds_as_its_data_are_scaled(copy):
     assert rigs[1].length == LENGTH * rigs[0].length
 
 
+@pytest.mark.long
 def test_back_again_is_what_it_was(originals, copy, tmp_path):
     in_other_units(copy, tmp_path / "back", mass=1 / MASS, length=1 / LENGTH)
     for part in ("measured", "held_out"):

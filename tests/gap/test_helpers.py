@@ -100,6 +100,7 @@ def test_another_process_makes_the_same_nonlinear_search():
     ]
 
 
+@pytest.mark.long
 def test_what_helpers_polish_is_predicted_here_as_there():
     """A candidate's tolerances act as they do at its own numbers, in this process too."""
     problem = problem_of(*both_supports(AttachedMass(mass=0.1, node=4), seed=3))

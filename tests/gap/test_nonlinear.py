@@ -345,6 +345,7 @@ def test_a_gap_is_looked_for_along_its_range(clearance):
         assert found_gap > 1.2e-6 if gap == 1e-5 else found_gap == pytest.approx(gap, rel=0.6)
 
 
+@pytest.mark.long
 def test_a_gap_out_of_reach_has_a_wide_error(clearance):
     gap, problem, law, true = clearance
     (kept,) = _or_vaguer(problem, [robust_fit(problem, law, true, rounds=1)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from rigtwin.gap.diagnose import diagnose
 from rigtwin.rotor.effects import AttachedMass, BearingCubic
 from tests.gap.conftest import all_but, both_supports, campaign_of
@@ -15,6 +17,7 @@ def ended(outcome) -> bool:
     return any(finding.check == "search" and finding.severity == "warning" for finding in outcome.diagnosis.audit)
 
 
+@pytest.mark.long
 def test_a_linear_search_without_time_names_nothing():
     campaign = campaign_of(*both_supports(AttachedMass(mass=0.3, node=4), seed=3))
     hurried, whole = diagnose(campaign, FEW, seconds=0.0), diagnose(campaign, FEW)

@@ -19,11 +19,11 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
     "name",
     [
         "measure_k_b",
-        "own_rotor",
+        pytest.param("own_rotor", marks=pytest.mark.long),
         pytest.param("diagnose_a_campaign", marks=pytest.mark.long),
         "in_libcosim",
         "in_ecos",
-        "as_one_fmu",
+        pytest.param("as_one_fmu", marks=pytest.mark.long),
     ],
 )
 def test_an_example_runs_from_anywhere_and_its_number_holds(name, tmp_path):

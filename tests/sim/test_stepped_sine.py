@@ -145,7 +145,9 @@ def test_the_z_plane_of_a_spinning_shaft_is_measured_in_z(session):
 # -- refinement ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shaft_damping_ratio", [0.0005, 0.001, 0.005])
+@pytest.mark.parametrize(
+    "shaft_damping_ratio", [0.0005, *(pytest.param(z, marks=pytest.mark.long) for z in (0.001, 0.005))]
+)
 @EVERY_CONDITION
 def test_every_resonance_is_resolved(session, rig, shaft_damping_ratio):
     """At least as many lines within |f - f_r| <= zeta f_r as the plan asks for."""

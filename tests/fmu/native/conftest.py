@@ -58,7 +58,13 @@ def estimator3(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build("StiffnessEstimator", "3.0", tmp_path_factory)
 
 
-@pytest.fixture(params=["rotor_fmu", "estimator_fmu", "rotor3", "estimator3"])
+@pytest.fixture(
+    params=[
+        "rotor_fmu",
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("estimator_fmu", "rotor3")),
+        "estimator3",
+    ]
+)
 def any_fmu(request: pytest.FixtureRequest) -> Path:
     """Each of the four in turn."""
     return request.getfixturevalue(request.param)

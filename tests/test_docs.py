@@ -74,6 +74,14 @@ def test_links_between_the_pages_lead_somewhere():
         assert not anchor or anchor in anchors(target), f"{source.name} links to {file}#{anchor}"
 
 
+def test_every_page_stands_in_the_contents_of_the_site():
+    contents = re.findall(
+        r"^```\{toctree\}\n(?::[^\n]*\n)*\n(.*?)^```", (ROOT / "docs" / "index.md").read_text("utf-8"), re.M | re.S
+    )
+    listed = {name.strip() for block in contents for name in block.splitlines() if "/" not in name}
+    assert listed == {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}
+
+
 def test_the_page_of_the_blind_benchmark_is_the_one_of_its_results():
     results = json.loads((ROOT / "docs" / "blind.json").read_text(encoding="utf-8"))
     made = page([from_row(row) for row in results["campaigns"]], results["facts"])

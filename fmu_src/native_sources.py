@@ -138,7 +138,8 @@ def _numbers(rotor: ReducedRotor, nodes: Sequence[int]) -> str:
     """The rest of ``monitor_variables.h``: what can change."""
     can_change = GapMonitor(rotor, nodes, Belief(1e6, 1.0, 1e-3)).can_change
     rows = ", ".join(f"{{{cause}, {column}}}" for cause, column in can_change)
-    return f"#define N_NODES {len(rotor.nodes)}\n#define NUMBERS {{{rows}}}\n#define WALK {WALK}\n"
+    sizes = f"#define COORDINATES {rotor.r}\n#define N_NODES {len(rotor.nodes)}\n"
+    return f"{sizes}#define NUMBERS {{{rows}}}\n#define WALK {WALK}\n"
 
 
 def _with_names(model: Model, sources: dict[str, str]) -> dict[str, str]:

@@ -175,6 +175,30 @@ def test_the_pythonfmu_flavour_is_the_monitor(force, early, tmp_path):
         assert said(session, driven[1], read[1]) == first
 
 
+def test_another_importer_sees_the_same(compiled, force, early):
+    """fmpy's own loop, with the inputs as a table."""
+    driven, read = stream(force, early, SOFTER)
+    columns = {
+        "time": STEP * np.arange(len(read)),
+        "force": driven,
+        READ: read,
+        "k_b": np.full(len(read), BELIEF["k_b"]),
+    }
+    inputs = np.rec.fromarrays(list(columns.values()), names=list(columns))
+    start = {name: value for name, value in BELIEF.items() if name != "k_b"}
+    said_there = fmpy.simulate_fmu(
+        str(compiled),
+        start_values=start,
+        input=inputs,
+        output=["cause", "k_b_found"],
+        stop_time=columns["time"][-1],
+        step_size=STEP,
+        output_interval=STEP,
+    )
+    assert CAUSES[said_there["cause"][-1]] == "k_b"
+    assert said_there["k_b_found"][-1] == pytest.approx(SOFTER["condition"].k_b, rel=0.005)
+
+
 def test_the_causes_are_an_enumeration(compiled):
     variable = {v.name: v for v in fmpy.read_model_description(str(compiled)).modelVariables}["cause"]
     assert variable.type == "Enumeration"

@@ -32,7 +32,7 @@ SECONDS_TO_END = 15.0  # in which workers notice that their command has gone
 SHORT = ("--lines", "12", "--f-max", "60")
 # {made}: what the commands that come before have made; {out}: a folder of its own.
 COMMANDS: dict[str, tuple[str, ...]] = {
-    "build": ("build", "--out", "{out}", "--tracker"),
+    "build": ("build", "--out", "{out}", "--tracker", "--monitor"),
     "build_native": ("build", "--out", "{out}", "--native", "--target", "here"),
     "sweep": ("sweep", "{made}/build/RotorRig.fmu", *SHORT, "--out", "{out}/run.csv"),
     "levels": ("sweep", *SHORT, "--effect", "bearing_cubic", "--levels", "1,2", "--out", "{out}/run.h5"),

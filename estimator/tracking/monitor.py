@@ -17,6 +17,7 @@ with these numbers, which it does not change any more, foretells every accelerat
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -204,6 +205,13 @@ class GapMonitor:
 
     def __init__(self, rotor: ReducedRotor, nodes: Sequence[int], belief: Belief, watching: Watching | None = None):
         self._rotor, self._nodes, self._watching = rotor, [node - 1 for node in nodes], watching or Watching()
+        squares = np.sum(rotor.nodes**2, axis=1)
+        self._scale = 1 / np.maximum(squares, LEAST_MOTION * squares.max())  # modal mass of each node
+        self._numbers = tuple(self._all_numbers())
+        self._base = [*range(_N), *self._gains[1:], *self._at_rest]
+        share = Counter(each.cause for each in self._numbers)
+        kinds = 1 + len(share)
+        self._stakes = np.array([*(1 / (kinds * share[each.cause]) for each in self._numbers), 1 / kinds])
         self._begin(belief)
 
     def step(self, h: float, force: float, accelerations: FloatArray, k_b: float) -> None:
@@ -267,13 +275,6 @@ class GapMonitor:
     def _begin(self, belief: Belief) -> None:
         self._belief, self._state = belief, _State()
         self._tracker = StiffnessTracker(self._rotor, [node + 1 for node in self._nodes], belief)
-        squares = np.sum(self._rotor.nodes**2, axis=1)
-        self._scale = 1 / np.maximum(squares, LEAST_MOTION * squares.max())  # modal mass of each node
-        self._numbers = tuple(self._all_numbers())
-        self._base = [*range(_N), *self._gains[1:], *self._at_rest]
-        share = {cause: sum(each.cause == cause for each in self._numbers) for cause in range(len(CAUSES))}
-        kinds = 1 + sum(count > 0 for count in share.values())
-        self._stakes = np.array([*(1 / (kinds * share[each.cause]) for each in self._numbers), 1 / kinds])
 
     def _all_numbers(self) -> Iterable[_Number]:
         yield _Number(OF_K_B, STIFFNESS, CHANGE_OF_K_B, NEAR_K_B, STARTS_K_B, WIDTHS_K_B)

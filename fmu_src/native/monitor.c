@@ -254,9 +254,9 @@ static void learn_likeness(State *o, int q)
 }
 
 /* An innovation and its derivatives less what those before foretell, as far as that has been learned. */
-static void whiten(State *o, int q, double *row)
+static void whiten(State *o, int q, const double *row, double *white)
 {
-    double *past = o->past + q * ORDER_OF_LIKENESS * ROW, own[ROW];
+    double *past = o->past + q * ORDER_OF_LIKENESS * ROW;
     const double *foretell = o->foretell + q * ORDER_OF_LIKENESS, seconds = o->instants * o->step;
     if (seconds <= COMPARED_FOR) {
         double *likeness = o->likeness + q * (ORDER_OF_LIKENESS + 1);
@@ -271,12 +271,12 @@ static void whiten(State *o, int q, double *row)
             o->worth = WORTH_FIRST;
         }
     }
-    memcpy(own, row, sizeof own);
+    memcpy(white, row, ROW * sizeof *white);
     for (int k = 0; k < ORDER_OF_LIKENESS; k++)
         for (int c = 0; c < ROW; c++)
-            row[c] -= foretell[k] * past[k * ROW + c];
+            white[c] -= foretell[k] * past[k * ROW + c];
     memmove(past + ROW, past, (ORDER_OF_LIKENESS - 1) * ROW * sizeof *past);
-    memcpy(past, own, sizeof own);
+    memcpy(past, row, ROW * sizeof *past);
 }
 
 /* One innovation more for all bets, and for what is not known of the machine. */
@@ -334,7 +334,8 @@ static void foretell(Monitor *s, const double *forces, double doubt, const doubl
 {
     State *o = &s->now;
     enum { n = 2 * COORDINATES, wide = n + FORCES, row = n + 1 }; /* known when this is compiled, which makes it faster */
-    double u[WIDE], own[STATES], column[STATES], v[SEEN], PH[STATES], dy[COLUMNS], white[ROW];
+    double u[WIDE], own[STATES], column[STATES], v[SEEN], PH[STATES], innovation[ROW], white[ROW];
+    double *dy = innovation + 1; /* its derivatives */
     memcpy(u, o->x, (size_t)n * sizeof *u);
     memcpy(u + n, forces, FORCES * sizeof *u);
     for (int c = 0; c < COLUMNS; c++) {
@@ -374,13 +375,10 @@ static void foretell(Monitor *s, const double *forces, double doubt, const doubl
         for (int i = 0; i < n; i++)
             PH[i] = dot(n, o->P + i * n, Y);
         const double variance = dot(n, Y, PH) + o->noise * o->noise;
-        white[0] = off;
-        memcpy(white + 1, dy, sizeof dy);
-        whiten(o, q, white);
+        innovation[0] = off;
+        whiten(o, q, innovation, white);
         bet(s, white[0], variance, white + 1);
-        white[0] = off;
-        memcpy(white + 1, dy, sizeof dy);
-        const double left = left_of(o, white);
+        const double left = left_of(o, innovation);
         o->rough *= 1 + (fmin(left * left / variance / o->rough, LARGEST_SQUARE) - 1) / o->worth;
         const double share = fmin(1, OUTLIER * sqrt(variance * o->rough) / fmax(fabs(off), 1e-300)) / variance;
         for (int i = 0; i < n; i++)

@@ -12,6 +12,7 @@ module                   what it holds
 ``slave``                a pythonfmu slave driven by such a table
 ``rotor_slave``          RotorRig, the rotor as a co-simulation FMU
 ``estimator_slave``      StiffnessEstimator, the network as a co-simulation FMU
+``listening_slave``      what tracker and monitor share as slaves
 ``tracker_slave``        StiffnessTracker, the Kalman filter as a co-simulation FMU
 ``monitor_slave``        GapMonitor, the watch over a machine as a co-simulation FMU
 ``staging``              bundles sources under names no host can own

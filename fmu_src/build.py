@@ -87,6 +87,7 @@ ESTIMATOR_FMU = "StiffnessEstimator.fmu"
 
 # What the tracker needs at run time.
 _TRACKER_MODULES = (
+    "rigtwin.fmu_src.listening_slave",
     "rigtwin.estimator.intervals",
     "rigtwin.estimator.tracking.reduced_rotor",
     "rigtwin.estimator.tracking.tracker",

@@ -3,38 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rigtwin.estimator.tracking.monitor import CAUSES, Watching
 from rigtwin.estimator.tracking.monitor import GapMonitor as Monitor
-from rigtwin.estimator.tracking.reduced_rotor import from_arrays
 from rigtwin.estimator.tracking.tracker import Belief
+from rigtwin.fmu_src.listening_slave import ListeningSlave
 from rigtwin.fmu_src.monitor_variables import MONITOR_MEANING, WALK, monitor_variables
-from rigtwin.fmu_src.slave import TableSlave, read_manifest
-from rigtwin.fmu_src.tracker_variables import TRACKER_TOLERANCE, TrackerFacts
 from rigtwin.fmu_src.variables import Variable
 
 
-class GapMonitor(TableSlave):
+class GapMonitor(ListeningSlave):
     """Force, accelerations and believed k_b in, instant by instant; what has changed out."""
 
     def __init__(self, **kwargs: Any):
-        resources = Path(kwargs["resources"])
-        with np.load(resources / "reduced.npz", allow_pickle=False) as arrays:
-            self._rotor = from_arrays(arrays)
-        facts = TrackerFacts(**read_manifest(resources)["facts"])
-        super().__init__(
-            monitor_variables(facts),
-            description=MONITOR_MEANING,
-            step_size=facts.step,
-            tolerance=TRACKER_TOLERANCE,
-            **kwargs,
-        )
-        self._nodes = tuple(facts.nodes)
-        self._inputs = [v.name for v in self._table if v.causality == "input"]
+        super().__init__(monitor_variables, MONITOR_MEANING, **kwargs)
         self._monitor = self._new()
 
     def accept_settings(self, changed: Sequence[Variable]) -> None:
@@ -68,16 +53,4 @@ class GapMonitor(TableSlave):
         return Watching(alarm_every=self.value("alarm_every"), learning=self.value("learning_time"))
 
     def _belief(self) -> Belief:
-        return Belief(
-            k_b=self.value("k_b"),
-            bearing_damping=self.value("bearing_damping"),
-            shaft_damping_ratio=self.value("shaft_damping_ratio"),
-            k_b_std=self.value("k_b_std"),
-            disk_mass_std=self.value("disk_mass_std"),
-            bearing_damping_std=self.value("bearing_damping_std"),
-            shaft_damping_std=self.value("shaft_damping_std"),
-            gain_std=self.value("gain_std"),
-            walk=WALK,
-            acceleration_std=self.value("acceleration_std"),
-            driven_node=self.value("excitation_node"),
-        )
+        return self._believed(k_b="k_b", k_b_std="k_b_std", walk=WALK)

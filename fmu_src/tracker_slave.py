@@ -3,43 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rigtwin.estimator.tracking.reduced_rotor import from_arrays
 from rigtwin.estimator.tracking.tracker import Belief
 from rigtwin.estimator.tracking.tracker import StiffnessTracker as Tracker
-from rigtwin.fmu_src.slave import TableSlave, read_manifest
-from rigtwin.fmu_src.tracker_variables import (
-    KALMAN_FILTER,
-    NO_NETWORK,
-    TRACKER_MEANING,
-    TRACKER_TOLERANCE,
-    TrackerFacts,
-    tracker_variables,
-)
+from rigtwin.fmu_src.listening_slave import ListeningSlave
+from rigtwin.fmu_src.tracker_variables import KALMAN_FILTER, NO_NETWORK, TRACKER_MEANING, tracker_variables
 from rigtwin.fmu_src.variables import Variable
 
 
-class StiffnessTracker(TableSlave):
+class StiffnessTracker(ListeningSlave):
     """Force and accelerations in, instant by instant; bearing stiffness with its interval out."""
 
     def __init__(self, **kwargs: Any):
-        resources = Path(kwargs["resources"])
-        with np.load(resources / "reduced.npz", allow_pickle=False) as arrays:
-            self._rotor = from_arrays(arrays)
-        facts = TrackerFacts(**read_manifest(resources)["facts"])
-        super().__init__(
-            tracker_variables(facts),
-            description=TRACKER_MEANING,
-            step_size=facts.step,
-            tolerance=TRACKER_TOLERANCE,
-            **kwargs,
-        )
-        self._nodes = tuple(facts.nodes)
-        self._inputs = [v.name for v in self._table if v.causality == "input"]
+        super().__init__(tracker_variables, TRACKER_MEANING, **kwargs)
         self._tracker = Tracker(self._rotor, self._nodes, self._belief())
 
     def accept_settings(self, changed: Sequence[Variable]) -> None:
@@ -68,16 +47,4 @@ class StiffnessTracker(TableSlave):
         self._tracker.restore(self._belief(), state)
 
     def _belief(self) -> Belief:
-        return Belief(
-            k_b=self.value("k_b_start"),
-            bearing_damping=self.value("bearing_damping"),
-            shaft_damping_ratio=self.value("shaft_damping_ratio"),
-            k_b_std=self.value("k_b_start_std"),
-            disk_mass_std=self.value("disk_mass_std"),
-            bearing_damping_std=self.value("bearing_damping_std"),
-            shaft_damping_std=self.value("shaft_damping_std"),
-            gain_std=self.value("gain_std"),
-            walk=self.value("k_b_change"),
-            acceleration_std=self.value("acceleration_std"),
-            driven_node=self.value("excitation_node"),
-        )
+        return self._believed(k_b="k_b_start", k_b_std="k_b_start_std", walk=self.value("k_b_change"))

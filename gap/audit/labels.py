@@ -30,7 +30,8 @@ class LabelLimits:
     distance: float = 0.1  # at which a run's own names are no longer believed, ...
     share: float = 0.5  # ... where others leave this share of it or less
     channels: int = 3  # fewer say nothing of their names
-    lines: int = 20  # fewer say nothing at all
+    lines: int = 20  # fewer say nothing at all,
+    band: float = 1.2  # nor do lines round one resonance, highest over lowest: where a gap moves it, all of them change
     other_range: float = 3.0  # factor to the other channels from which a channel's range differs; gaps reach 2
     range_error: float = 0.05  # of the factor's logarithm beside a known one
     above: float = 0.02  # relative difference by which a first resonance is above another, ...
@@ -115,10 +116,12 @@ def _check_size(p: CheckedRun, factor: float, distance: float, geometry: Geometr
 
 
 def _telling_places(p: CheckedRun, geometry: Geometry) -> list[int]:
-    """Live channels along the exciter that move and carry the rotor; none where the lines are too few."""
+    """Live channels along the exciter that move and carry the rotor; none where the lines are too few or all close."""
+    if len(p.f) < _LIMITS.lines or p.f[-1] < _LIMITS.band * p.f[0]:
+        return []
     moving = geometry.moving_nodes(p.run)
     places = [i for i, c in enumerate(p.channels) if c.plane == p.run.excitation_plane and c.node in moving]
-    return [i for i in places if not is_only_noise(p.noise, p.live[i])] if len(p.f) >= _LIMITS.lines else []
+    return [i for i in places if not is_only_noise(p.noise, p.live[i])]
 
 
 def _in_other_quantities(p: CheckedRun) -> Iterator[tuple[CheckedRun, str, str]]:

@@ -65,7 +65,8 @@ def rough(problem: Problem, hypothesis: Hypothesis, u: FloatArray, steps: int) -
         parts = [compare(problem, observed, m) for observed, m in zip(problem.observed, modals, strict=True)]
         return soften(np.concatenate(parts))
 
-    return minimise(residual, u, hypothesis.ends, hypothesis.log, problem.with_k_b, steps if seconds_left() > 0 else 0)
+    steps = steps if seconds_left() > 0 else 0
+    return minimise(residual, u, problem.ends(hypothesis), hypothesis.log, problem.with_k_b, steps)
 
 
 def shows_resonances(problem: Problem, hypothesis: Hypothesis) -> bool:
@@ -229,7 +230,7 @@ class _Descent:
 
     def _step(self, at: _Point, before: float) -> tuple[FloatArray, FloatArray, float] | None:
         """A point of a lower cost, and its cost; None where no damping leads to one."""
-        n_u, ends = len(at.u), self.hypothesis.ends
+        n_u, ends = len(at.u), self.problem.ends(self.hypothesis)
         A, g = at.hessian.copy(), at.gradient.copy()
         A[range(n_u, len(A)), range(n_u, len(A))] += self.prior
         g[n_u:] -= self.prior * at.nu
@@ -270,7 +271,7 @@ def learn(problem: Problem, hypothesis: Hypothesis, at: _Point, std: FloatArray)
         1/2 sum h^2 / (l + 1/sigma^2) - 1/2 sum ln(l + 1/sigma^2) - n ln sigma + the logarithm of its prior.
     """
     std, n_u = std.copy(), len(at.u)
-    stays = held(problem, at.u, at.gradient[:n_u], hypothesis.ends)
+    stays = held(problem, at.u, at.gradient[:n_u], problem.ends(hypothesis))
     width = np.ptp(hypothesis.ends, axis=1)
     for each in problem.nuisances.learned:
         prior = np.concatenate([2 * np.pi / width**2, 1 / std**2])
@@ -356,8 +357,8 @@ def _step_aside(problem: Problem, hypothesis: Hypothesis, u: FloatArray, j: int)
     """A small step of one coordinate, into the range, and the models there; 0 where it has none."""
     if j == 0 and not problem.with_k_b:
         return 0.0, []
-    low, high = hypothesis.ends[j]
-    step = hypothesis.coordinates[j].step * (high - low)
+    high = problem.ends(hypothesis)[j, 1]
+    step = hypothesis.coordinates[j].step * float(np.ptp(hypothesis.ends[j]))
     if u[j] + step > high:
         step = -step
     v = u.copy()

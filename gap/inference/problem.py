@@ -74,6 +74,10 @@ class Problem:
         """What a helper in another process needs: all but what is remembered."""
         return {**self.__dict__, "_memory": {}}
 
+    def ends(self, hypothesis: Hypothesis) -> FloatArray:
+        """(1 + n_free, 2) ranges of a candidate's coordinates; that of k_b is this rig's own."""
+        return np.vstack([np.log(self.forward.workshop.k_b), hypothesis.ends[1:]])
+
     def at_fit(self, fit: Fit) -> Problem:
         """The same with a model that is exact at the tolerances of a fit.
 

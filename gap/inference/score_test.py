@@ -58,7 +58,7 @@ class Score:
             for observed, H in zip(problem.observed, self._model, strict=True)
         ]
         gradient = self._gradient()
-        held = problem.held(fit.u, gradient[: len(fit.u)], fit.hypothesis.ends)
+        held = problem.held(fit.u, gradient[: len(fit.u)], problem.ends(fit.hypothesis))
         # Of these slopes, not of those that the fit ended with: a gain is a share of the misfit, whatever was fitted.
         self._covariance = replace(fit, precision=curvature(parts, len(gradient))).covariance(held=held)
         self._prior_precision = np.append(np.zeros(len(fit.u)), 1 / fit.prior_std**2)

@@ -94,6 +94,15 @@ class Workshop:
         """Of the rig as drawn."""
         return scale_of(self.anchor(np.zeros(len(self.tolerances))).structure)
 
+    @cached_property
+    def k_b(self) -> tuple[float, float]:
+        """Range of the bearing stiffness [N/m]: what the rig file states, else what suits the rig."""
+        stated, (low, high) = self.rig.k_b.model_fields_set, self.scale.k_b
+        return (
+            self.rig.k_b.min_N_per_m if "min_N_per_m" in stated else low,
+            self.rig.k_b.max_N_per_m if "max_N_per_m" in stated else high,
+        )
+
     def rig_at(self, values: FloatArray) -> Rig:
         """The rig with tolerances (n_tolerances,); dampings are no part of it."""
         rig = self.rig

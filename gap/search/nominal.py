@@ -10,7 +10,6 @@ import numpy as np
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import NOMINAL
 from rigtwin.gap.inference.problem import Problem
-from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.rotor.model.condition import Condition
 
 
@@ -48,7 +47,7 @@ def _nominal(problem: Problem) -> Fit:
     """The nominal model near its best, from wherever."""
     if not problem.with_k_b:
         return problem.fit(NOMINAL, np.array([np.log(Condition.k_b)]))
-    starts = np.geomspace(*scale_of(problem.forward.structure).k_b, NOMINAL_FITS.starts)
+    starts = np.geomspace(*problem.forward.workshop.k_b, NOMINAL_FITS.starts)
     few = problem.thinned(NOMINAL_FITS.every)
     rough = [few.rough(NOMINAL, np.array([np.log(start)]), NOMINAL_FITS.steps) for start in starts]
     best = min(rough, key=itemgetter(1))[0]

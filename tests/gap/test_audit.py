@@ -566,6 +566,14 @@ def test_the_drive_point_tells_its_sign_without_low_lines():
     assert len(troubles(audit(in_campaign(turned)), "sign")) == 1
 
 
+def test_a_band_round_one_resonance_says_nothing_of_units_and_names():
+    """There a rotor that is 3 % stiffer than drawn has a tenth of the response, and another shape."""
+    (mode, *_) = damped_modes(build_system(STRUCTURE, RIGID)).frequency_hz
+    lines = mode * np.linspace(0.98, 1.02, 41)
+    stiffer = measure(RIGID, lines, drift=-0.03)
+    assert not [f for f in audit(in_campaign(stiffer)) if f.check in ("labels", "units")]
+
+
 @pytest.mark.parametrize("condition", [RIGID, BEARING])
 def test_units_of_g_are_found(condition):
     run = measure(condition)

@@ -13,10 +13,11 @@ from rigtwin.gap.answer.calibration import calibration_of
 from rigtwin.gap.document import Diagnosis
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import Forward
+from rigtwin.gap.model.workshop import Workshop
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.geometry.rig import BearingStiffness, load_rig
 from tests.gap.conftest import (
     BELIEF,
     CHANNELS,
@@ -72,6 +73,25 @@ def test_the_posterior_holds_the_true_modulus_and_is_narrower_than_the_prior(err
     assert abs(modulus.posterior.value - (1 + error) * MODULUS) < 3 * modulus.posterior.std
     assert modulus.posterior.std < modulus.prior.std / 2
     assert abs(modulus.posterior.value / MODULUS - 1) > abs(error) / 2
+
+
+@pytest.mark.parametrize("end", ["min_N_per_m", "max_N_per_m"])
+def test_a_stated_end_of_the_range_of_k_b_is_not_passed(end):
+    """The bearings are softer, or stiffer, than the rig file allows."""
+    low, high = (2 * K_B, 1e12) if end == "min_N_per_m" else (1e4, K_B / 2)
+    rig = load_rig(RIG)
+    stated = BearingStiffness(start_N_per_m=(low * high) ** 0.5, min_N_per_m=low, max_N_per_m=high)
+    runs = measured(0.0, supports=("bearing",))
+    own = Workshop(rig.model_copy(update={"k_b": stated}), OF_A_WORKSHOP, ELEMENTS, ELEMENTS)
+    problem = Problem(Forward(own), problem_of(*runs).observed)
+    assert_allclose(recalibrate(problem).k_b, getattr(stated, end), rtol=1e-9)
+
+
+def test_where_the_rig_file_states_no_range_k_b_suits_the_rig():
+    rig = load_rig(RIG)
+    free = Workshop(rig.model_copy(update={"k_b": BearingStiffness()}), OF_A_WORKSHOP, ELEMENTS, ELEMENTS)
+    assert free.k_b == free.scale.k_b
+    assert workshop(OF_A_WORKSHOP).k_b == (rig.k_b.min_N_per_m, rig.k_b.max_N_per_m)
 
 
 def test_what_the_data_do_not_tell_stays_as_it_was_known():

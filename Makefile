@@ -5,7 +5,7 @@
 # make lint   ruff and pyright
 # make docs   the pages as a site in build/docs; the tutorial runs meanwhile; two minutes
 # make benchmark-blind   docs/blind.md: the diagnosis on 620 sealed campaigns; hours, goes on where it was stopped
-# make benchmark-real-rigs   docs/real-rigs.md: the same on 200 campaigns of three rotors that are known as a workshop knows them
+# make benchmark-real-rigs   docs/real-rigs.md: the same on 72 campaigns of three rotors that are known as a workshop knows them
 # make native  the FMUs without Python inside, FMI 2.0 and 3.0, for five platforms, in dist/fmi2 and dist/fmi3
 # make fmus, train   the FMUs alone; the estimator's network anew
 # make benchmark-scaled-rigs   docs/scaled-rigs.md: the same rigs in other units have the same answers; half an hour
@@ -133,7 +133,7 @@ benchmark-blind: $(VENV)/installed
 	$(VENV)/bin/rigtwin blind W2 W3 W4 W5 W6 W7 W8 --split report --seed $(BLIND_SEED) --count 60 --out runs/blind --page docs/blind.md
 
 benchmark-real-rigs: $(VENV)/installed
-	$(VENV)/bin/rigtwin blind W9 --split report --seed $(BLIND_SEED) --count 200 --out runs/blind --page docs/real-rigs.md
+	$(VENV)/bin/rigtwin blind W9 --split report --seed $(BLIND_SEED) --count 72 --out runs/blind --page docs/real-rigs.md
 
 benchmark-scaled-rigs: $(VENV)/installed
 	$(PYTHON) -m benchmarks.scaled_rigs

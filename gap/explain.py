@@ -198,7 +198,7 @@ def _finish(task: Task, found: Search, *, with_pairs: bool = True) -> tuple[Prob
         task.clock.lap("pairs")
     finer = problem.made(refined=True)
     with seconds_to_work(max(seconds_left(), _CLOSING)):
-        return finer, polish_leaders(finer, fits, reach(fits[0]))
+        return finer, polish_leaders(finer, fits, reach(fits[0])) or fits
 
 
 def _bend_where_it_helps(task: Task, found: Search) -> tuple[Search, bool]:

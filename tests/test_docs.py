@@ -82,10 +82,11 @@ def test_every_page_stands_in_the_contents_of_the_site():
     assert listed == {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}
 
 
-def test_the_page_of_the_blind_benchmark_is_the_one_of_its_results():
-    results = json.loads((ROOT / "docs" / "blind.json").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("name", ["blind", "real-rigs"])
+def test_the_page_of_the_blind_benchmark_is_the_one_of_its_results(name):
+    results = json.loads((ROOT / "docs" / f"{name}.json").read_text(encoding="utf-8"))
     made = page([from_row(row) for row in results["campaigns"]], results["facts"])
-    assert made == (ROOT / "docs" / "blind.md").read_text(encoding="utf-8")
+    assert made == (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
 
 
 def test_the_page_of_thresholds_is_printed_from_them():

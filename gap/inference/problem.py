@@ -93,6 +93,10 @@ class Problem:
         there.bend(fit)
         return there
 
+    def has_model(self, fit: Fit) -> bool:
+        """Whether a fit's rotor exists at its own tolerances: far from the anchor, the first order leads anywhere."""
+        return self.at_fit(fit).try_modals(fit.hypothesis, fit.u) is not None
+
     def on_rotor_with(self, effects: Sequence[Effect]) -> Problem:
         """The same with a model on a rotor that has these effects, whatever a candidate adds."""
         return self._like(forward=self.forward.on_rotor_with(effects))

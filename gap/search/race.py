@@ -87,7 +87,7 @@ def race(problem: Problem, starts: Sequence[Start], stages: Sequence[Stage], pro
     fits = _round(first, each(partial(fitted, problem, first), starts), starts, progress)
     for stage in further:
         fits = _round(stage, each(partial(_fitted_on, problem, stage), fits), fits, progress)
-    fits = _of_each(fits, 1)
+    fits = [fit for fit in _of_each(fits, 1) if problem.has_model(fit)]
     return polish_leaders(problem, fits, NOMINAL_FITS.near * fits[0].n_data) if fits else []
 
 
@@ -159,8 +159,8 @@ def polish(problem: Problem, fit: Fit) -> Fit:
 
 
 def polish_all(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """Several candidates, each fitted on."""
-    return list(each(partial(polish, problem), fits))
+    """Several candidates, each fitted on; without those that have no model where they end."""
+    return [fit for fit in each(partial(polish, problem), fits) if problem.has_model(fit)]
 
 
 def first_of_each(items: Iterable[T], key: Callable[[T], Hashable], count: int = 1) -> list[T]:

@@ -552,6 +552,17 @@ def test_a_single_effect_leaves_the_bends_of_a_better_pair(pair_first):
     assert problem.at_fit(best).cost(best.hypothesis, best.u, best.nu) == pytest.approx(best.cost, rel=1e-3)
 
 
+def test_a_fit_without_a_model_at_its_own_tolerances_is_dropped():
+    """The first order leads anywhere: here to a shaft that is 1e26 times as stiff."""
+    problem = problem_of(*both_supports(AttachedMass(mass=0.1, node=3)))
+    fit = recalibrate(problem)
+    nu = fit.nu.copy()
+    nu[problem.nuisances.tolerance.start + problem.forward.workshop.names.index("modulus")] = 60
+    lost = replace(fit, nu=nu)
+    assert (problem.has_model(fit), problem.has_model(lost)) == (True, False)
+    assert [made.hypothesis for made in polish_all(problem, [lost, fit])] == [fit.hypothesis]
+
+
 def test_rigid_runs_alone_are_a_problem_of_their_own():
     problem = problem_with()
     assert [run.support for run in problem.only("rigid").runs] == ["rigid"]

@@ -353,7 +353,7 @@ def test_the_regime_is_that_of_all_causes_that_are_answered():
     assert _regime((gain, mass), (bent,)) == "amplitude_dependent"
 
 
-@pytest.mark.parametrize("magnitude", [False, True])
+@pytest.mark.parametrize("magnitude", [pytest.param(False, marks=pytest.mark.long), True])
 def test_what_the_nominal_model_leaves_of_its_own_rig_is_noise(magnitude):
     """The same with given errors and with errors by the lines' own scatter."""
     fine = np.unique(np.r_[np.linspace(20.0, 400.0, 800), lines("bearing")])

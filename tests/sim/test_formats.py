@@ -636,28 +636,31 @@ def test_one_channel_may_be_a_vector(tmp_path, name, save):
     np.testing.assert_array_equal(read_run(tmp_path / name, support="rigid").H, [[1 + 1j], [2]])
 
 
+WRONG = [
+    ({"Std": np.ones((2, 2))}, "unknown variable 'Std'; save only frequency_Hz, H, node, std, coherence, force_N"),
+    (
+        {"H": np.ones((3, 2)) * 1j},
+        r"variable 'H' has shape \(3, 2\), expected \(2, 2\): a row for each of frequency_Hz",
+    ),
+    ({"std": np.ones((2, 3))}, r"variable 'std' has shape \(2, 3\), expected \(2, 2\)"),
+    ({"std": np.ones((2, 2)) * 1j}, "variable 'std' is complex; it must be real"),
+    ({"std": -np.ones((2, 2))}, r"std of node2 at 95\.0 Hz is negative"),
+    ({"H": np.array([[1, 2], [3, np.nan]]) + 0j}, r"H of node3 at 96\.0 Hz is not a finite number"),
+    ({"H": -np.ones((2, 2))}, r"H of node2 at 95\.0 Hz is no magnitude; give numbers that are not negative"),
+    ({"H": "none"}, "variable 'H' holds no numbers"),
+    ({"node": [2.5, 3]}, "variable 'node' must hold each channel's node, whole numbers from 1"),
+    ({"node": [np.inf, 3]}, "variable 'node' must hold each channel's node, whole numbers from 1"),
+    ({"node": [3, 3]}, r"channels are \[node3, node3\]"),
+    ({"plane": "y"}, "variable 'plane' is 'y'; it must be a text of 2 letters"),
+    ({"frequency_Hz": np.array([95.0, 95.0])}, r"frequency 2 of 2 is .*95\.0.* Hz; frequencies must be positive"),
+    ({"support": "loose"}, "support: Input should be 'rigid' or 'bearing'"),
+]
+
+
 @SAVERS
 @pytest.mark.parametrize(
     ("changes", "problem"),
-    [
-        ({"Std": np.ones((2, 2))}, "unknown variable 'Std'; save only frequency_Hz, H, node, std, coherence, force_N"),
-        (
-            {"H": np.ones((3, 2)) * 1j},
-            r"variable 'H' has shape \(3, 2\), expected \(2, 2\): a row for each of frequency_Hz",
-        ),
-        ({"std": np.ones((2, 3))}, r"variable 'std' has shape \(2, 3\), expected \(2, 2\)"),
-        ({"std": np.ones((2, 2)) * 1j}, "variable 'std' is complex; it must be real"),
-        ({"std": -np.ones((2, 2))}, r"std of node2 at 95\.0 Hz is negative"),
-        ({"H": np.array([[1, 2], [3, np.nan]]) + 0j}, r"H of node3 at 96\.0 Hz is not a finite number"),
-        ({"H": -np.ones((2, 2))}, r"H of node2 at 95\.0 Hz is no magnitude; give numbers that are not negative"),
-        ({"H": "none"}, "variable 'H' holds no numbers"),
-        ({"node": [2.5, 3]}, "variable 'node' must hold each channel's node, whole numbers from 1"),
-        ({"node": [np.inf, 3]}, "variable 'node' must hold each channel's node, whole numbers from 1"),
-        ({"node": [3, 3]}, r"channels are \[node3, node3\]"),
-        ({"plane": "y"}, "variable 'plane' is 'y'; it must be a text of 2 letters"),
-        ({"frequency_Hz": np.array([95.0, 95.0])}, r"frequency 2 of 2 is .*95\.0.* Hz; frequencies must be positive"),
-        ({"support": "loose"}, "support: Input should be 'rigid' or 'bearing'"),
-    ],
+    [pytest.param(*each, marks=pytest.mark.long) if k % 2 else each for k, each in enumerate(WRONG)],
 )
 def test_a_wrong_variable_is_refused_by_name(tmp_path, name, save, changes, problem):
     save(tmp_path / name, arrays(**changes))

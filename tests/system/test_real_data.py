@@ -10,7 +10,7 @@ import scipy.io
 
 from benchmarks.real_data import __main__ as command
 from benchmarks.real_data import bolted_beam, diagnosing
-from benchmarks.real_data.bolted_beam import BOLTED_BEAM, JOINT_RIG, LAP_RIG, MAT, jointed
+from benchmarks.real_data.bolted_beam import BOLTED_BEAM, MAT, RIG, jointed
 from benchmarks.real_data.cantilever import CANTILEVER
 from benchmarks.real_data.data_set import MissingDataError, nrmse, scatter
 from benchmarks.real_data.diagnosing import Judged, judged
@@ -54,9 +54,8 @@ def beam(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("rig", [LAP_RIG, JOINT_RIG], ids=["lap", "joint"])
-def test_both_rigs_of_the_bolted_beam_have_the_first_mode_where_small_motions_have_it(rig):
-    system = build_system(assemble(parse_rig(rig)), Condition(k_b=500.0)).in_plane(1)
+def test_the_rig_of_the_bolted_beam_has_the_first_mode_where_small_motions_have_it():
+    system = build_system(assemble(parse_rig(RIG)), Condition(k_b=500.0)).in_plane(1)
     elastic = system.modes.omega[system.modes.omega > 2 * np.pi * 20]
     assert elastic[0] / (2 * np.pi) == pytest.approx(80.5, abs=0.05)
 

@@ -35,7 +35,7 @@ def minimise(
     if r is None:
         return x, np.inf
     mu = 1e-2
-    moving = [j for j in range(len(x)) if j or with_k_b]
+    moving = [j for j in range(len(x)) if scales[j] > 0 and (j or with_k_b)]
     for _ in range(steps):
         J = np.zeros((len(r), len(x)))
         for j in moving:

@@ -340,7 +340,8 @@ def linear_parts(
     modals = problem.try_modals(hypothesis, u)
     if modals is None:
         return None
-    moved = [_step_aside(problem, hypothesis, u, j) for j in range(len(u))]
+    ends = problem.ends(hypothesis)
+    moved = [_step_aside(problem, hypothesis, u, j, ends[j, 1]) for j in range(len(u))]
     error = problem.total_error(added)
     return [_slopes(problem, r, modal, moved, nu, error) for r, modal in enumerate(modals)]
 
@@ -353,12 +354,12 @@ def curvature(parts: Sequence[Slopes], n: int) -> FloatArray:
     return total
 
 
-def _step_aside(problem: Problem, hypothesis: Hypothesis, u: FloatArray, j: int) -> Moved:
-    """A small step of one coordinate, into the range, and the models there; 0 where it has none."""
+def _step_aside(problem: Problem, hypothesis: Hypothesis, u: FloatArray, j: int, high: float) -> Moved:
+    """A small step of one coordinate, not beyond its high end, and the models there; 0 where it has none."""
     if j == 0 and not problem.with_k_b:
         return 0.0, []
-    high = problem.ends(hypothesis)[j, 1]
-    step = hypothesis.coordinates[j].step * float(np.ptp(hypothesis.ends[j]))
+    free = hypothesis.coordinates[j]
+    step = free.step * (free.ends[1] - free.ends[0])
     if u[j] + step > high:
         step = -step
     v = u.copy()

@@ -17,7 +17,7 @@ import numpy as np
 
 from rigtwin.rotor.effects.scale import RigScale, scale_of
 from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import BearingStiffness, Rig
+from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import NominalBelief
@@ -96,16 +96,8 @@ class Workshop:
 
     @cached_property
     def k_b(self) -> tuple[float, float]:
-        """Range of the bearing stiffness [N/m]: what suits the rig, and no further than its file allows.
-
-        An end that is the format's default says nothing of this rig.
-        """
-        stated, default = self.rig.k_b, BearingStiffness()
-        low, high = self.scale.k_b
-        return (
-            low if stated.min_N_per_m == default.min_N_per_m else stated.min_N_per_m,
-            high if stated.max_N_per_m == default.max_N_per_m else stated.max_N_per_m,
-        )
+        """Range of the bearing stiffness [N/m]: what suits the rig, and no further than its file allows."""
+        return self.rig.k_b.limit(*self.scale.k_b)
 
     def rig_at(self, values: FloatArray) -> Rig:
         """The rig with tolerances (n_tolerances,); dampings are no part of it."""

@@ -336,6 +336,18 @@ class BearingStiffness(_Table):
             raise ValueError("need min_N_per_m <= start_N_per_m <= max_N_per_m")
         return self
 
+    def limit(self, low: float, high: float) -> tuple[float, float]:
+        """A range of k_b [N/m] that ends where this one does; an end that is the format's default says nothing.
+
+        >>> BearingStiffness(max_N_per_m=2e7).limit(1.0, 1e14)
+        (1.0, 20000000.0)
+        """
+        unsaid = {name: field.default for name, field in type(self).model_fields.items()}
+        return (
+            low if self.min_N_per_m == unsaid["min_N_per_m"] else self.min_N_per_m,
+            high if self.max_N_per_m == unsaid["max_N_per_m"] else self.max_N_per_m,
+        )
+
 
 class Rig(_Table):
     """A rig as written in its TOML file; lengths in m, nodes counted from 1."""

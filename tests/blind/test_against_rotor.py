@@ -23,6 +23,7 @@ from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_model
+from tests.repetitions import every_second_is_long
 
 RIG = read_rig("nit-rourkela")
 STRUCTURE = assemble(load_rig("nit-rourkela"), elements_between_nodes=16)
@@ -90,9 +91,7 @@ def test_two_halves_of_a_collar_are_an_attached_mass_of_some_width(node, rigid):
         assert error < 1e-3 if same else error > 1e-2
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long) if k % 2 else name for k, name in enumerate(NONLINEAR)]
-)
+@pytest.mark.parametrize("name", every_second_is_long(NONLINEAR))
 def test_nonlinear_effects_agree_along_an_upward_sweep(name):
     rng = np.random.default_rng(5)
     setting = Setting(False, log_uniform(rng, 3e5, 5e6), rng.uniform(5, 50), rng.uniform(1e-3, 3e-3))

@@ -33,6 +33,7 @@ from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.rotor.model.system import undamped_modes
 from rigtwin.sim.campaign import Campaign, Channel, NominalBelief, PeakList, Run
+from tests.repetitions import every_second_is_long
 
 RIG = "nit-rourkela"
 OWN_ROTOR = str(Path(__file__).parents[2] / "examples/own_rotor.toml")
@@ -725,11 +726,7 @@ LINEAR = [effect for effect in EFFECTS.values() if effect.family not in ("nonlin
 
 
 @pytest.mark.parametrize("end", [pytest.param("low", marks=pytest.mark.long), "high"])
-@pytest.mark.parametrize(
-    "effect",
-    [pytest.param(effect, marks=pytest.mark.long) if k % 2 else effect for k, effect in enumerate(LINEAR)],
-    ids=lambda effect: effect.id,
-)
+@pytest.mark.parametrize("effect", every_second_is_long(LINEAR), ids=lambda effect: effect.id)
 @pytest.mark.parametrize("node", [4, *(pytest.param(node, marks=pytest.mark.long) for node in (2, 6))])
 def test_no_linear_effect_passes_for_a_wrong_name(effect, end, node):
     ends = {name: SCALE.ends(role) for name, role in effect.parameters().items() if not role.form}

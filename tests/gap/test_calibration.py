@@ -75,10 +75,12 @@ def test_the_posterior_holds_the_true_modulus_and_is_narrower_than_the_prior(err
     assert abs(modulus.posterior.value / MODULUS - 1) > abs(error) / 2
 
 
-@pytest.mark.parametrize("end", ["min_N_per_m", "max_N_per_m"])
-def test_a_stated_end_of_the_range_of_k_b_is_not_passed(end):
-    """The bearings are softer or stiffer than the rig file allows."""
-    low, high = (2 * K_B, 1e9) if end == "min_N_per_m" else (1e5, K_B / 2)
+@pytest.mark.parametrize(
+    ("low", "high", "end"),
+    [(2 * K_B, 1e9, "min_N_per_m"), (1e5, K_B / 2, "max_N_per_m"), (2 * K_B, 2 * K_B, "start_N_per_m")],
+)
+def test_a_stated_end_of_the_range_of_k_b_is_not_passed(low, high, end):
+    """The bearings are softer or stiffer than the rig file allows, or it allows one stiffness only."""
     rig = load_rig(RIG)
     stated = BearingStiffness(start_N_per_m=(low * high) ** 0.5, min_N_per_m=low, max_N_per_m=high)
     runs = measured(0.0, supports=("bearing",))

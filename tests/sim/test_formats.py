@@ -19,6 +19,7 @@ from hypothesis import given, settings
 from rigtwin.sim.campaign import Channel, MeasurementError
 from rigtwin.sim.formats import SUFFIXES, read_run, write_run
 from rigtwin.sim.formats.settings import settings_of
+from tests.repetitions import every_second_is_long
 from tests.sim.recorded import a_run, assert_same_run, runs
 
 FEW = settings(max_examples=40, deadline=None)
@@ -658,10 +659,7 @@ WRONG = [
 
 
 @SAVERS
-@pytest.mark.parametrize(
-    ("changes", "problem"),
-    [pytest.param(*each, marks=pytest.mark.long) if k % 2 else each for k, each in enumerate(WRONG)],
-)
+@pytest.mark.parametrize(("changes", "problem"), every_second_is_long(WRONG))
 def test_a_wrong_variable_is_refused_by_name(tmp_path, name, save, changes, problem):
     save(tmp_path / name, arrays(**changes))
     with pytest.raises(MeasurementError, match=rf"{name}: {problem}"):

@@ -36,7 +36,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test test-long lint docs fmus native elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-intervals benchmark-tracker benchmark-monitor benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint docs fmus native importers elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-intervals benchmark-tracker benchmark-monitor benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -66,6 +66,9 @@ fmus: $(VENV)/installed
 
 native: $(VENV)/installed
 	$(PYTHON) build_fmu.py --native
+
+importers: $(VENV)/installed
+	$(PYTHON) -m tests.fmu.native.hosts
 
 elsewhere: $(VENV)/installed
 	$(PYTHON) -m tests.fmu.native.elsewhere

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from rigtwin.fmu_src.build import build_native_estimator_fmu, build_native_rotor_fmu
 from rigtwin.fmu_src.compiling import this_machine
-from rigtwin.fmu_src.ssp import write_ssp
+from rigtwin.fmu_src.ssp import START_VALUES, write_ssp
 from rigtwin.rotor.geometry.rig import load_rig
 
 STOP, STEP = 2.0, 1e-3  # [s]
@@ -55,7 +55,7 @@ def main() -> None:
         starts = {"rigid": SINE, "bearing": {"k_b": K_B}}
         system = write_ssp(rotor, estimator, folder / "wired.ssp", closed=True, starts=starts)
         times = ["--stopTime", str(STOP), "--stepSize", str(STEP)]
-        command = [ecos(), "simulate", "--path", system, *times, "--parameterSet", "support"]
+        command = [ecos(), "simulate", "--path", system, *times, "--parameterSet", START_VALUES]
         subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
         (table,) = folder.glob("*.csv")
         rigid, bearing = (peak(table, f"{rig}::node_2.acceleration_y") for rig in ("rigid", "bearing"))

@@ -1,7 +1,9 @@
-"""Both FMUs wired into one system (SSP 1.0): the rotor on rigid supports, on bearings, the estimator.
+"""FMUs wired into one system (SSP 1.0).
 
-A master drives both rotors with one force signal, reads node accelerations and the applied forces,
-and hands the shifts and the amplitude ratio it finds to the estimator, whose k_b leaves the system.
+``write_system`` packs any FMUs with their connections. ``write_ssp`` is the stiffness test: the rotor on rigid
+supports, the rotor on bearings, and the estimator. A master drives both rotors with one force signal, reads node
+accelerations and the applied forces, and hands the shifts and the amplitude ratio that it finds to the estimator,
+whose k_b leaves the system.
 """
 
 from __future__ import annotations
@@ -9,6 +11,8 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
 
@@ -17,8 +21,74 @@ from fmpy import read_model_description
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 _SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
-SYSTEM_NAME = "StiffnessTest"
+_TYPES = {"Float64": "Real", "Int32": "Integer", "Enumeration": "Integer"}  # of FMI, where SSP has another name
+STIFFNESS_TEST = "StiffnessTest"
+START_VALUES = "start_values"  # name of the parameter set
 RIGS = ("rigid", "bearing")
+
+
+@dataclass(frozen=True)
+class Component:
+    """One FMU of a system."""
+
+    name: str
+    fmu: Path
+    starts: Mapping[str, bool | float] = field(default_factory=dict)  # by variable
+
+    @cached_property
+    def variables(self) -> dict[str, tuple[str, str]]:
+        """Kind of connector and SSP's type, by variable."""
+        read = read_model_description(str(self.fmu)).modelVariables
+        return {v.name: (v.causality, _TYPES.get(v.type, v.type)) for v in read}
+
+
+@dataclass(frozen=True)
+class Link:
+    """What gives a value to what. A component that is None is the system itself, whose connectors appear with it."""
+
+    start: str | None  # component
+    output: str
+    end: str | None  # component
+    input: str
+
+
+def write_system(name: str, components: Sequence[Component], links: Sequence[Link], target: Path) -> Path:
+    """Write a system of FMUs, beside and renamed.
+
+    Parameters
+    ----------
+    name : of the system
+    components : FMUs; several may share one file, whose name is then the same
+    links : connections, at least one for each connector of the system
+    target : path of the .ssp file
+
+    Raises
+    ------
+    ValueError : a link names no component, or a variable that it does not have
+    """
+    for each, namespace in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
+        register_namespace(each, namespace)
+    by_name = {component.name: component for component in components}
+    root = Element(f"{{{_SSD}}}SystemStructureDescription", {"name": name, "version": "1.0"})
+    system = SubElement(root, f"{{{_SSD}}}System", {"name": name})
+    _add_connectors(system, _connectors(None, links, by_name))
+    elements = SubElement(system, f"{{{_SSD}}}Elements")
+    for component in components:
+        _add_component(elements, component, _connectors(component.name, links, by_name))
+    connections = SubElement(system, f"{{{_SSD}}}Connections")
+    for link in links:
+        SubElement(connections, f"{{{_SSD}}}Connection", _attributes(link))
+    indent(root)
+    beside = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("SystemStructure.ssd", tostring(root, encoding="UTF-8", xml_declaration=True))
+            for fmu in dict.fromkeys(component.fmu for component in components):
+                archive.write(fmu, f"resources/{fmu.name}")
+        os.replace(beside, target)
+    finally:
+        beside.unlink(missing_ok=True)
+    return target
 
 
 def write_ssp(
@@ -30,7 +100,7 @@ def write_ssp(
     closed: bool = False,
     starts: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Path:
-    """Write the system, beside and renamed.
+    """Write the stiffness test.
 
     Its inputs are ``force`` and the estimator's inputs; its outputs ``<rig>_node_<n>`` and
     ``<rig>_force`` for both rigs, and the estimator's outputs. A closed system, for masters that
@@ -45,91 +115,87 @@ def write_ssp(
     closed : without ports of its own
     starts : start values by rotor ("rigid", "bearing") and variable; Real ones
     """
-    for name, prefix in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
-        register_namespace(name, prefix)
-    root = Element(f"{{{_SSD}}}SystemStructureDescription", {"name": SYSTEM_NAME, "version": "1.0"})
-    system = SubElement(root, f"{{{_SSD}}}System", {"name": SYSTEM_NAME})
-    ports, links = _wiring(estimator_fmu, nodes)
-    if closed:
-        links = [_link(RIGS[0], "force_applied", RIGS[1], "force")]
-    else:
-        _add_connectors(system, ports)
-    elements = SubElement(system, f"{{{_SSD}}}Elements")
-    for rig in RIGS:
-        outputs = [(f"node_{n}.acceleration_y", "output", "Real") for n in nodes] + [
-            ("force_applied", "output", "Real")
-        ]
-        component = _component(elements, rig, rotor_fmu.name, [("force", "input", "Real"), *outputs])
-        _bind(component, {"rigid_support": rig == "rigid", **(starts or {}).get(rig, {})})
-    _component(elements, "estimator", estimator_fmu.name, _estimator_ports(estimator_fmu))
-    connections = SubElement(system, f"{{{_SSD}}}Connections")
-    for link in links:
-        SubElement(connections, f"{{{_SSD}}}Connection", link)
-    indent(root)
-    beside = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("SystemStructure.ssd", tostring(root, encoding="UTF-8", xml_declaration=True))
-            for fmu in (rotor_fmu, estimator_fmu):
-                archive.write(fmu, f"resources/{fmu.name}")
-        os.replace(beside, target)
-    finally:
-        beside.unlink(missing_ok=True)
-    return target
+    rotors = [
+        Component(rig, rotor_fmu, {"rigid_support": rig == "rigid", **(starts or {}).get(rig, {})}) for rig in RIGS
+    ]
+    estimator = Component("estimator", estimator_fmu)
+    links = [Link(RIGS[0], "force_applied", RIGS[1], "force")] if closed else _ports(estimator, nodes)
+    return write_system(STIFFNESS_TEST, [*rotors, estimator], links, target)
 
 
-def _estimator_ports(estimator_fmu: Path) -> list[tuple[str, str, str]]:
-    variables = read_model_description(str(estimator_fmu)).modelVariables
-    return [(v.name, v.causality, v.type) for v in variables]
-
-
-def _wiring(estimator_fmu: Path, nodes: Sequence[int]) -> tuple[list[tuple[str, str, str]], list[dict[str, str]]]:
-    """System connectors, and the connections between them and the components."""
-    ports = [("force", "input", "Real")]
+def _ports(estimator: Component, nodes: Sequence[int]) -> list[Link]:
+    """Connections of the stiffness test with the world."""
     links = []
     for rig in RIGS:
-        links.append(_link(None, "force", rig, "force"))
-        outputs = [(f"{rig}_node_{n}", f"node_{n}.acceleration_y") for n in nodes] + [(f"{rig}_force", "force_applied")]
-        for port, variable in outputs:
-            ports.append((port, "output", "Real"))
-            links.append(_link(rig, variable, None, port))
-    for name, kind, fmi_type in _estimator_ports(estimator_fmu):
-        ports.append((name, kind, fmi_type))
-        links.append(_link(None, name, "estimator", name) if kind == "input" else _link("estimator", name, None, name))
-    return ports, links
+        links.append(Link(None, "force", rig, "force"))
+        links += [Link(rig, f"node_{n}.acceleration_y", None, f"{rig}_node_{n}") for n in nodes]
+        links.append(Link(rig, "force_applied", None, f"{rig}_force"))
+    for name, (kind, _) in estimator.variables.items():
+        if kind == "input":
+            links.append(Link(None, name, estimator.name, name))
+        elif kind == "output":
+            links.append(Link(estimator.name, name, None, name))
+    return links
 
 
-def _link(start: str | None, start_port: str, end: str | None, end_port: str) -> dict[str, str]:
-    """Attributes of a connection; no element means the system's own connector."""
-    link = {"startConnector": start_port, "endConnector": end_port}
-    if start:
-        link["startElement"] = start
-    if end:
-        link["endElement"] = end
-    return link
+def _connectors(
+    owner: str | None, links: Sequence[Link], components: Mapping[str, Component]
+) -> dict[str, tuple[str, str]]:
+    """Kind and type of every connector of a component, or of the system, by name and in the order of the links."""
+    found = {}
+    for link in links:
+        ends = ((link.start, link.output, link.end, link.input), (link.end, link.input, link.start, link.output))
+        for (component, port, other, there), inward in zip(ends, (False, True), strict=True):
+            if component != owner:
+                continue
+            inner = (component, port) if component is not None else (other, there)
+            kind = ("input" if inward else "output") if component is not None else ("output" if inward else "input")
+            found[port] = (kind, _type_of(*inner, components))
+    return found
 
 
-def _component(elements: Element, name: str, fmu: str, ports: Sequence[tuple[str, str, str]]) -> Element:
-    attributes = {"name": name, "type": "application/x-fmu-sharedlibrary", "source": f"resources/{fmu}"}
-    component = SubElement(elements, f"{{{_SSD}}}Component", attributes)
-    _add_connectors(component, ports)
-    return component
+def _type_of(component: str | None, variable: str, components: Mapping[str, Component]) -> str:
+    """SSP's type of a component's variable."""
+    if component not in components:
+        raise ValueError(f"a link names {component}, which is no component")
+    variables = components[component].variables
+    if variable not in variables:
+        raise ValueError(f"{component} has no variable {variable}")
+    return variables[variable][1]
 
 
-def _add_connectors(parent: Element, ports: Sequence[tuple[str, str, str]]) -> None:
-    connectors = SubElement(parent, f"{{{_SSD}}}Connectors")
-    for name, kind, fmi_type in ports:
-        connector = SubElement(connectors, f"{{{_SSD}}}Connector", {"name": name, "kind": kind})
-        SubElement(connector, f"{{{_SSC}}}{fmi_type}")
+def _attributes(link: Link) -> dict[str, str]:
+    """Of a connection; no element means the system's own connector."""
+    found = {"startConnector": link.output, "endConnector": link.input}
+    if link.start:
+        found["startElement"] = link.start
+    if link.end:
+        found["endElement"] = link.end
+    return found
 
 
-def _bind(component: Element, values: Mapping[str, bool | float]) -> None:
-    """Inline parameter values, for importers that read them (fmpy wants them passed as well)."""
-    binding = SubElement(SubElement(component, f"{{{_SSD}}}ParameterBindings"), f"{{{_SSD}}}ParameterBinding")
-    values_element = SubElement(binding, f"{{{_SSD}}}ParameterValues")
-    parameter_set = SubElement(values_element, f"{{{_SSV}}}ParameterSet", {"name": "support", "version": "1.0"})
+def _add_component(elements: Element, component: Component, ports: Mapping[str, tuple[str, str]]) -> None:
+    """One FMU with its connectors, and with start values for importers that read them (fmpy wants them passed)."""
+    source = f"resources/{component.fmu.name}"
+    attributes = {"name": component.name, "type": "application/x-fmu-sharedlibrary", "source": source}
+    element = SubElement(elements, f"{{{_SSD}}}Component", attributes)
+    _add_connectors(element, ports)
+    if not component.starts:
+        return
+    binding = SubElement(SubElement(element, f"{{{_SSD}}}ParameterBindings"), f"{{{_SSD}}}ParameterBinding")
+    values = SubElement(binding, f"{{{_SSD}}}ParameterValues")
+    parameter_set = SubElement(values, f"{{{_SSV}}}ParameterSet", {"name": START_VALUES, "version": "1.0"})
     parameters = SubElement(parameter_set, f"{{{_SSV}}}Parameters")
-    for name, value in values.items():
+    for name, value in component.starts.items():
         parameter = SubElement(parameters, f"{{{_SSV}}}Parameter", {"name": name})
         kind = "Boolean" if isinstance(value, bool) else "Real"
         SubElement(parameter, f"{{{_SSV}}}{kind}", {"value": str(value).lower()})
+
+
+def _add_connectors(parent: Element, ports: Mapping[str, tuple[str, str]]) -> None:
+    if not ports:
+        return
+    connectors = SubElement(parent, f"{{{_SSD}}}Connectors")
+    for name, (kind, type_name) in ports.items():
+        connector = SubElement(connectors, f"{{{_SSD}}}Connector", {"name": name, "kind": kind})
+        SubElement(connector, f"{{{_SSC}}}{type_name}")

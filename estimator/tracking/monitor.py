@@ -39,6 +39,7 @@ from rigtwin.estimator.tracking.tracker import (
     THIRD_DIFFERENCE_DOUBT,
     Belief,
     StiffnessTracker,
+    lasted,
     plain,
 )
 from rigtwin.rotor.model.arrays import FloatArray
@@ -291,7 +292,7 @@ class GapMonitor:
     def _listen(self, h: float, force: float, accelerations: FloatArray) -> None:
         self._tracker.step(h, force, accelerations)
         learned = self._tracker.learned
-        if learned and self._state.instants * h >= self._watching.learning:
+        if learned and lasted(self._state.instants, h, self._watching.learning):
             o, n = self._state, 2 * self._rotor.r
             o.x, o.P, o.power, o.point = learned.x.copy(), learned.P[:n, :n].copy(), learned.power.copy(), learned.point
             o.noise, o.loud = learned.noise, learned.loud_force
@@ -404,11 +405,10 @@ class GapMonitor:
         Innovations of a filter that lacks something of the machine foretell each other [box2015].
         """
         o, row = self._state, np.array([off, *dy])
-        seconds = o.instants * o.step
-        if seconds <= COMPARED_FOR:
+        if not lasted(o.instants, o.step, COMPARED_FOR):
             left = np.vstack([row, o.past[q]]) @ np.array([1.0, *-self._in_columns(o.off)])
             o.likeness[q] += left[0] * left
-        elif seconds - o.step <= COMPARED_FOR and o.likeness[q, 0] > 0:
+        elif not lasted(o.instants - 1, o.step, COMPARED_FOR) and o.likeness[q, 0] > 0:
             first = o.likeness[q] * np.array([1 + 1e-9, *np.ones(ORDER_OF_LIKENESS)])
             o.foretell[q] = solve_toeplitz(first[:-1], first[1:])
             if not q:
@@ -444,7 +444,7 @@ class GapMonitor:
         o.C -= np.outer(gain, CS)
         o.worth = min(o.worth + 1, WORTH_MOST)
         o.size *= 1 + (min(square, LARGEST_SQUARE) - 1) / o.worth
-        if o.instants * o.step > GAUGED_FOR:
+        if lasted(o.instants, o.step, GAUGED_FOR):
             o.bets = np.maximum(o.bets, 0.0) + np.minimum(gained, MOST_OF_ONE)
         anew = o.bets[:-1] <= 0
         o.G[:, anew], o.tells[anew], o.told[anew] = 0.0, 0.0, self._precision()[anew]
@@ -476,17 +476,17 @@ class GapMonitor:
             self._predict(guess, forces, doubt)
             self._correct(guess, forces[2], read)
         best = max(o.guesses, key=lambda each: each.log_weight)
-        most, seconds = best.log_weight, o.instants * o.step
+        most, nameable = best.log_weight, lasted(o.instants, o.step, NAMED_AFTER)
         for guess in o.guesses:
             guess.log_weight = (guess.log_weight - most) * (1 - min(1.0, o.step / FORGOTTEN))
-        if seconds > NAMED_AFTER:
-            behind = BEHIND if seconds > KEPT else BEHIND_EARLY
+        if nameable:
+            behind = BEHIND if lasted(o.instants, o.step, KEPT) else BEHIND_EARLY
             o.guesses = [each for each in o.guesses if each.log_weight >= -behind]
         o.doubt = max(1.0, o.doubt * math.exp((min(best.square, LARGEST_SQUARE) - 1) * min(1.0, o.step / FOLLOWED)))
         cause = self._numbers[best.number].cause
         same = sum(math.exp(g.log_weight) for g in o.guesses if self._numbers[g.number].cause == cause)
         sure = same > SURE * sum(math.exp(each.log_weight) for each in o.guesses)
-        o.cause = cause if sure and seconds > NAMED_AFTER and o.doubt < DOUBTFUL else UNKNOWN
+        o.cause = cause if sure and nameable and o.doubt < DOUBTFUL else UNKNOWN
         o.found = math.exp(best.value if o.cause == OF_K_B else o.point[STIFFNESS])
 
     def _follow(self, guess: _Guess) -> None:

@@ -366,7 +366,7 @@ class StiffnessTracker:
     def _alarm(self) -> None:
         """The measurements contradict the filter: others with other stiffnesses run beside it."""
         o, n = self._state, 2 * self._rotor.r
-        best, again = o.filters[o.best], o.count - o.last_alarm < AGAIN / o.step
+        best, again = o.filters[o.best], not lasted(o.count - o.last_alarm, o.step, AGAIN)
         o.filters = []
         for offset in _ALL_OFFSETS:
             f = replace(deepcopy(replace(best, linear=None)), linear=best.linear)
@@ -388,11 +388,11 @@ class StiffnessTracker:
         o = self._state
         o.age += 1
         best = max(o.filters, key=lambda f: f.log_weight)
-        most, seconds = best.log_weight, o.age * o.step
+        most, at_last = best.log_weight, lasted(o.age, o.step, o.longest)
         for f in o.filters:
             f.log_weight -= most
-        if len(o.filters) > 1 and seconds >= o.together:
-            o.filters = [f for f in o.filters if f is best or (f.log_weight >= -HOPELESS and seconds <= o.longest)]
+        if len(o.filters) > 1 and lasted(o.age, o.step, o.together):
+            o.filters = [f for f in o.filters if f is best or (f.log_weight >= -HOPELESS and not at_last)]
         o.best = next(k for k, f in enumerate(o.filters) if f is best)
 
     def _listen(self, force: float) -> None:
@@ -419,7 +419,7 @@ class StiffnessTracker:
             return False
         o.gauged += 1
         o.window += (square - o.window) / o.gauged
-        if o.gauged * o.step < GAUGED:
+        if not lasted(o.gauged, o.step, GAUGED):
             return False
         steady = o.loud / STEADY < o.window < o.loud * STEADY
         o.loud, o.window, o.gauged = o.window, 0.0, 0
@@ -461,8 +461,13 @@ class StiffnessTracker:
         o.caution -= (o.caution - 1) * min(1.0, o.step / o.calming)
         if len(o.filters) > 1 or not (o.rich or belief.others_known):
             return
-        if o.count * o.step > SETTLED and o.contradiction > 1 + ALARM / math.sqrt(samples * len(read)):
+        if lasted(o.count, o.step, SETTLED) and o.contradiction > 1 + ALARM / math.sqrt(samples * len(read)):
             self._alarm()
+
+
+def lasted(instants: float, step: float, seconds: float) -> bool:
+    """Whether so many instants have lasted so long; hosts whose steps differ in the last digit count alike."""
+    return (instants + 0.5) * step >= seconds
 
 
 def plain(value: Any) -> Any:

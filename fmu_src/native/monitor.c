@@ -211,7 +211,7 @@ static void hear(Monitor *s, double force, const double *read)
     Learned learned;
     const int n = 2 * s->rotor.r, all = n + N_PARAMETERS;
     tracker_step(s->tracker, o->step, force, read);
-    if (o->instants * o->step < s->learning || !tracker_learned(s->tracker, &learned))
+    if (!tracker_lasted(o->instants, o->step, s->learning) || !tracker_learned(s->tracker, &learned))
         return;
     memcpy(o->x, learned.x, sizeof o->x);
     memcpy(o->power, learned.power, sizeof o->power);
@@ -257,14 +257,14 @@ static void learn_likeness(State *o, int q)
 static void whiten(State *o, int q, const double *row, double *white)
 {
     double *past = o->past + q * ORDER_OF_LIKENESS * ROW;
-    const double *foretell = o->foretell + q * ORDER_OF_LIKENESS, seconds = o->instants * o->step;
-    if (seconds <= COMPARED_FOR) {
+    const double *foretell = o->foretell + q * ORDER_OF_LIKENESS;
+    if (!tracker_lasted(o->instants, o->step, COMPARED_FOR)) {
         double *likeness = o->likeness + q * (ORDER_OF_LIKENESS + 1);
         const double now = left_of(o, row);
         likeness[0] += now * now;
         for (int k = 0; k < ORDER_OF_LIKENESS; k++)
             likeness[k + 1] += now * left_of(o, past + k * ROW);
-    } else if (seconds - o->step <= COMPARED_FOR && o->likeness[q * (ORDER_OF_LIKENESS + 1)] > 0) {
+    } else if (!tracker_lasted(o->instants - 1, o->step, COMPARED_FOR) && o->likeness[q * (ORDER_OF_LIKENESS + 1)] > 0) {
         learn_likeness(o, q);
         if (!q) {
             o->size = 1;
@@ -293,7 +293,7 @@ static void bet(Monitor *s, double off, double variance, const double *dy)
     for (int i = 0; i < BASE; i++)
         gain[i] = CS[i] / variance;
     const double square = o->latest = off * off / variance;
-    const int runs = o->instants * o->step > GAUGED_FOR;
+    const int runs = tracker_lasted(o->instants, o->step, GAUGED_FOR);
     double most = 0;
     for (int i = 0; i <= N_NUMBERS; i++) {
         double gained = (square * (1 - 1 / UNKNOWN_SQUARES) - log(UNKNOWN_SQUARES)) / 2;
@@ -557,11 +557,12 @@ static void name(Monitor *s, const double *forces, double doubt, const double *r
         predict(s, k, forces, doubt);
         correct(s, k, forces[FORCES - 1], read);
     }
-    const double most = o->guesses[most_likely(o)].log_weight, seconds = o->instants * o->step;
+    const double most = o->guesses[most_likely(o)].log_weight;
+    const int nameable = tracker_lasted(o->instants, o->step, NAMED_AFTER);
     for (int k = 0; k < (int)o->n; k++)
         o->guesses[k].log_weight = (o->guesses[k].log_weight - most) * (1 - fmin(1, o->step / FORGOTTEN));
-    if (seconds > NAMED_AFTER)
-        drop(s, seconds > KEPT ? BEHIND : BEHIND_EARLY);
+    if (nameable)
+        drop(s, tracker_lasted(o->instants, o->step, KEPT) ? BEHIND : BEHIND_EARLY);
     const Guess *best = o->guesses + most_likely(o);
     const int cause = NUMBER[(int)best->number].cause;
     double same = 0, all = 0;
@@ -571,7 +572,7 @@ static void name(Monitor *s, const double *forces, double doubt, const double *r
         same += NUMBER[(int)o->guesses[k].number].cause == cause ? weight : 0;
     }
     o->doubt = fmax(1, o->doubt * exp((fmin(best->square, LARGEST_SQUARE) - 1) * fmin(1, o->step / FOLLOWED)));
-    o->cause = same > SURE * all && seconds > NAMED_AFTER && o->doubt < DOUBTFUL ? cause : UNKNOWN;
+    o->cause = same > SURE * all && nameable && o->doubt < DOUBTFUL ? cause : UNKNOWN;
     o->found = exp((int)o->cause == OF_K_B ? best->value : o->point[STIFFNESS]);
 }
 

@@ -234,12 +234,17 @@ static double correct(Tracker *s, int which, double force, const double *read)
 
 /* -- several filters --------------------------------------------------------------------------------------------- */
 
+int tracker_lasted(double instants, double step, double seconds)
+{
+    return (instants + 0.5) * step >= seconds;
+}
+
 /* The measurements contradict the filter: others with other stiffnesses run beside it. */
 static void alarm(Tracker *s)
 {
     State *o = &s->now;
     const int n = 2 * s->rotor.r, all = n + N_PARAMETERS, at = n + STIFFNESS, best = (int)o->best;
-    const int again = o->count - o->last_alarm < AGAIN / o->step; /* not only the stiffness is wrong */
+    const int again = !tracker_lasted(o->count - o->last_alarm, o->step, AGAIN); /* not only the stiffness is wrong */
     if (best) {
         o->filters[0] = o->filters[best];
         s->linear[0] = s->linear[best];
@@ -282,11 +287,13 @@ static void choose(Tracker *s)
     for (int k = 1; k < n; k++)
         if (o->filters[k].log_weight > o->filters[best].log_weight)
             best = k;
-    const double most = o->filters[best].log_weight, seconds = ++o->age * o->step;
+    const double most = o->filters[best].log_weight;
+    const int at_last = tracker_lasted(++o->age, o->step, o->longest);
+    const int together = !tracker_lasted(o->age, o->step, o->together);
     for (int k = 0; k < n; k++) {
         Filter *f = o->filters + k;
         f->log_weight -= most;
-        if (n > 1 && k != best && seconds >= o->together && (f->log_weight < -HOPELESS || seconds > o->longest))
+        if (n > 1 && k != best && !together && (f->log_weight < -HOPELESS || at_last))
             continue;
         if (k == best)
             o->best = left;
@@ -333,7 +340,7 @@ static int gauge(Tracker *s, const double *read)
         return 0;
     o->gauged++;
     o->window += (square - o->window) / o->gauged;
-    if (o->gauged * o->step < GAUGED)
+    if (!tracker_lasted(o->gauged, o->step, GAUGED))
         return 0;
     const int steady = o->loud / STEADY < o->window && o->window < o->loud * STEADY;
     o->loud = o->window;
@@ -438,7 +445,7 @@ static void run(Tracker *s, double force, const double *read)
     o->caution -= (o->caution - 1) * fmin(1, o->step / o->calming);
     if (o->n > 1 || !(o->rich || s->known))
         return;
-    if (o->count * o->step > SETTLED && o->contradiction > 1 + ALARM / sqrt(samples * s->n_sensors))
+    if (tracker_lasted(o->count, o->step, SETTLED) && o->contradiction > 1 + ALARM / sqrt(samples * s->n_sensors))
         alarm(s);
 }
 

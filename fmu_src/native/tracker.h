@@ -45,6 +45,9 @@ typedef struct {
 /* Whether it knows the machine: while one filter runs, and the force is rich. */
 int tracker_learned(const Tracker *tracker, Learned *learned);
 
+/* Whether so many instants have lasted so long; hosts whose steps differ in the last digit count alike. */
+int tracker_lasted(double instants, double step, double seconds);
+
 /* What it remembers, as doubles. Restoring takes the belief that it was saved under, and returns 1 where these doubles
    are no state. */
 int tracker_size(void);

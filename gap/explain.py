@@ -114,8 +114,8 @@ def _attempt(task: Task) -> Task | Explained:
         if not (laws and _levels_differ_beside(task.problem, found.best, laws)):
             problem, fits = _finish(task, found)
             return Explained(problem, task.nominal, fits)
-    linear_effects, adequate = task.library.linear, THRESHOLDS.adequate_nonlinear
-    coarser, linear, bent = search_laws(task.problem, laws, linear_effects, adequate, task.progress)
+    enough = THRESHOLDS.adequate_nonlinear
+    coarser, linear, bent = search_laws(task.problem, laws, task.library.linear, enough, task.progress)
     task.clock.lap("nonlinear effects")
     return _rival(task, found, Explained(coarser, linear, bent.fits), bent)
 

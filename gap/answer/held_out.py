@@ -62,7 +62,7 @@ class _Halves:
 
     problem: Problem
     nominal: Fit  # to all lines
-    masks: list[BoolArray]  # (n_freq,) of every run: lines that are held out
+    masks: Sequence[BoolArray]  # (n_freq,) of every run: lines that are held out
     training: Problem
     without: Fit  # the nominal model, refitted
 
@@ -71,13 +71,11 @@ def _halved(problem: Problem, nominal: Fit) -> _Halves:
     masks = [_held_out(len(run.frequency_hz)) for run in problem.runs]
     pairs = zip(problem.observed, masks, strict=True)
     training = problem.on([replace(o, std=np.where(mask[:, None], np.inf, o.std)) for o, mask in pairs])
-    without = training.at_fit(nominal).fit(nominal.hypothesis, nominal.u, nominal.nu, anneal=(nominal.added,))
-    return _Halves(problem, nominal, masks, training, without)
+    return _Halves(problem, nominal, masks, training, _with_same_errors(training, nominal))
 
 
 def _shrink(halves: _Halves, best: Fit, scale: float, confirm: Confirm | None) -> Shrink:
-    problem, without = halves.problem, halves.without
-    masks: Sequence[BoolArray] = halves.masks
+    problem, without, masks = halves.problem, halves.without, halves.masks
     with_it = _refit(halves.training, best)
     before = problem.recalibrated(without)  # drifts would follow any gap between the lines that they were fitted to
     after = problem.predict(with_it)
@@ -102,9 +100,16 @@ def _shrink(halves: _Halves, best: Fit, scale: float, confirm: Confirm | None) -
 
 def _refit(training: Problem, best: Fit) -> Fit:
     """Fit the corrected model to the lines that were not held out, a nonlinear one as robustly as before."""
+    if best.added:
+        return _with_same_errors(training, best)
     if nonlinear(best.effects):
         return robust_fit(training, best.hypothesis, best.u, best.nu) or best
     return training.refine(best, anchors=1)
+
+
+def _with_same_errors(training: Problem, fit: Fit) -> Fit:
+    """The same fitted to the lines that were not held out, with the error that was added to all of them."""
+    return training.at_fit(fit).fit(fit.hypothesis, fit.u, fit.nu, anneal=(fit.added,))
 
 
 def _held_out(n: int) -> BoolArray:

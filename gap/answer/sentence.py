@@ -49,7 +49,8 @@ def must_be_corrected(finding: Finding) -> bool:
 def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "no_gap":
         words = "Model and measurement agree within the noise and the drifts of the test: there is nothing to explain"
-        if _lines_are_missing(diagnosis):  # a cause may show on one line alone, as where a sweep jumps
+        # A cause may show on one line alone, as where a sweep jumps.
+        if any(f.check == "missing_lines" and f.severity == "warning" for f in diagnosis.audit):
             words += " in the lines that were used; which ones are missing or left out, the audit says"
         return f"{words}."
     if diagnosis.verdict == "not_enough_data":
@@ -68,17 +69,9 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if len(diagnosis.equivalent) < 2:
         surely = part(diagnosis.causes[0].probability)
         return f"The gap may come from {first} (probability {surely}), or be none{tail}"
-    choices = [*map(name_cause, diagnosis.equivalent), *(["no gap at all"] if _may_be_none(diagnosis) else [])]
-    words = f"These data cannot tell apart {', or '.join(choices)}"
+    none = ["no gap at all"] * (diagnosis.nominal.get("probability", 0.0) > 1 - THRESHOLDS.answered)
+    words = f"These data cannot tell apart {', or '.join([*map(name_cause, diagnosis.equivalent), *none])}"
     return f"{words}." if tail == "." else f"{words}; the first{tail}"
-
-
-def _lines_are_missing(diagnosis: Diagnosis) -> bool:
-    return any(f.check == "missing_lines" and f.severity == "warning" for f in diagnosis.audit)
-
-
-def _may_be_none(diagnosis: Diagnosis) -> bool:
-    return diagnosis.nominal.get("probability", 0.0) > 1 - THRESHOLDS.answered
 
 
 def _takes_away(shrink: Shrink | None) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -161,14 +161,12 @@ def refine(problem: Problem, fit: Fit, *, anchors: int, steps: int = 12) -> Fit:
     return fit
 
 
-def try_fit(
-    problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray, *, anneal: Sequence[float], steps: int
-) -> Fit | None:
+def try_fit(problem: Problem, hypothesis: Hypothesis, u: FloatArray, nu: FloatArray | None, **how: Any) -> Fit | None:
     """``fit``, or None where a start or a step has no model, or the time of the search is up."""
     if seconds_left() <= 0:
         return None
     try:
-        return fit(problem, hypothesis, u, nu, anneal=anneal, steps=steps)
+        return fit(problem, hypothesis, u, nu, **how)
     except (ValueError, np.linalg.LinAlgError):
         return None
 

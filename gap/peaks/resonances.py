@@ -87,7 +87,8 @@ class Rotor:
             return _interpolate(self._memory[key], few, k_b)
         low, high = (self._system(k, False, there) for k in _K_B.built_at)
         if len(low.massless):
-            return _stack([self._solve_damped(self._system(float(k), False, there)) for k in k_b])
+            each = [self._solve_damped(self._system(float(k), False, there)) for k in k_b]
+            return Resonances(*(np.concatenate([getattr(one, name) for one in each]) for name in ("f_hz", "height")))
         return self._solve_batch(low, high, k_b)
 
     def _system(self, k_b: float, rigid: bool, effects: Sequence[Effect]) -> LinearSystem:
@@ -154,7 +155,3 @@ def _interpolate(solved: Resonances, at: FloatArray, k_b: FloatArray) -> Resonan
         whole = np.isfinite(low) & np.isfinite(high)
         parts.append(np.where(whole, low + share * np.where(whole, high - low, 0.0), np.maximum(low, high)))
     return Resonances(*parts)
-
-
-def _stack(parts: Sequence[Resonances]) -> Resonances:
-    return Resonances(np.concatenate([p.f_hz for p in parts]), np.concatenate([p.height for p in parts]))

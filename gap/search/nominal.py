@@ -54,25 +54,26 @@ def _nominal(problem: Problem) -> Fit:
     return problem.fit(NOMINAL, best, anneal=NOMINAL_FITS.anneal)
 
 
-def fit_lines_alike(problem: Problem, nominal: Fit, scale: float = 1.0) -> Fit:
-    """The nominal model that is as near to all lines alike as a relative error of the data lets it be.
+def fit_lines_alike(problem: Problem, fit: Fit, scale: float = 1.0) -> Fit:
+    """A candidate that is as near to all lines alike as a relative error of the data lets it be.
 
     Where a gap is many times the noise, its drifts and tolerances would go any way to follow the few lines with the
-    smallest errors, and k_b with them. The least error is added that what is left is within: none without a gap.
+    smallest errors, and its numbers with them. The least error is added that what is left is within: none without a
+    gap. Drifts and tolerances begin anew, as those of the fit have followed these lines already.
 
     Parameters
     ----------
-    nominal : its fit by the data's own errors
+    fit : by the data's own errors
     scale : true over believed standard error
     """
-    if nominal.chi2 <= NOMINAL_FITS.within * nominal.n_data * scale**2:
-        return nominal
-    best = problem.fit(NOMINAL, nominal.u, anneal=NOMINAL_FITS.added[:1])
-    for added in NOMINAL_FITS.added[1:]:
-        fit = problem.fit(NOMINAL, best.u, best.nu, anneal=(added,))
-        if fit.chi2 > NOMINAL_FITS.within * fit.n_data:
+    if fit.chi2 <= NOMINAL_FITS.within * fit.n_data * scale**2:
+        return fit
+    best, nu = fit, None
+    for added in NOMINAL_FITS.added:
+        nearer = problem.try_fit(fit.hypothesis, best.u, nu, anneal=(added,))
+        if nearer is None or (nu is not None and nearer.chi2 > NOMINAL_FITS.within * nearer.n_data):
             break
-        best = fit
+        best, nu = nearer, nearer.nu
     return best
 
 

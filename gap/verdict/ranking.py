@@ -13,9 +13,11 @@ from rigtwin.gap.inference.evidence import sample
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import PRIORS
 from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.model.forward import acting
+from rigtwin.gap.search.nominal import fit_lines_alike
 from rigtwin.gap.search.race import first_of_each
 from rigtwin.gap.verdict.adequacy import judge
-from rigtwin.gap.verdict.standing import Standing, excess_of, scale_of, standing_of
+from rigtwin.gap.verdict.standing import Standing, excess_of, noise_scale, scale_of, standing_of
 from rigtwin.gap.verdict.thresholds import THRESHOLDS
 
 
@@ -55,6 +57,8 @@ def decide(problem: Problem, nominal: Fit, fits: Sequence[Fit], enough: bool) ->
     standing = standing_of(problem, nominal, fits)
     ranked = rank(problem, nominal, standing)
     standing = _of_the_likeliest(problem, nominal, ranked, standing)
+    if standing.other_form and all(acting(best_of(ranked).effects, run.support) for run in problem.runs):
+        ranked = _by_lines_alike(problem, ranked, standing)
     return Decision(ranked, standing, _verdict_of(ranked, standing) if enough else "not_enough_data")
 
 
@@ -85,6 +89,18 @@ def _of_the_likeliest(problem: Problem, nominal: Fit, ranked: Ranked, standing: 
     if ranked.no_gap <= THRESHOLDS.likeliest:
         return standing
     return replace(standing, excess=max(standing.excess, excess_of(problem, nominal, judge(problem, nominal))))
+
+
+def _by_lines_alike(problem: Problem, ranked: Ranked, standing: Standing) -> Ranked:
+    """The same with the numbers of the best by all lines alike; its misfit stays the one that it is ranked by.
+
+    A law of another form would follow the few lines with the smallest errors. Where it does not act in some run, that
+    run holds tolerances and sensors, and the numbers stay.
+    """
+    best = best_of(ranked)
+    alike = fit_lines_alike(problem, best, noise_scale(problem, standing.quality))
+    said = replace(alike, chi2=best.chi2, penalty=best.penalty, log_prior=best.log_prior, sampled=best.sampled)
+    return replace(ranked, fits=tuple(said if fit is best else fit for fit in ranked.fits))
 
 
 def _verdict_of(ranked: Ranked, standing: Standing) -> Verdict:

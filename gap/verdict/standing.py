@@ -54,7 +54,7 @@ def adequate(problem: Problem, fit: Fit) -> bool:
 def excess_of(problem: Problem, fit: Fit, quality: Adequacy) -> float:
     """How far a fit is from leaving nothing but noise: 1 at the threshold of adequacy."""
     if nonlinear(fit.effects):
-        return fit.chi2 / fit.n_data / min(scale_of(quality), _most_scale(problem)) ** 2 / THRESHOLDS.adequate_nonlinear
+        return fit.chi2 / fit.n_data / noise_scale(problem, quality) ** 2 / THRESHOLDS.adequate_nonlinear
     return max(
         (quality.misfit - 1) / max(THRESHOLDS.adequate_misfit - 1, THRESHOLDS.adequate_spread * quality.spread),
         quality.correlation / THRESHOLDS.adequate_correlation,
@@ -69,10 +69,10 @@ def scale_of(quality: Adequacy) -> float:
     return 1.0 if believed else quality.scale
 
 
-def _most_scale(problem: Problem) -> float:
-    """How many times the believed errors may be noise: a law that misses lines scatters as well."""
-    told = [o.scatter for o in problem.observed if np.isfinite(o.scatter)]
-    return min(max(float(np.median(told)), 1.0), THRESHOLDS.most_scale) if told else THRESHOLDS.most_scale
+def noise_scale(problem: Problem, quality: Adequacy) -> float:
+    """``scale_of``, as far as it may be noise: a law that misses lines scatters as well."""
+    told = [o.scatter for o in problem.observed if np.isfinite(o.scatter)] or [THRESHOLDS.most_scale]
+    return min(scale_of(quality), max(float(np.median(told)), 1.0), THRESHOLDS.most_scale)
 
 
 def strain(problem: Problem, fit: Fit) -> float:

@@ -37,7 +37,7 @@ from rigtwin.gap.search.starts import Promise, Start
 from rigtwin.gap.search.strategies.dwell import _gains
 from rigtwin.gap.search.strategies.registry import Dwells
 from rigtwin.gap.verdict.adequacy import judge
-from rigtwin.gap.verdict.ranking import rank
+from rigtwin.gap.verdict.ranking import Ranked, _by_lines_alike, best_of, rank
 from rigtwin.gap.verdict.standing import Standing
 from rigtwin.rotor.effects import (
     AttachedMass,
@@ -588,6 +588,21 @@ def test_a_nominal_model_that_explains_the_runs_is_said_as_it_was_fitted():
     fitted = recalibrate(doubted)
     assert fit_lines_alike(doubted, fitted, scale=3.0) is fitted
     assert fit_lines_alike(doubted, fitted).added > 0
+
+
+@pytest.mark.parametrize("damping", [0.0015, 0.006])
+def test_what_a_cause_leaves_does_not_pull_its_numbers(damping):
+    """A damping that it lacks has drifts and tolerances follow the smallest errors, and the mass with them."""
+    problem = problem_with(AttachedMass(mass=0.3, node=3), ShaftDamping(damping_ratio=damping))
+    nominal, mass = recalibrate(problem), candidate(problem.runs, "attached_mass", node=3)
+    fit = problem.refine(problem.fit(mass, np.array([nominal.u[0], np.log(0.2)])), anchors=2)
+    standing = Standing([fit], judge(problem, fit), 0.5, other_form=True)
+    said = best_of(_by_lines_alike(problem, Ranked((fit,), (1.0,), 0.0), standing))
+    off, left = (abs(each.effects[0].mass / 0.3 - 1) for each in (fit, said))
+    assert off > 0.1
+    assert left < 0.03
+    assert abs(said.k_b / K_B - 1) < 0.003
+    assert said.chi2 == fit.chi2
 
 
 def test_a_strained_nominal_model_follows_a_cause_that_its_tolerances_can_mimic():

@@ -16,7 +16,7 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -109,7 +109,9 @@ class BuildError(RuntimeError):
     """pythonfmu failed, or the FMU it made does not pass validation."""
 
 
-def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | None = None) -> Path:
+def build_rotor_fmu(
+    rig: Rig, folder: Path, *, elements_between_nodes: int | None = None, k_b_input: bool = False
+) -> Path:
     """Build ``RotorRig.fmu`` of a rig.
 
     Parameters
@@ -117,13 +119,14 @@ def build_rotor_fmu(rig: Rig, folder: Path, *, elements_between_nodes: int | Non
     rig : the rig
     folder : where the FMU goes; made if it is not there
     elements_between_nodes : mesh refinement, default the rig's own
+    k_b_input : k_b is an input, which other FMUs can be connected to, and no tunable parameter
 
     Returns
     -------
     Path of the FMU. Raises BuildError; an older file is then left as it was.
     """
     structure = assemble(rig, elements_between_nodes=elements_between_nodes)
-    facts = rotor_facts(rig, structure)
+    facts = rotor_facts(rig, structure, k_b_input=k_b_input)
     bundle = Bundle(
         script="rigtwin.fmu_src.rotor_slave",
         modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.rotor_variables", *modules_of(_ROTOR_PACKAGES)),
@@ -196,7 +199,7 @@ def _highest_hz(structure: Structure) -> float:
     return _BAND * float(elastic_frequencies_hz(system, plane=1)[1])
 
 
-def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
+def rotor_facts(rig: Rig, structure: Structure, *, k_b_input: bool = False) -> RotorFacts:
     """What the variable table needs to know of a rig.
 
     Supports that follow the spin speed set the range of ``spin_speed`` and its start, the lowest of their speeds. The
@@ -215,6 +218,7 @@ def rotor_facts(rig: Rig, structure: Structure) -> RotorFacts:
         length=rig.length,
         step=recommended_step(_highest_hz(structure)),
         spin_speed_start=structure.lowest_spin_speed,
+        k_b_input=k_b_input,
         **ranges,
     )
 
@@ -385,12 +389,13 @@ def build_native_rotor_fmu(
     targets: Sequence[Target] | None = None,
     elements_between_nodes: int | None = None,
     array_output: bool = False,
+    k_b_input: bool = False,
 ) -> Path:
     """Build ``RotorRig.fmu`` without Python inside.
 
     Parameters
     ----------
-    rig, folder, elements_between_nodes : see ``build_rotor_fmu``
+    rig, folder, elements_between_nodes, k_b_input : see ``build_rotor_fmu``
     fmi : version, "2.0" or "3.0"
     targets : platforms, default all that can be compiled for here
     array_output : FMI 3.0: all accelerations once more as one array; importers that read one value a reference fail
@@ -400,7 +405,7 @@ def build_native_rotor_fmu(
     Path of the FMU. Raises BuildError and CompileError; an older file is then left as it was.
     """
     structure = assemble(rig, elements_between_nodes=elements_between_nodes)
-    facts = rotor_facts(rig, structure)
+    facts = rotor_facts(rig, structure, k_b_input=k_b_input)
     arrays = (accelerations_array(facts),) if array_output else ()
     blank = Model(
         "RotorRig",
@@ -597,6 +602,7 @@ def build_native(
     *,
     estimator: bool = True,
     array_output: bool = False,
+    k_b_input: bool = False,
     targets: Sequence[Target] | None = None,
 ) -> Iterator[Path]:
     """The FMUs for FMI 2.0 and 3.0, for some platforms or every one in reach; says which. Raises as they do."""
@@ -604,7 +610,8 @@ def build_native(
     hint = "" if targets or find_spec("ziglang") else "; with ziglang (pip install ziglang) for all others too"
     print(f"compiling for {names}{hint}", file=sys.stderr)
     for fmi in ("2.0", "3.0"):
-        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi, targets=targets, array_output=array_output)
+        options = {"array_output": array_output, "k_b_input": k_b_input}
+        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi, targets=targets, **options)
         if estimator:
             yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi, targets=targets)
 
@@ -623,9 +630,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--array-output", action="store_true", help="with --native: the accelerations as one array, too"
     )
+    parser.add_argument("--k-b-input", action="store_true", help="k_b is an input of the rotor, and no parameter")
     options = parser.parse_args(arguments)
+    rotor = {"array_output": options.array_output, "k_b_input": options.k_b_input}
     try:
-        for path in _all_of(load_rig(options.rig), options.out, options.native, options.array_output):
+        for path in _all_of(load_rig(options.rig), options.out, options.native, rotor):
             print(path)
     except (RigError, BuildError, CompileError, OSError) as error:
         print(error, file=sys.stderr)
@@ -633,13 +642,13 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _all_of(rig: Rig, folder: Path, native: bool, array_output: bool) -> Iterator[Path]:
-    """All FMUs that there are of a rig."""
+def _all_of(rig: Rig, folder: Path, native: bool, rotor: Mapping[str, bool]) -> Iterator[Path]:
+    """All FMUs that there are of a rig; ``rotor``: options of the compiled rotor."""
     known = is_shipped(rig)
-    yield build_rotor_fmu(rig, folder)
+    yield build_rotor_fmu(rig, folder, k_b_input=rotor["k_b_input"])
     if known:
         yield build_estimator_fmu(folder)
     else:
         print(f"{ESTIMATOR_FMU} is not built: its network knows the rig {SHIPPED_RIG} only", file=sys.stderr)
     if native:
-        yield from build_native(rig, folder, estimator=known, array_output=array_output)
+        yield from build_native(rig, folder, estimator=known, **rotor)

@@ -32,6 +32,7 @@ class RotorFacts:
     spin_speed_start: float = 0.0
     spin_speed_min: float = -1e5
     spin_speed_max: float = 1e5
+    k_b_input: bool = False  # whether k_b is an input, so that other FMUs can be connected to it
 
 
 def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
@@ -69,13 +70,13 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
     parameters = (
         Variable(
             "k_b",
-            "parameter",
+            "input" if rig.k_b_input else "parameter",
             "Radial stiffness of each bearing, in y and z",
             "N/m",
             rig.k_b_start,
             rig.k_b_min,
             rig.k_b_max,
-            "tunable",
+            None if rig.k_b_input else "tunable",
         ),
         Variable(
             "bearing_damping",
@@ -104,6 +105,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
         Variable("excitation_plane", "parameter", "Plane the force acts in: 1 = y, 2 = z", None, 1, 1, 2, "fixed"),
     )
     effects = (*effect_variables(rig), Variable(HELD_FORCE, "parameter", _HELD, start=False))
+    at_once = ("force_amplitude", "spin_speed", *(("k_b",) if rig.k_b_input else ()))
     at_rest = ("force", "spin_speed", "rigid_support", "excitation_node", "excitation_plane", *_acting_at_once())
     accelerations = tuple(
         Variable(
@@ -111,7 +113,7 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
             "output",
             f"Acceleration of node {node} in {plane}",
             "m/s2",
-            depends_on=("force_amplitude", "spin_speed"),
+            depends_on=at_once,
             initially_depends_on=at_rest,
         )
         for plane in "yz"

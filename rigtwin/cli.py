@@ -151,6 +151,9 @@ def build(
     array_output: Annotated[
         bool, typer.Option(help="FMI 3.0: all accelerations as one array, too; not every importer reads arrays.")
     ] = False,
+    k_b_input: Annotated[
+        bool, typer.Option("--k-b-input", help="k_b is an input of the rotor, for other FMUs, and no parameter.")
+    ] = False,
     target: Annotated[
         list[str] | None,
         typer.Option(metavar="PLATFORM", help="With --native: here, x86_64-linux, ...; repeat. Default all."),
@@ -169,7 +172,7 @@ def build(
     read, targets = tuple(tracker_node or ()), tuple(target or ())
     wanted = {"StiffnessTracker": tracker or (bool(read) and not monitor), "GapMonitor": monitor}
     listeners = tuple(name for name, asked in wanted.items() if asked)
-    build_fmus(BuildRequest(rig, out, train, native, array_output, targets, listeners, read))
+    build_fmus(BuildRequest(rig, out, train, native, array_output, k_b_input, targets, listeners, read))
 
 
 @app.command(short_help="Measure a run on the virtual rig, fit its modes.")

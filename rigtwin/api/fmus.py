@@ -80,6 +80,7 @@ def build_fmu(
     *,
     native: bool = False,
     array_output: bool = False,
+    k_b_input: bool = False,
     targets: Sequence[str] = (),
 ) -> list[Path]:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu where a network knows the rig.
@@ -91,6 +92,7 @@ def build_fmu(
     native : build them once more without Python inside, in ``fmi2`` and ``fmi3`` below the folder; needs a C compiler
         or the package ziglang
     array_output : with ``native``: the FMI 3.0 rotor has all accelerations as one array, too
+    k_b_input : k_b is an input of the rotor, which other FMUs can be connected to, and no parameter
     targets : with ``native``: platforms, such as "here" or "x86_64-windows"; default all that can be compiled for
 
     Returns
@@ -108,11 +110,11 @@ def build_fmu(
     """
     check_native(native, array_output, targets)
     rig, folder = as_rig(rig), Path(folder)
-    built = [build_rotor(rig, folder)]
+    built = [build_rotor(rig, folder, k_b_input=k_b_input)]
     if is_shipped(rig):
         built.append(build_estimator_fmu(folder))
     if native:
-        built += build_compiled(rig, folder, array_output=array_output, targets=targets)
+        built += build_compiled(rig, folder, array_output=array_output, k_b_input=k_b_input, targets=targets)
     return built
 
 
@@ -124,11 +126,14 @@ def check_native(native: bool, array_output: bool, targets: Sequence[str]) -> No
         raise UserError("--target: the FMUs on Python run on every platform; add --native")
 
 
-def build_compiled(rig: Rig, folder: Path, *, array_output: bool, targets: Sequence[str] = ()) -> list[Path]:
+def build_compiled(
+    rig: Rig, folder: Path, *, array_output: bool, k_b_input: bool = False, targets: Sequence[str] = ()
+) -> list[Path]:
     """The FMUs without Python inside. Raises UserError where they cannot be compiled."""
+    rotor = {"array_output": array_output, "k_b_input": k_b_input}
     try:
         chosen = targets_named(targets) if targets else None
-        return list(build_native(rig, folder, estimator=is_shipped(rig), array_output=array_output, targets=chosen))
+        return list(build_native(rig, folder, estimator=is_shipped(rig), targets=chosen, **rotor))
     except CompileError as error:
         raise UserError(str(error)) from error
     except ModuleNotFoundError as error:

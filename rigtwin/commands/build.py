@@ -31,6 +31,7 @@ class BuildRequest:
     train: bool
     native: bool
     array_output: bool = False
+    k_b_input: bool = False
     targets: tuple[str, ...] = ()  # platforms of --native; default all
     listeners: tuple[str, ...] = ()  # StiffnessTracker, GapMonitor
     nodes: tuple[int, ...] = ()  # that they read, default the driven one
@@ -48,12 +49,13 @@ def build_fmus(request: BuildRequest) -> None:
     if request.train:
         _trained(request.rig, request.out)
     else:
-        for path in build_fmu(rig, request.out):
+        for path in build_fmu(rig, request.out, k_b_input=request.k_b_input):
             say(str(path))
     if not request.train and not is_shipped(rig):
         note(_without_estimator(rig))
     if request.native:
-        for path in build_compiled(rig, request.out, array_output=request.array_output, targets=request.targets):
+        options = {"array_output": request.array_output, "k_b_input": request.k_b_input, "targets": request.targets}
+        for path in build_compiled(rig, request.out, **options):
             say(str(path))
     if request.listeners:
         native = request.targets if request.native else None

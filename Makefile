@@ -13,8 +13,10 @@
 # make benchmark-real-data DATA=FOLDER   docs/real-data.md: the diagnosis on data of other laboratories; half an hour
 # make benchmark-tracker   docs/tracker-measured.md: how well a k_b that changes is followed; minutes
 # make benchmark-monitor   docs/monitor-measured.md: how well a change of the machine is found and named; ten minutes
+# make benchmark-bias        docs/k-b-bias.md: what unknown effects do to k_b; five minutes
 # make benchmark-intervals   docs/interval-coverage.md: how often intervals of k_b hold the true value; half an hour
 # make benchmark-records   k_b from an oscilloscope's records beside that of the sweep; minutes
+# make importers   all FMUs as one system in ecos, libcosim, PathSim and a container, against fmpy; a minute
 # make elsewhere   the binaries for Windows and ARM run here, by Wine and qemu (packages in tests/fmu/native/elsewhere.py)
 # make fuzz    100,000 sequences of random FMI calls of each of them under sanitizers; an hour
 # make fuzz-files   10,000 damaged files of every format are read: no traceback, no crash, no hang; an hour or two
@@ -36,7 +38,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test test-long lint docs fmus native importers elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-intervals benchmark-tracker benchmark-monitor benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint docs fmus native importers elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-bias benchmark-intervals benchmark-tracker benchmark-monitor benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -124,6 +126,9 @@ benchmark-tracker: $(VENV)/installed
 
 benchmark-monitor: $(VENV)/installed
 	$(PYTHON) -m benchmarks.monitor --page docs/monitor-measured.md
+
+benchmark-bias: $(VENV)/installed
+	$(PYTHON) -m benchmarks.k_b_bias --page docs/k-b-bias.md
 
 benchmark-intervals: $(VENV)/installed
 	$(PYTHON) -m benchmarks.interval_coverage --page docs/interval-coverage.md

@@ -16,7 +16,7 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -632,9 +632,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--k-b-input", action="store_true", help="k_b is an input of the rotor, and no parameter")
     options = parser.parse_args(arguments)
-    rotor = {"array_output": options.array_output, "k_b_input": options.k_b_input}
     try:
-        for path in _all_of(load_rig(options.rig), options.out, options.native, rotor):
+        for path in _all_of(load_rig(options.rig), options):
             print(path)
     except (RigError, BuildError, CompileError, OSError) as error:
         print(error, file=sys.stderr)
@@ -642,13 +641,14 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _all_of(rig: Rig, folder: Path, native: bool, rotor: Mapping[str, bool]) -> Iterator[Path]:
-    """All FMUs that there are of a rig; ``rotor``: options of the compiled rotor."""
+def _all_of(rig: Rig, options: argparse.Namespace) -> Iterator[Path]:
+    """All FMUs that there are of a rig."""
     known = is_shipped(rig)
-    yield build_rotor_fmu(rig, folder, k_b_input=rotor["k_b_input"])
+    yield build_rotor_fmu(rig, options.out, k_b_input=options.k_b_input)
     if known:
-        yield build_estimator_fmu(folder)
+        yield build_estimator_fmu(options.out)
     else:
         print(f"{ESTIMATOR_FMU} is not built: its network knows the rig {SHIPPED_RIG} only", file=sys.stderr)
-    if native:
-        yield from build_native(rig, folder, estimator=known, **rotor)
+    if options.native:
+        choices = {"array_output": options.array_output, "k_b_input": options.k_b_input}
+        yield from build_native(rig, options.out, estimator=known, **choices)

@@ -144,19 +144,18 @@ def _connectors(
     """Kind and type of every connector of a component, or of the system, by name and in the order of the links."""
     found = {}
     for link in links:
-        ends = ((link.start, link.output, link.end, link.input), (link.end, link.input, link.start, link.output))
-        for (component, port, other, there), inward in zip(ends, (False, True), strict=True):
-            if component != owner:
-                continue
-            inner = (component, port) if component is not None else (other, there)
-            kind = ("input" if inward else "output") if component is not None else ("output" if inward else "input")
-            found[port] = (kind, _type_of(*inner, components))
+        ends = (link.start, link.output), (link.end, link.input)
+        for (place, port), other in zip(ends, reversed(ends), strict=True):
+            if place == owner:
+                gives = (place, port) == ends[0]
+                kind = "output" if gives == (owner is not None) else "input"  # the system's own face the other way
+                found[port] = kind, _type_of(*((place, port) if owner is not None else other), components)
     return found
 
 
 def _type_of(component: str | None, variable: str, components: Mapping[str, Component]) -> str:
     """SSP's type of a component's variable."""
-    if component not in components:
+    if component is None or component not in components:
         raise ValueError(f"a link names {component}, which is no component")
     variables = components[component].variables
     if variable not in variables:

@@ -24,7 +24,6 @@ from rigtwin.gap.clock import Clock
 from rigtwin.gap.curves import Curve, log_distance_db, nrmse
 from rigtwin.gap.document import DAMPING, Cause, Diagnosis, Finding, Location, NextTest, Regime, Shrink, Verdict, Where
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.nuisances import PRIOR
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.strategies.bearing_stiffness import compare_with_models
 from rigtwin.gap.verdict.adequacy import judge
@@ -334,15 +333,14 @@ def _repeatability_findings(problem: Problem, fit: Fit) -> Iterator[Finding]:
     }
     for each in problem.nuisances.learned:
         size = each.of(fit.prior_std)
-        severity = "warning" if size > each.median * np.exp(2 * PRIOR.spread) else "note"
+        severity = "warning" if each.is_unusual(size) else "note"
         told = words[each.name].format(size=100 * size)
         yield Finding("repeatability", severity, f"{told}; say {each.name} in [nominal] if you know it.", "", size)
 
 
 def _noise_finding(answer: Answer) -> tuple[Finding, ...]:
     """That the values scatter otherwise than their standard errors say."""
-    low, high = THRESHOLDS.believed_scale_low, THRESHOLDS.believed_scale_high
-    quality = answer.standing.quality
+    low, high, quality = THRESHOLDS.believed_scale_low, THRESHOLDS.believed_scale_high, answer.standing.quality
     if all(run.std is None for run in answer.problem.runs) or low <= quality.scale <= high:
         return ()
     words = (

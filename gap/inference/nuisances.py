@@ -58,6 +58,10 @@ class Learned:
         """Root mean square of the nuisances, not below the median."""
         return max(float(np.sqrt(np.mean(nu[self.places] ** 2))), self.median)
 
+    def is_unusual(self, std: float) -> bool:
+        """Whether it is so large that it may stand in for what a model lacks: beyond 98 % of the prior."""
+        return std > self.median * np.exp(2 * PRIOR.spread)
+
     def log_prior(self, std: float) -> float:
         """Logarithm of the prior density over that at the median."""
         return -((np.log(std / self.median) / PRIOR.spread) ** 2) / 2

@@ -317,6 +317,11 @@ def _by_responses(campaign: Campaign, features: Features | None = None) -> Answe
             f"the model leaves {math.sqrt(found.misfit):.3g} times the noise, or takes tolerances that are not "
             "plausible: the rig differs from its model; rigtwin diagnose says where"
         )
+    for key, size in found.unusual.items():
+        against.append(
+            f"the runs tell a {key} of {100 * size:.2g} %, far more than usual: it may stand in for what the model "
+            f"lacks; say {key} in [nominal] if you know it, and ask rigtwin diagnose"
+        )
     if not limits.min_N_per_m < found.k_b < limits.max_N_per_m:
         against.append(f"k_b = {found.k_b:.4g} N/m is at the end of the range that the rig file gives")
     estimate = Estimate(found.k_b, found.k_b * found.log_std, low, high, valid=not against)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rigtwin.gap.audit.findings import usable
@@ -22,6 +23,7 @@ class ResponseFit:
     log_std: float  # standard error of its logarithm, the Cramér-Rao bound of all lines [kay1993]
     misfit: float  # mean square of what is left, over that of the noise
     explained: bool  # whether noise alone is left, by tolerances that are plausible
+    unusual: Mapping[str, float]  # repeatabilities, by key of [nominal], that the runs tell and that may hide a gap
 
 
 def fit_responses(campaign: Campaign) -> ResponseFit:
@@ -34,11 +36,15 @@ def fit_responses(campaign: Campaign) -> ResponseFit:
     problem, nominal = prepared(usable(campaign))
     quality = judge(problem, nominal)
     scale = max(scale_of(quality), quality.misfit**0.5, 1.0)  # what is left counts as noise
+    learned = {each.name: each.of(nominal.prior_std) for each in problem.nuisances.learned}
     return ResponseFit(
         k_b=nominal.k_b,
         log_std=float(nominal.covariance(scale)[0, 0] ** 0.5),
         misfit=float(quality.misfit),
         explained=excess_of(problem, nominal, quality) < 1 or _as_exact_as_the_model(problem, nominal, quality),
+        unusual={
+            each.name: learned[each.name] for each in problem.nuisances.learned if each.is_unusual(learned[each.name])
+        },
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import rigtwin
 from rigtwin.errors import UserError
+from rigtwin.rotor.effects import AxialLoad, Effect
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
@@ -24,12 +26,19 @@ K_B = 4e6
 COARSE = np.arange(20.0, 400.1, 2.0)  # the paper's raster, with hardly a line in any half-power band
 
 
-def runs_of(rig: Rig, seed: int = 0, drift: float = 0.0, noise: float = 0.01, damping: float = 12.0) -> list[Run]:
+def runs_of(
+    rig: Rig,
+    seed: int = 0,
+    drift: float = 0.0,
+    noise: float = 0.01,
+    damping: float = 12.0,
+    effects: Sequence[Effect] = (),
+) -> list[Run]:
     """Both supports on a coarse raster and a finer mesh, with noise, and resonances that drift from run to run."""
     rng, structure, made = np.random.default_rng(seed), assemble(rig, elements_between_nodes=4), []
     for support in ("rigid", "bearing"):
         condition = Condition(K_B, support == "rigid", bearing_damping=damping, shaft_damping_ratio=0.002)
-        H = measured_response(structure, condition, (), COARSE / (1 + drift * rng.standard_normal()), [2])
+        H = measured_response(structure, condition, effects, COARSE / (1 + drift * rng.standard_normal()), [2])
         run = blank(support, COARSE, channels=(Channel(2),), name=support)
         made.append(with_noise(run, H, 2 * seed + len(made), noise))
     return made
@@ -73,6 +82,16 @@ def test_a_campaign_is_answered_by_all_lines_as_its_workshop_knows_the_rig(name,
     assert (told["k_b_low"] < true < told["k_b_high"]) == holds
     (shifts,) = run_json("estimate", stored / "measured", "--method", "network")["estimates"]
     assert not shifts["k_b_low"] < true < shifts["k_b_high"]
+
+
+def test_drifts_that_would_hide_a_gap_are_an_objection(shipped):
+    """A shaft under tension is none of the tolerances: resonances that drift by percents would explain it."""
+    (answer,) = rigtwin.estimate(*runs_of(shipped, noise=1e-3, effects=[AxialLoad(force=2000.0)]), method="responses")
+    assert abs(answer.estimate.k_b / K_B - 1) > 0.01
+    assert not answer.estimate.valid
+    assert any("frequency_drift of" in words for words in answer.objections), answer.objections
+    (answer,) = rigtwin.estimate(*runs_of(shipped, noise=1e-3), method="responses")
+    assert answer.estimate.valid, answer.objections
 
 
 def test_one_run_on_bearings_is_enough(shipped):

@@ -69,6 +69,8 @@ def write_system(name: str, components: Sequence[Component], links: Sequence[Lin
     for each, namespace in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
         register_namespace(each, namespace)
     by_name = {component.name: component for component in components}
+    for place, port in (end for k in links for end in ((k.start, k.output), (k.end, k.input)) if end[0] is not None):
+        _type_of(place, port, by_name)
     root = Element(f"{{{_SSD}}}SystemStructureDescription", {"name": name, "version": "1.0"})
     system = SubElement(root, f"{{{_SSD}}}System", {"name": name})
     _add_connectors(system, _connectors(None, links, by_name))

@@ -8,7 +8,7 @@ import pytest
 from fmpy.ssp.ssd import read_ssd
 
 from examples import ssp_hammer_test
-from rigtwin.fmu_src.ssp import write_ssp
+from rigtwin.fmu_src.ssp import Component, Link, write_ssp, write_system
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +24,20 @@ def test_the_system_description_follows_the_ssp_schema(ssp):
 def test_the_system_carries_its_fmus(ssp, rotor_fmu):
     with zipfile.ZipFile(ssp) as archive:
         assert archive.read("resources/RotorRig.fmu") == rotor_fmu.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("link", "words"),
+    [
+        (Link("second", "force_applied", "first", "force"), "second, which is no component"),
+        (Link("first", "force_aplied", None, "force"), "first has no variable force_aplied"),
+        (Link(None, "force", "third", "force"), "third, which is no component"),
+    ],
+)
+def test_a_link_to_nothing_is_refused_and_nothing_is_written(rotor_fmu, tmp_path, link, words):
+    with pytest.raises(ValueError, match=words):
+        write_system("system", [Component("first", rotor_fmu)], [link], tmp_path / "system.ssp")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.long

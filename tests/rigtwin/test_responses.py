@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import rigtwin
+from benchmarks.k_b_bias import answers
 from rigtwin.errors import UserError
-from rigtwin.rotor.effects import AxialLoad, Effect
+from rigtwin.rotor.effects import AxialLoad, Effect, ShaftDamping
 from rigtwin.rotor.frequency.measured import measured_response
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
@@ -92,6 +93,14 @@ def test_drifts_that_would_hide_a_gap_are_an_objection(shipped):
     assert any("frequency_drift of" in words for words in answer.objections), answer.objections
     (answer,) = rigtwin.estimate(*runs_of(shipped, noise=1e-3), method="responses")
     assert answer.estimate.valid, answer.objections
+
+
+@pytest.mark.parametrize(("effect", "noticed"), [(ShaftDamping(damping_ratio=0.005), False), (AxialLoad(), True)])
+def test_the_page_of_biases_says_whether_an_effect_is_noticed(effect, noticed):
+    told = list(answers(effect, 2e6))
+    assert len(told) == 3
+    assert [words.endswith("flagged") for words in told] == [noticed] * 3
+    assert any(words.endswith("inside") for words in told) != noticed
 
 
 def test_one_run_on_bearings_is_enough(shipped):

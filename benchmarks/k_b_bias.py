@@ -15,9 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.interval_coverage import METHODS
 from benchmarks.page import machine, table
-from rigtwin.api.estimates import Method, estimate
+from rigtwin.api.estimates import estimate
 from rigtwin.errors import UserError
+from rigtwin.gap.model.forward import acting
 from rigtwin.rotor.effects import Effect
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.rotor.frequency.measured import measured_response
@@ -33,7 +35,6 @@ from rigtwin.sim.campaign import Channel, Run
 NODE, ERROR = 2, 1e-3
 STIFFNESSES = (2e6, 2e7)  # [N/m]
 BEARING_DAMPING, SHAFT_DAMPING = 20.0, 0.002
-METHODS: dict[Method, str] = {"network": "estimator", "model": "root finding", "responses": "all lines"}
 # Distances of lines from a peak, in half-power bands.
 WIDTHS = np.concatenate([-np.geomspace(40, 0.25, 16), [0.0], np.geomspace(0.25, 40, 16)])
 
@@ -99,8 +100,7 @@ def answers(effect: Effect, k_b: float) -> Iterator[str]:
 def _run(structure: Structure, condition: Condition, effect: Effect) -> Run:
     """One run at the driving point, on lines about the resonances that are there."""
     support = "rigid" if condition.rigid_support else "bearing"
-    acts = effect.location != ("bearings" if condition.rigid_support else "rigid_support")
-    effects = (effect,) if acts else ()
+    effects = acting((effect,), support)
     modes = damped_modes(build_system(structure, condition, effects))
     peaks = zip(modes.frequency_hz, modes.damping_ratio, strict=True)
     lines = np.unique(np.concatenate([np.linspace(20, 400, 96), *(f * (1 + zeta * WIDTHS) for f, zeta in peaks)]))

@@ -610,10 +610,10 @@ def build_native(
     hint = "" if targets or find_spec("ziglang") else "; with ziglang (pip install ziglang) for all others too"
     print(f"compiling for {names}{hint}", file=sys.stderr)
     for fmi in ("2.0", "3.0"):
-        options = {"array_output": array_output, "k_b_input": k_b_input}
-        yield build_native_rotor_fmu(rig, folder / f"fmi{fmi[0]}", fmi=fmi, targets=targets, **options)
+        own = folder / f"fmi{fmi[0]}"
+        yield build_native_rotor_fmu(rig, own, fmi=fmi, targets=targets, array_output=array_output, k_b_input=k_b_input)
         if estimator:
-            yield build_native_estimator_fmu(folder / f"fmi{fmi[0]}", fmi=fmi, targets=targets)
+            yield build_native_estimator_fmu(own, fmi=fmi, targets=targets)
 
 
 def is_shipped(rig: Rig) -> bool:
@@ -650,5 +650,6 @@ def _all_of(rig: Rig, options: argparse.Namespace) -> Iterator[Path]:
     else:
         print(f"{ESTIMATOR_FMU} is not built: its network knows the rig {SHIPPED_RIG} only", file=sys.stderr)
     if options.native:
-        choices = {"array_output": options.array_output, "k_b_input": options.k_b_input}
-        yield from build_native(rig, options.out, estimator=known, **choices)
+        yield from build_native(
+            rig, options.out, estimator=known, array_output=options.array_output, k_b_input=options.k_b_input
+        )

@@ -8,7 +8,6 @@ whose k_b leaves the system.
 
 from __future__ import annotations
 
-import os
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,8 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
 
 from fmpy import read_model_description
+
+from rigtwin.scratch import replacing
 
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
@@ -81,15 +82,10 @@ def write_system(name: str, components: Sequence[Component], links: Sequence[Lin
     for link in links:
         SubElement(connections, f"{{{_SSD}}}Connection", _attributes(link))
     indent(root)
-    beside = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("SystemStructure.ssd", tostring(root, encoding="UTF-8", xml_declaration=True))
-            for fmu in dict.fromkeys(component.fmu for component in components):
-                archive.write(fmu, f"resources/{fmu.name}")
-        os.replace(beside, target)
-    finally:
-        beside.unlink(missing_ok=True)
+    with replacing(target) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("SystemStructure.ssd", tostring(root, encoding="UTF-8", xml_declaration=True))
+        for fmu in dict.fromkeys(component.fmu for component in components):
+            archive.write(fmu, f"resources/{fmu.name}")
     return target
 
 
@@ -147,11 +143,13 @@ def _connectors(
     found = {}
     for link in links:
         ends = (link.start, link.output), (link.end, link.input)
-        for (place, port), other in zip(ends, reversed(ends), strict=True):
-            if place == owner:
-                gives = (place, port) == ends[0]
-                kind = "output" if gives == (owner is not None) else "input"  # the system's own face the other way
-                found[port] = kind, _type_of(*((place, port) if owner is not None else other), components)
+        for (place, port), (other, there), kind in zip(ends, reversed(ends), ("output", "input"), strict=True):
+            if place != owner:
+                continue
+            if owner is None:  # what the system is given is what a component takes
+                found[port] = "input" if kind == "output" else "output", _type_of(other, there, components)
+            else:
+                found[port] = kind, _type_of(owner, port, components)
     return found
 
 

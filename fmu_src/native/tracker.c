@@ -288,12 +288,12 @@ static void choose(Tracker *s)
         if (o->filters[k].log_weight > o->filters[best].log_weight)
             best = k;
     const double most = o->filters[best].log_weight;
-    const int at_last = tracker_lasted(++o->age, o->step, o->longest);
-    const int together = !tracker_lasted(o->age, o->step, o->together);
+    o->age++;
+    const int apart = tracker_lasted(o->age, o->step, o->together), at_last = tracker_lasted(o->age, o->step, o->longest);
     for (int k = 0; k < n; k++) {
         Filter *f = o->filters + k;
         f->log_weight -= most;
-        if (n > 1 && k != best && !together && (f->log_weight < -HOPELESS || at_last))
+        if (n > 1 && k != best && apart && (f->log_weight < -HOPELESS || at_last))
             continue;
         if (k == best)
             o->best = left;

@@ -130,10 +130,12 @@ def build_compiled(
     rig: Rig, folder: Path, *, array_output: bool, k_b_input: bool = False, targets: Sequence[str] = ()
 ) -> list[Path]:
     """The FMUs without Python inside. Raises UserError where they cannot be compiled."""
-    rotor = {"array_output": array_output, "k_b_input": k_b_input}
     try:
         chosen = targets_named(targets) if targets else None
-        return list(build_native(rig, folder, estimator=is_shipped(rig), targets=chosen, **rotor))
+        known = is_shipped(rig)
+        return list(
+            build_native(rig, folder, estimator=known, array_output=array_output, k_b_input=k_b_input, targets=chosen)
+        )
     except CompileError as error:
         raise UserError(str(error)) from error
     except ModuleNotFoundError as error:

@@ -36,15 +36,13 @@ def fit_responses(campaign: Campaign) -> ResponseFit:
     problem, nominal = prepared(usable(campaign))
     quality = judge(problem, nominal)
     scale = max(scale_of(quality), quality.misfit**0.5, 1.0)  # what is left counts as noise
-    learned = {each.name: each.of(nominal.prior_std) for each in problem.nuisances.learned}
+    learned = [(each, each.of(nominal.prior_std)) for each in problem.nuisances.learned]
     return ResponseFit(
         k_b=nominal.k_b,
         log_std=float(nominal.covariance(scale)[0, 0] ** 0.5),
         misfit=float(quality.misfit),
         explained=excess_of(problem, nominal, quality) < 1 or _as_exact_as_the_model(problem, nominal, quality),
-        unusual={
-            each.name: learned[each.name] for each in problem.nuisances.learned if each.is_unusual(learned[each.name])
-        },
+        unusual={each.name: size for each, size in learned if each.is_unusual(size)},
     )
 
 

@@ -54,8 +54,9 @@ def build_fmus(request: BuildRequest) -> None:
     if not request.train and not is_shipped(rig):
         note(_without_estimator(rig))
     if request.native:
-        options = {"array_output": request.array_output, "k_b_input": request.k_b_input, "targets": request.targets}
-        for path in build_compiled(rig, request.out, **options):
+        array, as_input = request.array_output, request.k_b_input
+        compiled = build_compiled(rig, request.out, array_output=array, k_b_input=as_input, targets=request.targets)
+        for path in compiled:
             say(str(path))
     if request.listeners:
         native = request.targets if request.native else None

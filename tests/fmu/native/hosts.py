@@ -16,12 +16,12 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from fmpy import read_model_description, simulate_fmu
 
+from examples.in_ecos import ecos
 from rigtwin.fmu_src.build import (
     MONITOR,
     TRACKER,
@@ -137,37 +137,21 @@ def in_ecos(system: Plan) -> Series:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         ssp = write_system("AllFmus", system.components, system.links, folder / "all.ssp")
-        columns = _ecos(ssp, folder, "--parameterSet", START_VALUES)
-    return {f"{name}.{variable}": columns[f"{name}::{variable}"] for name, variable in system.watched}
+        columns = {f"{name}.{variable}": f"{name}::{variable}" for name, variable in system.watched}
+        return _ecos(ssp, folder, columns, "--parameterSet", START_VALUES)
 
 
-def _ecos(path: Path, folder: Path, *options: str) -> Series:
-    """What the command logs of an FMU or an SSP after every step: columns by name."""
-    spec = find_spec("ecospy")
-    assert spec is not None
-    assert spec.submodule_search_locations
-    binaries = Path(spec.submodule_search_locations[0]) / "binaries"
-    for name in ("ecos", "proxyfmu"):
-        (binaries / name).chmod(0o755)
-    command = [binaries / "ecos", "simulate", "--path", path, "--stopTime", str(STOP), "--stepSize", str(STEP)]
-    command += options
+def _ecos(path: Path, folder: Path, columns: Mapping[str, str], *options: str) -> Series:
+    """What the command logs of an FMU or an SSP after every step, under the names of these columns."""
+    command = [ecos(), "simulate", "--path", path, "--stopTime", str(STOP), "--stepSize", str(STEP), *options]
     finished = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     (table,) = folder.glob("*.csv")
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file, skipinitialspace=True))[1:]
-    numbers = {name: [row[name] for row in rows] for name in rows[0] if _is_number(rows[0][name])}
-    found = {name.split("[")[0].strip(): np.array(values, dtype=float) for name, values in numbers.items()}
-    assert all(len(values) in (STEPS, STEPS - 1) for values in found.values())  # the last step may be left out
-    return found
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    assert len(rows) in (STEPS, STEPS - 1)  # the last step may be left out
+    logged = {name.split("[")[0].strip(): name for name in rows[0]}
+    return {name: np.array([float(row[logged[column]]) for row in rows]) for name, column in columns.items()}
 
 
 def in_libcosim(system: Plan) -> Series:
@@ -240,8 +224,8 @@ def in_a_container(system: Plan) -> Series:
 def in_a_container_in_ecos(system: Plan) -> Series:
     """The same FMU by the ecos command."""
     with tempfile.TemporaryDirectory() as name:
-        columns = _ecos(pack(system, Path(name)), Path(name))
-    return {name: columns[f"instance::{port}"] for name, port in _ports(system).items()}
+        columns = {watched: f"instance::{port}" for watched, port in _ports(system).items()}
+        return _ecos(pack(system, Path(name)), Path(name), columns)
 
 
 def pack(system: Plan, folder: Path) -> Path:

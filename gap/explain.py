@@ -17,9 +17,11 @@ import numpy as np
 
 from rigtwin.gap.clock import Clock
 from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.harmonics import with_harmonics
 from rigtwin.gap.inference.hypotheses import PRIORS, Hypothesis, candidates
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.inference.score_test import Score
+from rigtwin.gap.model.forward import nonlinear
 from rigtwin.gap.search.laws.beside import search_laws
 from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.gap.search.laws.search import most_promised
@@ -101,7 +103,15 @@ def explain(task: Task) -> Explained:
     outcome: Task | Explained = task
     while isinstance(outcome, Task):
         outcome = _attempt(outcome)
-    return outcome
+    return _heard(outcome)
+
+
+def _heard(found: Explained) -> Explained:
+    """The same where measured harmonics count, too, if they can be a law's."""
+    if not any(nonlinear(fit.effects) for fit in found.fits):
+        return found
+    nominal, *fits = (with_harmonics(found.problem, fit) for fit in (found.nominal, *found.fits))
+    return replace(found, nominal=nominal, fits=best_first(fits))
 
 
 def _attempt(task: Task) -> Task | Explained:

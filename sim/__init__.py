@@ -20,6 +20,7 @@ module               what it holds                                           sta
 ``spectra``          a run from hammer or random records                     ``reduce_spectra``
 ``oscilloscope``     records of the virtual rig as an oscilloscope's         ``record_lines``
 ``modal_fit``        modes of a measured frequency response                  ``fit_modes``
+``resonances``       poles from the lines beside a peak, on any raster       ``find_resonances``
 ===================  ======================================================  ===========================
 
 This package uses FMUs through their ``.fmu`` files only.

@@ -115,12 +115,16 @@ class Run:
                 raise MeasurementError(f"run {self.name!r}, {label}: {wrong}; correct one of them")
 
     def on_lines(self, lines: NDArray[np.bool_] | slice) -> Run:
-        """The same run with some of its lines and without harmonics; ``swept_hz`` keeps all lines that were swept."""
-        std = None if self.std is None else self.std[lines]
-        swept = self.frequency_hz if self.swept_hz is None else self.swept_hz
-        some = self.frequency_hz[lines]
-        force = None if self.force_N is None else self.force_N[lines]
-        return replace(self, frequency_hz=some, H=self.H[lines], std=std, harmonics={}, swept_hz=swept, force_N=force)
+        """The same run with some of its lines; ``swept_hz`` keeps all lines that were swept."""
+        return replace(
+            self,
+            frequency_hz=self.frequency_hz[lines],
+            H=self.H[lines],
+            std=None if self.std is None else self.std[lines],
+            harmonics={order: values[lines] for order, values in self.harmonics.items()},
+            force_N=None if self.force_N is None else self.force_N[lines],
+            swept_hz=self.frequency_hz if self.swept_hz is None else self.swept_hz,
+        )
 
     @property
     def forces(self) -> FloatArray:

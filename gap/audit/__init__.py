@@ -6,7 +6,6 @@ module           what it looks at                                               
 ``findings``     the whole audit, and the campaign as it is diagnosed             ``audit``, ``usable``
 ``noise``        scatter of the lines about a smooth curve                        ``estimate_noise``
 ``wild``         single lines that nothing near them explains                     ``wild_lines``
-``resonances``   poles and half-power bands, on any raster                        ``find_resonances``
 ``checked_run``  a run's clean lines, noise and resonances, for every check       ``CheckedRun``
 ``one_run``      raster, missing lines, noise, channels, saturation, sweep rate   ``check_raster`` ...
 ``phase``        delay and polarity                                               ``check_delay`` ...

@@ -9,11 +9,11 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from rigtwin.gap.audit.noise import GIVEN_ERRORS, NoiseEstimate, estimate_noise, live_channels, responses
-from rigtwin.gap.audit.resonances import Resonance, find_resonances
 from rigtwin.gap.document import Finding
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.campaign import Channel, NominalBelief, Run
+from rigtwin.sim.resonances import Resonance, find_resonances
 
 Severity = Literal["ok", "note", "warning", "error"]
 

@@ -18,11 +18,11 @@ from rigtwin.gap.audit.noise import (
     responses,
     weigh_errors,
 )
-from rigtwin.gap.audit.resonances import Resonance
 from rigtwin.gap.document import Finding
 from rigtwin.gap.phrases import listed
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import Channel, NominalBelief, Run
+from rigtwin.sim.resonances import Resonance
 
 
 @dataclass(frozen=True)

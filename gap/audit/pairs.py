@@ -12,10 +12,10 @@ import numpy as np
 
 from rigtwin.gap.audit.checked_run import CheckedRun
 from rigtwin.gap.audit.noise import mean_square
-from rigtwin.gap.audit.resonances import Resonance
 from rigtwin.gap.document import Finding
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.campaign import USUAL_DRIFT, Channel, NominalBelief, Run
+from rigtwin.sim.resonances import Resonance
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,7 @@ class Fit:
     added: float = 0.0  # relative error beside the data's own that it was fitted with at last
     sampled: Sampled | None = None  # its evidence, where it was sampled
     log_prior: float = 0.0  # of the repeatabilities that it learned
+    harmonics: float = 0.0  # logarithm of the density of measured harmonics, up to a constant of the data
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -86,7 +87,8 @@ class Fit:
         posterior = self.precision[keep, keep] / scale**2 + np.diag(prior)
         _, logdet = np.linalg.slogdet(posterior)
         laplace = -(self.chi2 / scale**2 + self.penalty + logdet - np.sum(np.log(prior))) / 2
-        return laplace + self.log_prior + (self.sampled.correction if self.sampled and self.sampled.trusted else 0.0)
+        sampled = self.sampled.correction if self.sampled and self.sampled.trusted else 0.0
+        return laplace + self.log_prior + self.harmonics + sampled
 
     def covariance(self, scale: float = 1.0, held: BoolArray | None = None) -> FloatArray:
         """Of (u, nu).

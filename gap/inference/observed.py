@@ -57,7 +57,9 @@ class Observed:
     def divide_by(self, factor: float) -> Observed:
         """The same in another unit, which is so many times as large."""
         std = None if self.run.std is None else self.run.std / factor
-        return replace(self, run=replace(self.run, H=self.run.H / factor, std=std, harmonics={}), std=self.std / factor)
+        harmonics = {order: values / factor for order, values in self.run.harmonics.items()}
+        run = replace(self.run, H=self.run.H / factor, std=std, harmonics=harmonics)
+        return replace(self, run=run, std=self.std / factor)
 
     @property
     def n_values(self) -> int:

@@ -116,6 +116,17 @@ class NonlinearModal(RunModel):
         """(n_freq,) lines with a motion."""
         return self.motions(drift, tolerance).converged
 
+    def harmonic(self, order: int, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
+        """As ``RunModel.harmonic``: what the harmonics of the joints' forces move."""
+        if order > self.resolution.harmonics:
+            return np.zeros((len(self.run.frequency_hz), len(self.run.channels)), dtype=complex)
+        solved = self.at_level(level).motions(drift, tolerance)
+        there = replace(self.run, frequency_hz=order * self.run.frequency_hz, harmonics={})
+        chain = chain_factors(self.effects, there, np.arange(len(there.channels)))
+        drive = Drive(there, level, chain)
+        sensors = drive.by_force(solved.balance)[0][:, :, :-1]
+        return -drive.scale * (sensors @ solved.forces[:, order, :, None])[..., 0]
+
     def tells(
         self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> BoolArray:

@@ -72,6 +72,12 @@ class RunModel(Protocol):
         """(n_freq,) lines that have a response."""
         return np.ones(len(self.run.frequency_hz), dtype=bool)
 
+    def harmonic(
+        self, order: int, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
+    ) -> ComplexArray | FloatArray:
+        """(n_freq, n_channels) response at ``order`` times each line, as ``Run.harmonics`` has it."""
+        return np.zeros((len(self.run.frequency_hz), len(self.run.channels)))
+
     def tells(
         self, drift: ComplexArray | None = None, tolerance: FloatArray | None = None, level: float = 0.0
     ) -> BoolArray:

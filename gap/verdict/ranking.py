@@ -99,7 +99,8 @@ def _by_lines_alike(problem: Problem, ranked: Ranked, standing: Standing) -> Ran
     """
     best = best_of(ranked)
     alike = fit_lines_alike(problem, best, noise_scale(problem, standing.quality))
-    said = replace(alike, chi2=best.chi2, penalty=best.penalty, log_prior=best.log_prior, sampled=best.sampled)
+    ranked_by = ("chi2", "penalty", "log_prior", "sampled", "harmonics")
+    said = replace(alike, **{name: getattr(best, name) for name in ranked_by})
     return replace(ranked, fits=tuple(said if fit is best else fit for fit in ranked.fits))
 
 

@@ -2,7 +2,7 @@
 
 Near a resonance every channel is a pole common to all channels and what the other modes leave,
 H_c (x - p) = n_c0 + n_c1 x + n_c2 x^2. That is linear but for the weights 1/|x - p|, which follow
-from the fit before (Sanathanan and Koerner 1963). Unlike ``sim.modal_fit`` it needs no line inside
+from the fit before (Sanathanan and Koerner 1963). Unlike ``modal_fit`` it needs no line inside
 the half-power band: on a coarse raster the lines beside the peak still tell where the pole is.
 """
 

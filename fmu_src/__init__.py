@@ -8,6 +8,7 @@ module                   what it holds
 ``estimator_variables``  the variables of StiffnessEstimator
 ``tracker_variables``    the variables of StiffnessTracker
 ``monitor_variables``    the variables of GapMonitor
+``machine_variables``    the variables of SofteningBearing and SpeedSupervisor
 ``model_description``    modelDescription.xml of a variable table, FMI 2.0 and 3.0
 ``slave``                a pythonfmu slave driven by such a table
 ``rotor_slave``          RotorRig, the rotor as a co-simulation FMU
@@ -22,8 +23,9 @@ module                   what it holds
 ``native_sources``       C sources of an FMU without Python inside: ``native/`` and what is printed for a rig
 ``network_code``         C code of a small ONNX network
 ``compiling``            C sources to shared libraries
-``ssp``                  both FMUs wired into one system
+``ssp``                  FMUs wired into one system
 ``build``                builds the FMUs: stage, compile, complete, validate
+``machine``              a machine whose bearing softens: two small FMUs, and the system of four
 ``built_here``           which FMUs this installation has built, by their hashes
 ``print_laws``           the force laws as Python and as C
 =======================  ====================================================================================

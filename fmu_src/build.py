@@ -130,7 +130,7 @@ def build_rotor_fmu(
     bundle = Bundle(
         script="rigtwin.fmu_src.rotor_slave",
         modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.rotor_variables", *modules_of(_ROTOR_PACKAGES)),
-        data={"structure.npz": _npz(to_arrays(structure)), "rig.json": _rig_json(rig)},
+        data={"structure.npz": _npz(to_arrays(structure)), "rig.json": rig_json(rig)},
     )
     files = rotor_pages(rig, facts) | _beside_python(("numpy", "scipy")) | _rotor_extra(rig, structure, facts)
     return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / ROTOR_FMU)
@@ -141,7 +141,7 @@ def _beside_python(packages: Sequence[str]) -> dict[str, bytes]:
     return licences(("pythonfmu",)) | external_dependencies(packages)
 
 
-def _beside_native(fmi: str) -> dict[str, bytes]:
+def beside_native(fmi: str) -> dict[str, bytes]:
     """Licences and needs of a compiled FMU."""
     headers = (FMI_HEADERS / f"fmi{fmi[0]}Functions.h").read_text(encoding="utf-8")
     return licences((), headers) | external_dependencies(())
@@ -157,7 +157,7 @@ def _rotor_extra(rig: Rig, structure: Structure, facts: RotorFacts) -> dict[str,
     described = {
         "model": "RotorRig",
         "rigtwin": version("rigtwin"),
-        "rig": {"name": rig.name, "title": rig.title, "sha256": sha256(_rig_json(rig))},
+        "rig": {"name": rig.name, "title": rig.title, "sha256": sha256(rig_json(rig))},
         "resonances_Hz": {"rigid": rigid[:2].tolist(), "bearing": bearing[:2].tolist()},
         "validity": {
             "k_b_N_per_m": [facts.k_b_min, facts.k_b_max],
@@ -177,14 +177,14 @@ def _estimator_extra(model: Path) -> dict[str, bytes]:
     described = {
         "model": "StiffnessEstimator",
         "rigtwin": version("rigtwin"),
-        "rig": {"name": SHIPPED_RIG, "sha256": sha256(_rig_json(load_rig(SHIPPED_RIG)))},
+        "rig": {"name": SHIPPED_RIG, "sha256": sha256(rig_json(load_rig(SHIPPED_RIG)))},
         "network": {"sha256": sha256(model.read_bytes())},
         "validity": StiffnessEstimator(model).card["training_range"],
     }
     return references(estimator_run(model)) | metadata(described)
 
 
-def _rig_json(rig: Rig) -> bytes:
+def rig_json(rig: Rig) -> bytes:
     """The rig as it lies in the FMU."""
     return rig.model_dump_json(indent=1).encode()
 
@@ -325,7 +325,7 @@ def build_listener_fmu(listener: Listener, rig: Rig, folder: Path, nodes: Sequen
     bundle = Bundle(
         script=listener.script,
         modules=(*_SLAVE_MODULES, *listener.modules),
-        data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": _rig_json(rig)},
+        data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": rig_json(rig)},
     )
     files = _listener_pages(listener, rig, facts, rotor, needs_python=True) | _beside_python(("numpy", "scipy"))
     files |= _listener_extra(listener, rig, rotor, facts)
@@ -350,13 +350,13 @@ def build_native_listener_fmu(
     def sources(model: Model) -> dict[str, str]:
         return listener.sources(model, rotor, facts.nodes, fmi)
 
-    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False) | _beside_native(fmi)
+    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False) | beside_native(fmi)
     pages |= _listener_extra(listener, rig, rotor, facts)
     if fmi == "3.0":
         pages |= terminals_and_icon((), pages["model.png"])
-    data = {"rig.json": _rig_json(rig)}
+    data = {"rig.json": rig_json(rig)}
     target = folder / f"{listener.name}.fmu"
-    return _build_native(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, target)
+    return build_native_fmu(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, target)
 
 
 def _listener_pages(
@@ -371,7 +371,7 @@ def _listener_extra(listener: Listener, rig: Rig, rotor: ReducedRotor, facts: Tr
     described = {
         "model": listener.name,
         "rigtwin": version("rigtwin"),
-        "rig": {"name": rig.name, "title": rig.title, "sha256": sha256(_rig_json(rig))},
+        "rig": {"name": rig.name, "title": rig.title, "sha256": sha256(rig_json(rig))},
         "validity": {
             "k_b_N_per_m": [facts.k_b_min, facts.k_b_max],
             "motion_Hz": [0.0, float(rotor.highest_hz)],
@@ -422,11 +422,11 @@ def build_native_rotor_fmu(
     def sources(model: Model) -> dict[str, str]:
         return rotor_sources(model, structure, fmi)
 
-    data = {"rig.json": _rig_json(rig)}
-    pages = rotor_pages(rig, facts, needs_python=False) | _beside_native(fmi) | _rotor_extra(rig, structure, facts)
+    data = {"rig.json": rig_json(rig)}
+    pages = rotor_pages(rig, facts, needs_python=False) | beside_native(fmi) | _rotor_extra(rig, structure, facts)
     if fmi == "3.0":
         pages |= terminals_and_icon(node_terminals(blank), pages["model.png"])
-    return _build_native(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / ROTOR_FMU)
+    return build_native_fmu(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / ROTOR_FMU)
 
 
 def build_native_estimator_fmu(
@@ -451,13 +451,13 @@ def build_native_estimator_fmu(
         return estimator_sources(described, model, fmi)
 
     data = {"estimator.onnx": model.read_bytes()}
-    pages = estimator_pages(model, needs_python=False) | _beside_native(fmi) | _estimator_extra(model)
+    pages = estimator_pages(model, needs_python=False) | beside_native(fmi) | _estimator_extra(model)
     if fmi == "3.0":
         pages |= terminals_and_icon((), pages["model.png"])
-    return _build_native(blank, sources, fmi, targets, {}, data, pages, folder / ESTIMATOR_FMU)
+    return build_native_fmu(blank, sources, fmi, targets, {}, data, pages, folder / ESTIMATOR_FMU)
 
 
-def _build_native(
+def build_native_fmu(
     blank: Model,
     sources: Callable[[Model], dict[str, str]],
     fmi: str,
@@ -467,7 +467,19 @@ def _build_native(
     pages: dict[str, bytes],
     target: Path,
 ) -> Path:
-    """Print, compile, pack."""
+    """Print the sources, compile, and pack with everything beside them; the path.
+
+    Parameters
+    ----------
+    blank : the model, without sources and GUID
+    sources : prints its sources
+    fmi : version, "2.0" or "3.0"
+    targets : platforms, default all that can be compiled for here
+    facts : what stands in its manifest beside GUID and version
+    data, pages : files in ``resources/`` and in the archive, by name
+
+    Raises BuildError and CompileError; an older file is then left as it was.
+    """
     without_guid = sources(blank)
     model = replace(blank, sources=c_files(without_guid))
     model = replace(model, guid=guid(digest(without_guid | _described(model, fmi, facts, data))))

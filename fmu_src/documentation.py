@@ -77,6 +77,16 @@ def listener_pages(
     return {"model.png": rotor_picture(rig), "documentation/index.html": page.encode()}
 
 
+def machine_pages(
+    rig: Rig, name: str, meaning: str, sentences: Sequence[str], variables: Sequence[Variable]
+) -> dict[str, bytes]:
+    """``model.png`` and ``documentation/index.html`` of an FMU that is connected to the rotor's."""
+    page = _PAGES.get_template("machine.html").render(
+        rig=rig, name=name, meaning=meaning, sentences=sentences, rows=_rows(variables), needs_python=False
+    )
+    return {"model.png": rotor_picture(rig), "documentation/index.html": page.encode()}
+
+
 def _settling_s(f1: float, facts: RotorFacts) -> float:
     """Time for the slowest transient to fall by 1e-4, ln(1e4) / (zeta omega_1) [s]."""
     zeta = max(facts.shaft_damping_ratio, 1e-4)

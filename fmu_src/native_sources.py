@@ -31,6 +31,7 @@ from rigtwin.fmu_src.tracker_variables import KALMAN_FILTER, NO_NETWORK
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model import design, speed_tables, system
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.structure import Structure, to_arrays
 from rigtwin.rotor.time import exciter, nonlinear_stepper, simulator, stepper
@@ -44,7 +45,7 @@ ROTOR_CORE = ("exciter", "laws", "linalg", "nonlinear", "rotor", "simulator", "s
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
 # Files that declare a function of another file themselves.
-_DECLARE_THEMSELVES = ("estimator_model.c", "tracker_model.c", "monitor_model.c")
+_DECLARE_THEMSELVES = ("estimator_model.c", "tracker_model.c", "monitor_model.c", "supervisor_model.c")
 
 # Numbers that decide what the core computes stand in these modules and in the effects'; C leaves their underscore out.
 _MODULES_WITH_CONSTANTS = (design, speed_tables, system, stepper, simulator, nonlinear_stepper, exciter)
@@ -90,6 +91,65 @@ def monitor_sources(model: Model, rotor: ReducedRotor, nodes: Sequence[int], fmi
         "constants.h": _constants_code(core, (tracker, monitor)),
     }
     return _with_names(model, {**_written((*INSTANCE, *core, SHELLS[fmi])), **printed})
+
+
+def bearing_sources(model: Model, fmi: str) -> dict[str, str]:
+    """The same of ``SofteningBearing``."""
+    printed = {"variables.c": variables_code(model), "machine_variables.h": _PRINTED + _places_of_values(model)}
+    return _with_names(model, {**_written((*INSTANCE, SHELLS[fmi], "bearing_model")), **printed})
+
+
+def supervisor_sources(model: Model, ln_k: FloatArray, resonances: FloatArray, fmi: str) -> dict[str, str]:
+    """The same of ``SpeedSupervisor``: resonances (n_resonances, n) [rad/s] at stiffnesses (n,), even in ln_k."""
+    frequency, phase = probe_lines(PROBED * float(resonances[-1, -1]))  # of the stiffest bearings
+    sizes = {
+        "N_RESONANCES": len(resonances),
+        "N_STIFFNESSES": len(ln_k),
+        "N_LINES": len(frequency),
+        "LOWEST_LN_K": _number(ln_k[0]),
+        "SPACING": _number(ln_k[1] - ln_k[0]),
+        "TURN": _number(2 * np.pi),
+    }
+    header = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+    arrays = {"RESONANCES[N_RESONANCES][N_STIFFNESSES]": resonances, "PROBE_FREQUENCY[]": frequency}
+    arrays["PROBE_PHASE[]"] = phase
+    printed = {
+        "variables.c": variables_code(model),
+        "machine_variables.h": _PRINTED + _places_of_values(model) + header,
+        "machine.c": f'{_PRINTED}#include "names.h"\n#include "machine_variables.h"\n\n{_shared_arrays(arrays)}',
+    }
+    return _with_names(model, {**_written((*INSTANCE, SHELLS[fmi], "supervisor_model")), **printed})
+
+
+# Lines of the probe, and its highest frequency over the highest resonance.
+_LINES, PROBED = 64, 1.2
+
+
+def probe_lines(highest: float) -> tuple[FloatArray, FloatArray]:
+    """(n,) frequencies [rad/s] up to a highest one, and phases [rad]: never the same again, and never very large.
+
+    The n-th multiples of irrational numbers, modulo one, lie evenly and repeat nothing [weyl1916].
+    """
+    n = np.arange(_LINES)
+    within, turn = np.modf(n * (np.sqrt(5) - 1) / 2)[0], np.modf(n * n * np.sqrt(2))[0]
+    return highest * (n + 1 + within) / (_LINES + 1), 2 * np.pi * turn
+
+
+def _places_of_values(model: Model) -> str:
+    """Where inputs and parameters are among the values."""
+    given = [v for v in model.table if v.causality != "output"]
+    lines = [f"#define {v.name.upper()} {model.reference(v.name)}\n" for v in given]
+    return "".join(lines) + f"#define N_VALUES {len(given)}\n"
+
+
+def _shared_arrays(arrays: Mapping[str, FloatArray]) -> str:
+    """Arrays that other files know, by their names and sizes in C."""
+    texts = []
+    for name, values in arrays.items():
+        rows = ", ".join("{" + ", ".join(map(_number, row)) + "}" for row in np.atleast_2d(values))
+        table = rows if values.ndim == 1 else f"{{{rows}}}"
+        texts.append(f"extern const double {name};\nconst double {name} = {table};\n")
+    return "\n".join(texts)
 
 
 def reduced_code(rotor: ReducedRotor) -> str:
@@ -261,7 +321,7 @@ def _effect_members(effect: type[Effect]) -> list[str]:
 
 def _design_code(model: Model) -> str:
     """``design.c``: where the numbers of a design come from."""
-    lines = [f"    design->condition.{name} = {_value(model, name)};\n" for name in _condition_members()]
+    lines = [f"    design->condition.{name} = {_condition_value(model, name)};\n" for name in _condition_members()]
     for effect in effects_in_fmu():
         switch = _value(model, effect.full_name(SWITCH))
         for name in _effect_members(effect):
@@ -277,6 +337,13 @@ void design_of(const double *values, Design *design)
     memset(design, 0, sizeof *design); /* designs are compared byte by byte, gaps between their members included */
 {"".join(lines)}}}
 """
+
+
+def _condition_value(model: Model, name: str) -> str:
+    """A number of the test condition in C; an input k_b that nothing has given yet is the start value."""
+    variable, value = model.table[model.reference(name)], _value(model, name)
+    as_input = (name, variable.causality) == ("k_b", "input")
+    return f"{value} > 0 ? {value} : {_number(variable.start or 0.0)}" if as_input else value
 
 
 def _value(model: Model, name: str) -> str:

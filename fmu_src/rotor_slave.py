@@ -32,6 +32,7 @@ class RotorRig(TableSlave):
             structure = from_arrays(arrays)
         manifest = read_manifest(resources)
         facts = RotorFacts(**manifest["facts"])
+        self._k_b_start = facts.k_b_start
         super().__init__(
             rotor_variables(facts),
             description=f"{ROTOR_MEANING} (rig {manifest['rig']})",
@@ -70,7 +71,8 @@ class RotorRig(TableSlave):
         self._simulator.restore(state, self._condition(), self._effects())
 
     def _condition(self) -> Condition:
-        return Condition(**{name: self.value(name) for name in _CONDITION})
+        given = {name: self.value(name) for name in _CONDITION}
+        return Condition(**{**given, "k_b": given["k_b"] or self._k_b_start})
 
     def _effects(self) -> tuple[Effect, ...]:
         """The effects that are switched on, with their parameters."""

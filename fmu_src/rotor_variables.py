@@ -13,6 +13,7 @@ ROTOR_MEANING = "Finite-element rotor on its bearings: sine force in, node accel
 
 # Switch by which the input ``force`` is held over a step.
 HELD_FORCE = "held_force.enabled"
+_NOT_YET = "; 0: the start value, for masters that set inputs before anything has an output"
 _HELD = "Switch on: force is a staircase, held over each communication step; otherwise it is continued smoothly"
 
 
@@ -71,10 +72,10 @@ def rotor_variables(rig: RotorFacts) -> tuple[Variable, ...]:
         Variable(
             "k_b",
             "input" if rig.k_b_input else "parameter",
-            "Radial stiffness of each bearing, in y and z",
+            "Radial stiffness of each bearing, in y and z" + (_NOT_YET if rig.k_b_input else ""),
             "N/m",
             rig.k_b_start,
-            rig.k_b_min,
+            0.0 if rig.k_b_input else rig.k_b_min,
             rig.k_b_max,
             None if rig.k_b_input else "tunable",
         ),

@@ -35,6 +35,7 @@ class Component:
     name: str
     fmu: Path
     starts: Mapping[str, bool | float] = field(default_factory=dict)  # by variable
+    shown: Sequence[str] = ()  # outputs that masters log though no link needs them
 
     @cached_property
     def variables(self) -> dict[str, tuple[str, str]]:
@@ -150,7 +151,8 @@ def _connectors(
                 found[port] = "input" if kind == "output" else "output", _type_of(other, there, components)
             else:
                 found[port] = kind, _type_of(owner, port, components)
-    return found
+    shown = components[owner].shown if owner is not None else ()
+    return found | {name: ("output", _type_of(owner, name, components)) for name in shown}
 
 
 def _type_of(component: str | None, variable: str, components: Mapping[str, Component]) -> str:

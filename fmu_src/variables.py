@@ -23,6 +23,7 @@ UNITS: dict[str, dict[str, int]] = {
     "rad": {"rad": 1},
     "Hz": {"s": -1},
     "rad/s": {"rad": 1, "s": -1},
+    "rad/s2": {"rad": 1, "s": -2},
     "m/s2": {"m": 1, "s": -2},
     "1": {},
 }

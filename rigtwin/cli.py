@@ -569,6 +569,24 @@ def unbalance(
     run_unbalance(request, weights, SpeedRange(rpm_min, rpm_max, speeds), tuple(read or ()))
 
 
+@app.command(short_help="A bearing softens: tracker and speed supervisor at work.")
+def system(
+    rig: RIG_ARGUMENT = RIG,
+    out: Annotated[Path, typer.Option(help="Folder for the FMUs, the SSP and the page.")] = Path("runs/system"),
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, max=1e4, help="Time that is simulated [s]; default what suits the rig.")
+    ] = None,
+    as_json: JSON = False,
+) -> None:
+    """Run a machine whose bearing softens, as one system of four FMUs, with and without its speed supervisor.
+
+    Rotor, bearing, stiffness tracker and supervisor become one SSP for any host. One page shows what fmpy makes of it.
+    """
+    from rigtwin.commands.system import SystemRequest, run_system
+
+    run_system(SystemRequest(rig, out, seconds, as_json))
+
+
 @app.command(name="inspect", short_help="What a data file holds, and what is odd about it.")
 def inspect_command(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="A run: .csv, .uff, .unv, .h5 or .mat.")],

@@ -14,6 +14,7 @@ from rigtwin.blind.judge.results import from_row
 from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.fmu_src.documentation import _rows
 from rigtwin.fmu_src.estimator_variables import estimator_variables
+from rigtwin.fmu_src.machine_variables import MachineFacts, bearing_variables, supervisor_variables
 from rigtwin.fmu_src.monitor_variables import monitor_variables
 from rigtwin.fmu_src.rotor_variables import RotorFacts, rotor_variables
 from rigtwin.fmu_src.tracker_variables import TrackerFacts, tracker_variables
@@ -23,6 +24,7 @@ from rigtwin.rotor.geometry.rig import Disk, Joint, Mass, Rig, Segment, SpeedCoe
 ROOT = Path(__file__).resolve().parent.parent
 CONTRACTS = (ROOT / "docs" / "contracts.md").read_text(encoding="utf-8")
 LISTENS = TrackerFacts((2,), 7, 2, 1e7, 1e4, 1e10, 1.0, 1e-3, 1e-4)
+MACHINE = MachineFacts(1e7, 1e4, 1e10, 0.01, 567.0, 2250.0, 5e-5, 1.6, 1e-4)
 SHIPPED = RotorFacts(7, 2, 0.001, 0.0, 1e7, 1e4, 1e12, 0.426)
 
 
@@ -36,6 +38,7 @@ def _table_row(variable: Variable) -> str:
     "variable",
     [v for v in rotor_variables(SHIPPED) if not v.name.startswith("node_")]
     + list(estimator_variables(StiffnessEstimator().card["example_inputs"]))
+    + [v for table in (bearing_variables, supervisor_variables) for v in table(MACHINE)]
     + [v for table in (tracker_variables, monitor_variables) for v in table(LISTENS) if not v.name.startswith("node_")],
     ids=lambda v: v.name,
 )

@@ -18,6 +18,7 @@ module               what it holds                                     start her
 ``campbell``         rigtwin campbell                                  ``run_campbell``
 ``critical_speeds``  rigtwin critical-speeds                           ``run_critical_speeds``
 ``unbalance``        rigtwin unbalance                                 ``run_unbalance``
+``system``           rigtwin system                                    ``run_system``
 ``files``            rigtwin inspect and rigtwin convert               ``inspect_file``
 ``reduce``           rigtwin reduce                                    ``run_reduce``
 ``demo``             rigtwin demo                                      ``run_demo``

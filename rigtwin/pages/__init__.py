@@ -12,6 +12,7 @@ module                 what it holds                                start here
 ``diagnosis_words``    what a diagnosis says, in words              ``named``
 ``places``             where it points at the rotor                 ``pointed_at``
 ``overlay_page``       tables and responses laid over each other    ``write_overlays``
+``machine_page``       a machine whose bearing softens              ``write_machine_page``
 ``provenance``         versions, GUIDs, hashes                      ``provenance``
 =====================  ===========================================  ========================
 """

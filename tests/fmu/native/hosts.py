@@ -138,18 +138,18 @@ def in_ecos(system: Plan) -> Series:
         folder = Path(name)
         ssp = write_system("AllFmus", system.components, system.links, folder / "all.ssp")
         columns = {f"{name}.{variable}": f"{name}::{variable}" for name, variable in system.watched}
-        return _ecos(ssp, folder, columns, "--parameterSet", START_VALUES)
+        return by_ecos(ssp, folder, columns, STEP, STOP, "--parameterSet", START_VALUES)
 
 
-def _ecos(path: Path, folder: Path, columns: Mapping[str, str], *options: str) -> Series:
-    """What the command logs of an FMU or an SSP after every step, under the names of these columns."""
-    command = [ecos(), "simulate", "--path", path, "--stopTime", str(STOP), "--stepSize", str(STEP), *options]
+def by_ecos(path: Path, folder: Path, columns: Mapping[str, str], step: float, stop: float, *options: str) -> Series:
+    """What the command logs of an FMU or an SSP after every step [s], under the names of these columns."""
+    command = [ecos(), "simulate", "--path", path, "--stopTime", str(stop), "--stepSize", str(step), *options]
     finished = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     (table,) = folder.glob("*.csv")
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file, skipinitialspace=True))[1:]
-    assert len(rows) in (STEPS, STEPS - 1)  # the last step may be left out
+    assert len(rows) in (round(stop / step), round(stop / step) - 1)  # the last step may be left out
     logged = {name.split("[")[0].strip(): name for name in rows[0]}
     return {name: np.array([float(row[logged[column]]) for row in rows]) for name, column in columns.items()}
 
@@ -225,7 +225,7 @@ def in_a_container_in_ecos(system: Plan) -> Series:
     """The same FMU by the ecos command."""
     with tempfile.TemporaryDirectory() as name:
         columns = {watched: f"instance::{port}" for watched, port in _ports(system).items()}
-        return _ecos(pack(system, Path(name)), Path(name), columns)
+        return by_ecos(pack(system, Path(name)), Path(name), columns, STEP, STOP)
 
 
 def pack(system: Plan, folder: Path) -> Path:

@@ -71,7 +71,8 @@ TOGETHER, LONGEST, HOPELESS = 0.005, 0.05, 12.0
 TOGETHER_AT_FIRST, LONGEST_AT_FIRST = 0.2, 0.5
 
 # An alarm within so many seconds of another says that not only the stiffness is wrong: the other parameters are doubted
-# by this share of what was believed at the start.
+# by this share of what was believed at the start. Where one follows the other for as long, something moves the machine
+# that no stiffness explains: nothing is believed until none has come for that time.
 AGAIN, DOUBTED_AGAIN = 0.3, 0.1
 
 # A rich force: the time between its values over the shortest period of the motion; seconds over which their products
@@ -188,6 +189,7 @@ class _State:
     age: float = 0.0  # instants since there are several filters
     count: int = 0
     last_alarm: float = -1e9
+    first_alarm: float = -1e9  # of those that follow each other
     step: float = 0.0
     before: FloatArray = field(default_factory=lambda: np.zeros(3))
     past: FloatArray = field(default_factory=lambda: np.zeros(_PAST))
@@ -242,7 +244,9 @@ class StiffnessTracker:
         o, error = self._state, self.error
         k_b = math.exp(self._state.filters[o.best].parameters[STIFFNESS]) if o.filters else self._belief.k_b
         low, high = self._rotor.k_b
-        valid = self._tells and o.contradiction < CONTRADICTED and error < LARGEST_ERROR and low < k_b < high
+        restless = lasted(o.last_alarm - o.first_alarm, o.step, AGAIN)
+        calm = not restless or lasted(o.count - o.last_alarm, o.step, AGAIN)
+        valid = self._tells and calm and o.contradiction < CONTRADICTED and error < LARGEST_ERROR and low < k_b < high
         return Tracked(k_b, k_b * math.exp(-Z90 * error), k_b * math.exp(Z90 * error), bool(valid))
 
     @property
@@ -380,6 +384,7 @@ class StiffnessTracker:
                 f.P[j, j] = std[j - n] ** 2
             o.filters.append(f)
         o.best, o.age, o.last_alarm = 0, 0.0, o.count
+        o.first_alarm = o.first_alarm if again else o.count
         o.together, o.longest = TOGETHER, LONGEST
         o.caution, o.calming, o.contradiction = CAUTION_AFTER_ALARM, CALMING_AFTER_ALARM, 1.0
 

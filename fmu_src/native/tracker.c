@@ -31,7 +31,7 @@ typedef struct {
 typedef struct {
     Filter filters[FILTERS];
     double n, best, age;      /* filters that run, the best of them, instants since there are several */
-    double count, last_alarm; /* instants; the last one with an alarm */
+    double count, last_alarm, first_alarm; /* instants; those of alarms that follow each other */
     double step, before[3];   /* forces of the instants before [N] */
     double past[PAST], newest, likeness[ORDER * ORDER], rich;
     double loud, window, gauged; /* mean square acceleration; that of a window, and instants that it was taken over */
@@ -273,6 +273,8 @@ static void alarm(Tracker *s)
     o->longest = LONGEST, o->together = TOGETHER;
     o->best = o->age = 0;
     o->last_alarm = o->count;
+    if (!again)
+        o->first_alarm = o->count;
     o->caution = CAUTION_AFTER_ALARM;
     o->calming = CALMING_AFTER_ALARM;
     o->contradiction = 1;
@@ -425,7 +427,7 @@ void tracker_start(Tracker *s, const Belief *belief)
     believe(s, belief);
     memset(&s->now, 0, sizeof s->now);
     memcpy(s->now.filters[0].parameters, belief->start, sizeof belief->start);
-    s->now.last_alarm = -1e9;
+    s->now.last_alarm = s->now.first_alarm = -1e9;
 }
 
 static void run(Tracker *s, double force, const double *read)
@@ -494,7 +496,9 @@ int tracker_valid(const Tracker *s)
 {
     const State *o = &s->now;
     const double k_b = tracker_stiffness(s);
-    return tells(s) && o->contradiction < CONTRADICTED && tracker_error(s) < LARGEST_ERROR &&
+    const int restless = tracker_lasted(o->last_alarm - o->first_alarm, o->step, AGAIN);
+    const int calm = !restless || tracker_lasted(o->count - o->last_alarm, o->step, AGAIN);
+    return tells(s) && calm && o->contradiction < CONTRADICTED && tracker_error(s) < LARGEST_ERROR &&
            k_b > s->rotor.least_k_b && k_b < s->rotor.most_k_b;
 }
 

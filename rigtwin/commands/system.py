@@ -132,7 +132,9 @@ def _result(run: MachineRun, judged: tuple[Judged, ...]) -> str:
     tracked = f"off by {100 * record['tracked_off_rms']:.2f} % (rms)" if run.valid.any() else "never sure"
     words = f"While k_b falls from {stiffness(first)} to {stiffness(last)} MN/m, the tracker is {tracked}. "
     if times < _NOTABLE:
-        return f"{words}The resonance hardly comes near the speed, so that the supervisor has little to do."
+        near = judged[1].nearest < judged[0].nearest
+        hardly = "Its resonance passes through the speed, but hardly shows" if near else "Its resonance stays away"
+        return f"{words}{hardly}: without the supervisor the machine vibrates no more."
     return f"{words}Without the supervisor the machine vibrates up to {times:.0f} times as much."
 
 

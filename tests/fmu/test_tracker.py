@@ -71,6 +71,15 @@ def told(tracker: FmuSession, force: float, read: float) -> list[float]:
     return tracker.get(("k_b", "k_b_low", "k_b_high", "valid"))
 
 
+def test_nothing_is_believed_while_something_moves_the_machine_that_is_in_no_model(compiled, stream):
+    force, read, _ = stream
+    time = STEP * np.arange(len(read))
+    ringing = np.where(time > 0.8, 0.05 * read.std() * np.sin(2 * np.pi * 3100.0 * time), 0.0)
+    valid = track(compiled, force, read + ringing)[:, 3] > 0
+    assert valid[(time > 0.7) & (time < 0.8)].mean() > 0.5
+    assert not valid[time > 1.2].any()
+
+
 def test_a_step_of_the_stiffness_is_followed(stream, compiled):
     force, read, k_b = stream
     k, low, high, valid = track(compiled, force, read).T

@@ -61,7 +61,8 @@ def main() -> None:
             _validity_section(ask, clean, outside),
         ]
         ask.close()
-    page = "\n".join([_HEAD.format(card=_card_lines()), *sections])
+    drawn = {"undamped": f"{PRIOR.undamped_share:.0%}", "most": f"{PRIOR.bearing_damping[1]:g}"}
+    page = "\n".join([_HEAD.format(card=_card_lines(), **drawn), *sections])
     DOC.write_text(page, encoding="utf-8")
     print(page)
 
@@ -214,10 +215,10 @@ This page says how accurate the bearing-stiffness estimator is on rigs that it h
 {card}
 
 The rigs below were drawn at random with other seeds than those of the training. The bearing stiffness k_b is spread
-evenly on a logarithmic scale from 1e6 to 1e8 N/m, and the shaft damping from 0.05 to 0.5 %. Of the rigs, 40 % have
-undamped bearings and the others have bearings with 0.5 to 60 N s/m.
+evenly on a logarithmic scale from 1e6 to 1e8 N/m, and the shaft damping from 0.05 to 0.5 %. Of the rigs, {undamped}
+have undamped bearings; the damping of the others is spread evenly up to {most} N s/m.
 
-Each rig was modelled with four times as many elements as the training rigs. The virtual rig measured it through
+Each rig was modelled with twice as many elements as the training rigs. The virtual rig measured it through
 `RotorRig.fmu`, and the features of that measurement were given to `StiffnessEstimator.fmu`. The tables compare the
 estimator with the method that anyone would try first: look up, on the model with six elements, which k_b gives the
 measured frequency shift (root finding). That method knows the rotor, but it knows nothing about the damping.

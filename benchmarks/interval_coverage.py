@@ -3,7 +3,8 @@
 Fresh rigs come from the blind benchmark's own elements and solver: k_b evenly spread on a logarithmic scale from 1e6 to
 1e8 N/m, dampings of the bearings evenly from 0 to 60 N s/m, of the shaft from 0.05 to 0.5 %. Each is measured at node 2
 on both supports. The estimator has its three numbers, root finding on the model has the two shifts, and the third
-method fits the model to all lines together.
+method fits the model to all lines together. The second table is of more rigs and of the estimator alone, whose three
+numbers are found in no time.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +29,19 @@ from rigtwin.blind.generate.machine import Workshop as MadeRig
 from rigtwin.blind.generate.response import N_DRIFTING, machines, reported
 from rigtwin.blind.generate.rig import read_rig
 from rigtwin.errors import UserError
+from rigtwin.estimator.features import features_of_runs
+from rigtwin.estimator.runtime import StiffnessEstimator
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.scale_out import executor
-from rigtwin.sim.campaign import Channel, Run
+from rigtwin.sim.campaign import Channel, MeasurementError, Run
 
 NODE, SEED = 2, 20_260
 COARSE = np.arange(20.0, 400.1, 2.0)  # the paper's raster
+# Of the estimator alone: noise of every line, and ends of ranges of k_b [N/m] and of the bearings' damping [N s/m].
+NOISES = (1e-4, 1e-3, 1e-2, 5e-2)
+STIFFNESSES, DAMPINGS = (1e6, 3e6, 1e7, 3e7, 1e8), (0.0, 20.0, 40.0, 60.0)
+CELL_SEED = 20_261
+
 METHODS: dict[Method, str] = {"network": "estimator", "model": "root finding", "responses": "all lines"}
 
 
@@ -77,10 +87,12 @@ def main() -> None:
     """Measure, print, and write the page if one is asked for."""
     parser = argparse.ArgumentParser(description="How often intervals hold the true k_b.")
     parser.add_argument("--rigs", type=int, default=100)
+    parser.add_argument("--cells", type=int, default=500, help="rigs of the second table, at four noises each")
     parser.add_argument("--page", type=Path)
     options = parser.parse_args()
     with executor() as pool:
         rows = [row for c in CONDITIONS for row in _rows(c, options.rigs, pool)]
+        cells = _cells(options.cells, pool)
     header = ("measured", "method", "refused", "valid", "90 % interval holds k_b", "median half-width", "median error")
     low, high = (binom(options.rigs, 0.9).ppf(p) / options.rigs for p in (0.025, 0.975))
     text = "\n\n".join(
@@ -90,6 +102,7 @@ def main() -> None:
             f"standard deviation of many rigs. If intervals are right, {100 * low:.0f} to {100 * high:.0f} % of so "
             "many hold the true value.",
             table(header, rows),
+            cells,
         )
     )
     print(text)
@@ -126,6 +139,47 @@ def _measured(conditions: Conditions, number: int) -> list[Result]:
         for rigid in (True, False)
     ]
     return [_asked(runs, method, k_b) for method in METHODS]
+
+
+def _cells(rigs: int, pool: Executor) -> str:
+    """How often the estimator's interval holds k_b, by stiffness, damping and noise."""
+    told = np.concatenate(list(pool.map(_by_estimator, range(rigs))))  # k_b, damping, noise, inside, valid, error
+    k_b, damping, noise, inside, valid, error = told[np.isfinite(told).all(axis=1)].T
+    shares = []
+    rows = []
+    for low, high in pairwise(STIFFNESSES):
+        for least, most in pairwise(DAMPINGS):
+            here = (low <= k_b) & (k_b < high) & (least <= damping) & (damping <= most)
+            cells = [here & (noise == one) for one in NOISES]
+            shares += [inside[cell].mean() for cell in cells]
+            span = f"{low / 1e6:g} to {high / 1e6:g}", f"{least:g} to {most:g}"
+            errors = f"{100 * np.median(error[here]):.3f} %", f"{100 * valid[here].mean():.1f} %"
+            rows.append((*span, *(f"{100 * inside[cell].mean():.0f} %" for cell in cells), *errors))
+    noises = [f"{100 * one:g} % noise" for one in NOISES]
+    header = ("k_b, MN/m", "damping, N s/m", *noises, "median error", "valid")
+    pooled = f"{len(k_b)} answers for {rigs} rigs: the 90 % interval holds k_b in {100 * inside.mean():.1f} % of them."
+    ends = f"In the cells the shares are {100 * min(shares):.0f} to {100 * max(shares):.0f} %, of some 40 answers each."
+    return f"## The estimator alone\n\n{pooled} {ends}\n\n{table(header, rows)}"
+
+
+def _by_estimator(number: int) -> FloatArray:
+    """(n_noises, 6) k_b, damping, noise, whether the interval holds k_b, valid, relative error; nan: no features."""
+    rng = np.random.default_rng([CELL_SEED, number])
+    k_b = float(np.exp(rng.uniform(*np.log([STIFFNESSES[0], STIFFNESSES[-1]]))))
+    damping = rng.uniform(DAMPINGS[0], DAMPINGS[-1]), float(np.exp(rng.uniform(*np.log([5e-4, 5e-3]))))
+    told = []
+    for noise in NOISES:
+        exact, seeds = MadeRig(0.0, 0.0, (0.0, 0.0)), ([CELL_SEED, number, rigid] for rigid in (True, False))
+        runs = [
+            _run(Conditions("", noise), Setting(bool(s[-1]), k_b, *damping, NODE), exact, np.random.default_rng(s))
+            for s in seeds
+        ]
+        try:
+            k, _, low, high, valid = StiffnessEstimator()(features_of_runs(*runs).as_array()[None])[0].tolist()
+            told.append((k_b, damping[0], noise, low <= k_b <= high, valid, abs(k / k_b - 1)))
+        except MeasurementError:
+            told.append((k_b, damping[0], noise, *[np.nan] * 3))
+    return np.array(told, dtype=float)
 
 
 def _run(conditions: Conditions, setting: Setting, made: MadeRig, rng: np.random.Generator) -> Run:

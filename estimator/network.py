@@ -3,13 +3,15 @@
 Each shift alone says what k_b is, up to a small influence of damping that the amplitude ratio
 carries; so curve i is a small network g_i(log delta_f_i, log ratio) -> log k_b, over a reference in the
 middle of the range, lest float32 spends its digits on the unit. The curves'
-slopes turn the inputs' standard errors into errors of log k_b, and the two answers are averaged by
-inverse variance. A third network knows the largest ratio that a bearing without damping allows.
+slopes turn the inputs' standard errors into errors of log k_b, beside which each curve has errors of its
+own, which further small networks know: they depend on the place. The two answers are averaged by inverse
+variance. A third network knows the largest ratio that a bearing without damping allows.
 What the inputs say about k_b twice over is what tells whether they contradict each other.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -17,6 +19,10 @@ from torch import Tensor, nn
 
 # What the network's own log k_b is relative to [N/m].
 K_REF = 1e7
+
+# Logarithms of the least and the largest error that a curve may have of its own. By what two codes with fine meshes
+# make of the same rig, k_b differs by 0.01 %, whatever the calibration rigs say.
+_OWN_ERROR = (math.log(1.2e-4), 0.0)
 
 
 @dataclass(frozen=True)
@@ -74,12 +80,15 @@ class StiffnessNetwork(nn.Module):
     contradiction: Tensor
     ratio_floor: Tensor
 
-    def __init__(self, curves: tuple[Curve, Curve], ratio_bound: Curve, limits: Limits):
+    def __init__(
+        self, curves: tuple[Curve, Curve], own_errors: tuple[Curve, Curve], ratio_bound: Curve, limits: Limits
+    ):
         super().__init__()
         self.curve1, self.curve2 = curves
+        self.own_error1, self.own_error2 = own_errors  # logarithms of the curves' errors in log k_b
         self.ratio_bound = ratio_bound
         self.limits = limits
-        self.register_buffer("floor", torch.zeros(2))  # error of each curve in log k_b
+        self.register_buffer("floor", torch.zeros(2))  # error of each curve in log k_b, over all places
         self.register_buffer("quantile", torch.tensor(1.645))  # half-width of the 90 % interval in sigmas
         self.register_buffer("contradiction", torch.tensor(4.0))  # largest disagreement of the curves in sigmas
         self.register_buffer("ratio_floor", torch.tensor(0.0))  # error of the ratio bound in log ratio
@@ -121,12 +130,14 @@ class StiffnessNetwork(nn.Module):
     def _answers(self, log_shift: Tensor, log_ratio: Tensor, relative: Tensor) -> tuple[Tensor, Tensor]:
         """What each shift says about log k_b, and the variance of that."""
         answers, variances = [], []
-        for i, curve in enumerate((self.curve1, self.curve2)):
+        pairs = (self.curve1, self.own_error1), (self.curve2, self.own_error2)
+        for i, (curve, own_error) in enumerate(pairs):
             x = torch.stack([log_shift[:, i], log_ratio], dim=1)
             errors = torch.stack([relative[:, i], relative[:, 2]], dim=1)
             value, slopes = curve.with_slopes(x)
             answers.append(value)
-            variances.append(((slopes * errors) ** 2).sum(dim=1) + self.floor[i] ** 2)
+            own = own_error(x).clamp(*_OWN_ERROR)
+            variances.append(((slopes * errors) ** 2).sum(dim=1) + (2 * own).exp())
         return torch.stack(answers, dim=1), torch.stack(variances, dim=1)
 
     def _in_range(self, features: Tensor, log_k: Tensor) -> Tensor:

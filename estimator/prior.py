@@ -27,7 +27,8 @@ class Rigs:
 
 @dataclass(frozen=True)
 class Prior:
-    """Ranges, log-uniform; a share of the rigs has bearings without damping.
+    """Ranges: stiffness and shaft damping even in their logarithms, bearing damping even as it is: what it does to the
+    three numbers grows with it. A share of the rigs has bearings without damping.
 
     Training goes a little beyond the range the estimator answers for, so that the ends of that
     range are interpolated.
@@ -36,8 +37,8 @@ class Prior:
     k_b: tuple[float, float] = (1e6, 1e8)  # answered for [N/m]
     k_b_trained: tuple[float, float] = (6e5, 1.7e8)
     shaft_damping_ratio: tuple[float, float] = (0.0005, 0.005)
-    bearing_damping: tuple[float, float] = (0.5, 60.0)  # [N s/m], or zero
-    undamped_share: float = 0.4
+    bearing_damping: tuple[float, float] = (0.0, 60.0)  # [N s/m]
+    undamped_share: float = 0.2
 
     def draw(self, n: int, seed: int, *, k_b: tuple[float, float] | None = None) -> Rigs:
         """Draw n rigs from a scrambled Sobol sequence.
@@ -57,7 +58,7 @@ class Prior:
         return Rigs(
             k_b=_log_uniform(u[:, 0], k_b or self.k_b_trained),
             shaft_damping_ratio=_log_uniform(u[:, 1], self.shaft_damping_ratio),
-            bearing_damping=np.where(damped, _log_uniform(u[:, 2], self.bearing_damping), 0.0),
+            bearing_damping=np.where(damped, np.interp(u[:, 2], (0.0, 1.0), self.bearing_damping), 0.0),
         )
 
 

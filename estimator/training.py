@@ -7,7 +7,7 @@ import hashlib
 import json
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -27,9 +27,15 @@ from rigtwin.scratch import replacing, scratch_folder
 
 UNITS = {"delta_f": "Hz", "amplitude_ratio": "1", "k_b": "N/m"}
 
+# Neurons of a layer that knows a curve's own error.
+_NARROW = 6
+
 # Each calibration rig is looked at so many times, with errors drawn afresh.
 _REPEATS = 40
 _DECADES = range(-6, -1)  # of relative errors
+
+# Weight of the squares of the own errors' slopes: what a few rigs happen to say of a place is not believed.
+_SMOOTHNESS = 1e-3
 
 _TORCH_CACHE = "TORCHINDUCTOR_CACHE_DIR"
 
@@ -66,8 +72,7 @@ def train(training: Dataset, calibration: Dataset, seed: int, prior: Prior = PRI
     """
     torch.manual_seed(seed)
     network = _fit(training, prior)
-    with torch.no_grad():
-        _calibrate(network, calibration, np.random.default_rng(seed))
+    _calibrate(network, calibration, np.random.default_rng(seed))
     return network, _card(network, training, calibration, seed, prior)
 
 
@@ -75,9 +80,10 @@ def _fit(training: Dataset, prior: Prior) -> StiffnessNetwork:
     log = torch.from_numpy(np.log(training.features[:, :3]))
     log_k = torch.from_numpy(np.log(training.rigs.k_b / K_REF))
     curves = tuple(_fit_curve(log[:, [i, 2]], log_k) for i in range(2))
+    unknown = tuple(_blank(log[:, [i, 2]], 0.0, _NARROW) for i in range(2))
     undamped = torch.from_numpy(training.rigs.bearing_damping == 0)
     bound = _fit_curve(log_k[undamped][:, None], log[undamped, 2], width=8)
-    return StiffnessNetwork(curves, bound, _limits(training, prior)).double()  # type: ignore[arg-type]
+    return StiffnessNetwork(curves, unknown, bound, _limits(training, prior)).double()  # type: ignore[arg-type]
 
 
 def _limits(training: Dataset, prior: Prior) -> Limits:
@@ -92,34 +98,70 @@ def _limits(training: Dataset, prior: Prior) -> Limits:
 
 
 def _fit_curve(x: Tensor, y: Tensor, width: int = 16) -> Curve:
-    """Least squares by L-BFGS, full batch, double precision."""
-    curve = Curve(x.mean(dim=0), x.std(dim=0), width).double()
-    with torch.no_grad():
-        curve.skip.bias.fill_(float(y.mean()))
-    optimiser = torch.optim.LBFGS(
-        curve.parameters(), max_iter=4000, max_eval=6000, history_size=50, line_search_fn="strong_wolfe",
-        tolerance_grad=1e-12, tolerance_change=1e-16,
-    )  # fmt: skip
-
-    def loss() -> Tensor:
-        optimiser.zero_grad()
-        value = ((curve(x) - y) ** 2).mean()
-        value.backward()
-        return value
-
-    optimiser.step(loss)
+    """Least squares."""
+    curve = _blank(x, float(y.mean()), width)
+    _minimise(curve, lambda: ((curve(x) - y) ** 2).mean(), 4000)
     return curve
 
 
+def _fit_own_error(x: Tensor, error: Tensor) -> Curve:
+    """The logarithm of the standard deviation of errors (n,) at places (n, 2), by the normal distribution's density."""
+    curve = _blank(x, float(error.square().mean().sqrt().log()), _NARROW)
+
+    def loss() -> Tensor:
+        log_std = curve(x)
+        slopes = sum(weight.square().sum() for weight in curve.parameters() if weight.ndim > 1)
+        return (log_std + error.square() * (-2 * log_std).exp() / 2).mean() + _SMOOTHNESS * slopes
+
+    _minimise(curve, loss, 1000)
+    return curve
+
+
+def _blank(x: Tensor, bias: float, width: int) -> Curve:
+    curve = Curve(x.mean(dim=0), x.std(dim=0), width).double()
+    with torch.no_grad():
+        curve.skip.bias.fill_(bias)
+    return curve
+
+
+def _minimise(curve: Curve, loss: Callable[[], Tensor], steps: int) -> None:
+    """L-BFGS, full batch, double precision."""
+    optimiser = torch.optim.LBFGS(
+        curve.parameters(), max_iter=steps, max_eval=3 * steps // 2, history_size=50, line_search_fn="strong_wolfe",
+        tolerance_grad=1e-12, tolerance_change=1e-16,
+    )  # fmt: skip
+
+    def value() -> Tensor:
+        optimiser.zero_grad()
+        found = loss()
+        found.backward()
+        return found
+
+    optimiser.step(value)  # type: ignore[arg-type]
+
+
 def _calibrate(network: StiffnessNetwork, calibration: Dataset, rng: np.random.Generator) -> None:
-    """Set the curves' own errors, the interval's width and the contradiction gate."""
+    """Set the curves' own errors, the interval's width and the contradiction gates."""
     k = calibration.rigs.k_b
     inside = (k >= network.limits.k_b[0]) & (k <= network.limits.k_b[1])
     log_k = torch.from_numpy(np.log(k[inside] / K_REF))
     clean = torch.from_numpy(calibration.features[inside, :3])
     for i, curve in enumerate((network.curve1, network.curve2)):
-        error = curve(torch.stack([clean[:, i].log(), clean[:, 2].log()], dim=1)) - log_k
-        network.floor[i] = error.square().mean().sqrt()
+        places = torch.stack([clean[:, i].log(), clean[:, 2].log()], dim=1)
+        with torch.no_grad():
+            error = curve(places) - log_k
+            network.floor[i] = error.square().mean().sqrt()
+        setattr(network, f"own_error{i + 1}", _fit_own_error(places, error))
+    with torch.no_grad():
+        _calibrate_gates(network, calibration, inside, rng)
+
+
+def _calibrate_gates(
+    network: StiffnessNetwork, calibration: Dataset, inside: np.ndarray, rng: np.random.Generator
+) -> None:
+    """Width of the interval, and how far the inputs may contradict each other."""
+    log_k = torch.from_numpy(np.log(calibration.rigs.k_b[inside] / K_REF))
+    clean = torch.from_numpy(calibration.features[inside, :3])
     # The interval has to hold, and the gate to stay open, in every decade of errors, not on average.
     looks = [torch.from_numpy(draw_errors(clean.numpy(), _REPEATS, decade, rng)) for decade in _DECADES]
     truth = log_k.repeat(_REPEATS)
@@ -163,7 +205,8 @@ def _card(network: StiffnessNetwork, training: Dataset, calibration: Dataset, se
     return {
         "name": "rigtwin bearing-stiffness estimator",
         "task": "k_b of both bearings from resonance shifts and amplitude ratio between rigid supports and bearings",
-        "architecture": "two 2-16-16-1 tanh curves fused by inverse variance, 1-8-8-1 bound of the ratio",
+        "architecture": "two 2-16-16-1 tanh curves fused by inverse variance, two 2-6-6-1 curves of their errors, "
+        "1-8-8-1 bound of the ratio",
         "licence": "MIT",
         "seed": seed,
         "training_rigs": len(training),

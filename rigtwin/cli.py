@@ -244,8 +244,8 @@ def sweep(
 @app.command(short_help="Measure rigs through the FMU, train the estimator.")
 def train(
     rig: Annotated[str, typer.Option(help="A rig TOML, or the name of a shipped rig.")] = RIG,
-    rigs: Annotated[int, typer.Option(max=MOST_RIGS, help="Number of training rigs.")] = 512,
-    calibration_rigs: Annotated[int, typer.Option(max=MOST_RIGS, help="Number of calibration rigs.")] = 128,
+    rigs: Annotated[int, typer.Option(max=MOST_RIGS, help="Number of training rigs.")] = 1024,
+    calibration_rigs: Annotated[int, typer.Option(max=MOST_RIGS, help="Number of calibration rigs.")] = 512,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the training rigs.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for data, network and FMUs.")] = Path("runs/train"),
     from_data: Annotated[bool, typer.Option("--from-data", help="Measure nothing: train on the shipped data.")] = False,
@@ -255,7 +255,7 @@ def train(
     from rigtwin.commands.training import TrainingPlan, print_trained, train, train_from_data
 
     plan = TrainingPlan(rig=rig, rigs=rigs, seed=seed, calibration_rigs=calibration_rigs, out=out, executor=executor)
-    if from_data and (rig, rigs, seed, calibration_rigs, executor) != (RIG, 512, 1, 128, None):
+    if from_data and (rig, rigs, seed, calibration_rigs, executor) != (RIG, 1024, 1, 512, None):
         raise UserError(
             "--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed, "
             "--executor"

@@ -35,7 +35,9 @@ def network() -> StiffnessNetwork:
     curves = tuple(
         straight([-1.0, slope], offset - np.log(K_REF)) for slope, offset in zip(RATIO_SLOPES, OFFSETS, strict=True)
     )
-    made = StiffnessNetwork(curves, straight([0.0], np.log(LARGEST_RATIO)), LIMITS).double()  # pyright: ignore[reportArgumentType]
+    own_errors = tuple(straight([0.0, 0.0], np.log(floor)) for floor in FLOORS)
+    bound = straight([0.0], np.log(LARGEST_RATIO))
+    made = StiffnessNetwork(curves, own_errors, bound, LIMITS).double()  # pyright: ignore[reportArgumentType]
     made.floor.copy_(torch.tensor(FLOORS))
     made.quantile.fill_(QUANTILE)
     made.contradiction.fill_(GATE)
@@ -81,6 +83,13 @@ def test_the_interval_lies_round_the_estimate_evenly_in_the_logarithm(network, r
     k, std, low, high, _ = ask(network, features(1e7, 1e7, 1.0, relative))[0]
     assert 0 < low < k < high
     assert_allclose(np.log([high / k, k / low]), QUANTILE * std / k, rtol=1e-6)
+
+
+def test_a_curves_own_error_depends_on_the_place(network):
+    network.own_error1 = network.own_error2 = straight([1.0, 0.0], np.log(1e-3))
+    few = (1e-6, 1e-6, 1e-6)
+    (k, std, *_), (k_there, std_there, *_) = ask(network, features(1e7, 1e7, 1.0, few), features(2e6, 2e6, 1.0, few))
+    assert std_there / k_there == pytest.approx(5.0 * std / k, rel=1e-3)  # as the shifts are five times as large
 
 
 def test_wider_errors_give_wider_intervals(network):
@@ -176,7 +185,7 @@ def test_errors_enter_by_the_curves_own_slopes(network):
     torch.manual_seed(1)
     bent = Curve(torch.zeros(2), torch.ones(2)).double()
     network.curve1 = network.curve2 = bent
-    network.floor.zero_()
+    network.own_error1 = network.own_error2 = straight([0.0, 0.0], -16.0)
     relative = (0.02, 0.02, 0.05)
     row = features(1e7, 1e7, 1.2, relative)
     std = []

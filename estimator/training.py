@@ -28,7 +28,7 @@ from rigtwin.scratch import replacing, scratch_folder
 UNITS = {"delta_f": "Hz", "amplitude_ratio": "1", "k_b": "N/m"}
 
 # Neurons of a layer that knows a curve's own error.
-_NARROW = 6
+_NARROW = 8
 
 # Each calibration rig is looked at so many times, with errors drawn afresh.
 _REPEATS = 40
@@ -205,7 +205,7 @@ def _card(network: StiffnessNetwork, training: Dataset, calibration: Dataset, se
     return {
         "name": "rigtwin bearing-stiffness estimator",
         "task": "k_b of both bearings from resonance shifts and amplitude ratio between rigid supports and bearings",
-        "architecture": "two 2-16-16-1 tanh curves fused by inverse variance, two 2-6-6-1 curves of their errors, "
+        "architecture": "two 2-16-16-1 tanh curves fused by inverse variance, two 2-8-8-1 curves of their errors, "
         "1-8-8-1 bound of the ratio",
         "licence": "MIT",
         "seed": seed,

@@ -37,6 +37,7 @@ from rigtwin.sim.session import FmuSession
 STEP, STEPS = 2e-4, 8000  # [s]; the tracker's filters begin after 0.1 s, the monitor bets after 1 s
 STOP = STEP * STEPS
 EVIDENCE = "monitor.drift"
+ESTIMATE = "estimator.k_b"  # of a network in single precision: its last digit may turn
 SENSOR = "node_2.acceleration_y"
 KNOWN = {f"{name}_std": 0.0 for name in ("disk_mass", "bearing_damping", "shaft_damping", "gain")}
 # A log with six decimals is good to 1e-9 where the motion is some thousand m/s2.
@@ -279,14 +280,15 @@ HOSTS: Mapping[str, Host] = {
 }
 
 
-def difference(system: Plan, host: Host) -> tuple[float, float]:
-    """Largest difference over the largest value, over all variables but evidence; and that of the evidence, in decades.
+def difference(system: Plan, host: Host) -> tuple[float, float, float]:
+    """Largest difference over the largest value, of all variables but two; that of the network's estimate; and that
+    of the evidence, in decades.
 
     Raises AssertionError where a variable is at rest.
     """
     part = host.part(system)
     mine, theirs = by_hand(part, in_turn=host.in_turn, logs_late=host.logs_late), host.run(part)
-    relative, decades = 0.0, 0.0
+    relative, single, decades = 0.0, 0.0, 0.0
     for name, values in mine.items():
         n = min(len(values), len(theirs[name]))
         assert n >= STEPS - 1
@@ -294,9 +296,11 @@ def difference(system: Plan, host: Host) -> tuple[float, float]:
         largest = float(np.abs(theirs[name][:n] - values[:n]).max())
         if name == EVIDENCE:
             decades = largest
+        elif name == ESTIMATE:
+            single = largest / float(np.abs(values).max())
         else:
             relative = max(relative, largest / float(np.abs(values).max()))
-    return relative, decades
+    return relative, single, decades
 
 
 def main() -> None:
@@ -306,8 +310,9 @@ def main() -> None:
             system = build(Path(folder), fmi)
             for name, host in HOSTS.items():
                 if fmi in host.versions:
-                    relative, decades = difference(system, host)
-                    print(f"FMI {fmi}, {name}: {relative:.1g} of the largest value, evidence {decades:.1g}", flush=True)
+                    relative, single, decades = difference(system, host)
+                    words = f"{relative:.1g} of the largest value, estimate {single:.1g}, evidence {decades:.1g}"
+                    print(f"FMI {fmi}, {name}: {words}", flush=True)
 
 
 if __name__ == "__main__":

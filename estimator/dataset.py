@@ -176,7 +176,7 @@ def write_dataset(dataset: Dataset, path: Path) -> None:
         writer.writerow([*RIG_NAMES, *FEATURE_NAMES])
         columns = [getattr(dataset.rigs, name) for name in RIG_NAMES]
         for row in np.column_stack([*columns, dataset.features]):
-            writer.writerow([f"{value:.10g}" for value in row])
+            writer.writerow([f"{float(value):.10g}" for value in row])
 
 
 def read_dataset(path: Path) -> Dataset:

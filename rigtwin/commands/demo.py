@@ -165,8 +165,8 @@ def _misses(demo: Demo) -> str:
         return ""
     return (
         f"The true value of rig {listed(outside)} lies outside its interval: one in ten does by chance, and with "
-        "measurements this good the network's own error counts most, of which the interval knows what is usual for such "
-        "rigs."
+        "measurements this good the network's own error counts most, of which the interval knows what is usual for "
+        "such rigs."
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +10,12 @@ import numpy as np
 import plotly.graph_objects as go
 
 from rigtwin.pages.figures import styled
-from rigtwin.pages.overlay_page import Table
-from rigtwin.pages.page import write_page
+from rigtwin.pages.overlay_page import Drawn, Table, write_overlays
 from rigtwin.pages.palette import BLUE, GREY, INK, ORANGE, VERMILION
-from rigtwin.pages.provenance import provenance
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.machine import MachineRun
 
 _RPM = 30 / np.pi  # rev/min of a rad/s
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A figure of the page."""
-
-    title: str
-    figure: go.Figure
-    caption: str
 
 
 def write_machine_page(
@@ -41,16 +29,7 @@ def write_machine_page(
 ) -> Path:
     """Write the page of a run with and one without supervisor; ``margin`` is kept from each resonance, relative."""
     figures = [_stiffness(runs[0]), _speed(*runs, margin), _vibration(*runs)]
-    return write_page(
-        "overlays.html",
-        path,
-        title=title,
-        result=result,
-        sentences=sentences,
-        tables=[table],
-        overlays=figures,
-        provenance=provenance(),
-    )
+    return write_overlays(path, title, result, sentences, [table], figures)
 
 
 def _stiffness(run: MachineRun) -> Drawn:

@@ -1,4 +1,4 @@
-"""A page of tables and of responses laid over each other: of a prediction, of a comparison."""
+"""A page of tables and figures, most of them responses laid over each other: of a prediction, of a comparison."""
 
 from __future__ import annotations
 
@@ -70,13 +70,27 @@ class Overlay:
         return styled(figure, f"Magnitude over frequency, {title}: {words}.")
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """Another figure of a page."""
+
+    title: str
+    figure: go.Figure
+    caption: str
+
+
 def _short(label: str) -> str:
     """A label as Plotly reads it: HTML, no longer than a narrow window holds."""
     return escape(label if len(label) <= _LONGEST else f"{label[: _LONGEST - 1]}…")
 
 
 def write_overlays(
-    path: Path, title: str, result: str, sentences: Sequence[str], tables: Sequence[Table], overlays: Sequence[Overlay]
+    path: Path,
+    title: str,
+    result: str,
+    sentences: Sequence[str],
+    tables: Sequence[Table],
+    overlays: Sequence[Overlay | Drawn],
 ) -> Path:
     """Write the page; an existing one is replaced only when the new one is complete."""
     return write_page(

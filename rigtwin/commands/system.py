@@ -130,7 +130,8 @@ def _result(run: MachineRun, judged: tuple[Judged, ...]) -> str:
     times = judged[1].largest_vibration / judged[0].largest_vibration
     first, last = record["k_b_N_per_m"]
     tracked = f"off by {100 * record['tracked_off_rms']:.2f} % (rms)" if run.valid.any() else "never sure"
-    words = f"While k_b falls from {stiffness(first)} to {stiffness(last)} MN/m, the tracker is {tracked}. "
+    course = f"falls from {stiffness(first)} to {stiffness(last)}" if last < first else f"stays at {stiffness(first)}"
+    words = f"While k_b {course} MN/m, the tracker is {tracked}. "
     if times < _NOTABLE:
         near = judged[1].nearest < judged[0].nearest
         hardly = "Its resonance passes through the speed, but hardly shows" if near else "Its resonance stays away"

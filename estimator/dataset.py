@@ -170,13 +170,13 @@ def noisy(plan: SweepPlan, relative: float, seed: int) -> SweepPlan:
 
 
 def write_dataset(dataset: Dataset, path: Path) -> None:
-    """Write a data set as CSV, beside and renamed; ten digits are a thousand times finer than a network."""
+    """Write a data set as CSV, beside and renamed."""
     with replacing(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*RIG_NAMES, *FEATURE_NAMES])
         columns = [getattr(dataset.rigs, name) for name in RIG_NAMES]
         for row in np.column_stack([*columns, dataset.features]):
-            writer.writerow([f"{float(value):.10g}" for value in row])
+            writer.writerow([repr(float(value)) for value in row])
 
 
 def read_dataset(path: Path) -> Dataset:

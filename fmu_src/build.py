@@ -33,6 +33,7 @@ from rigtwin.estimator.tracking.reduction import reduce_rotor
 from rigtwin.estimator.tracking.tracker import MOST_SENSORS
 from rigtwin.fmu_src.beside import (
     ReferenceRun,
+    Terminal,
     external_dependencies,
     licences,
     metadata,
@@ -141,7 +142,7 @@ def _beside_python(packages: Sequence[str]) -> dict[str, bytes]:
     return licences(("pythonfmu",)) | external_dependencies(packages)
 
 
-def beside_native(fmi: str) -> dict[str, bytes]:
+def _beside_native(fmi: str) -> dict[str, bytes]:
     """Licences and needs of a compiled FMU."""
     headers = (FMI_HEADERS / f"fmi{fmi[0]}Functions.h").read_text(encoding="utf-8")
     return licences((), headers) | external_dependencies(())
@@ -350,10 +351,8 @@ def build_native_listener_fmu(
     def sources(model: Model) -> dict[str, str]:
         return listener.sources(model, rotor, facts.nodes, fmi)
 
-    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False) | beside_native(fmi)
+    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False)
     pages |= _listener_extra(listener, rig, rotor, facts)
-    if fmi == "3.0":
-        pages |= terminals_and_icon((), pages["model.png"])
     data = {"rig.json": rig_json(rig)}
     target = folder / f"{listener.name}.fmu"
     return build_native_fmu(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, target)
@@ -423,10 +422,9 @@ def build_native_rotor_fmu(
         return rotor_sources(model, structure, fmi)
 
     data = {"rig.json": rig_json(rig)}
-    pages = rotor_pages(rig, facts, needs_python=False) | beside_native(fmi) | _rotor_extra(rig, structure, facts)
-    if fmi == "3.0":
-        pages |= terminals_and_icon(node_terminals(blank), pages["model.png"])
-    return build_native_fmu(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / ROTOR_FMU)
+    pages = rotor_pages(rig, facts, needs_python=False) | _rotor_extra(rig, structure, facts)
+    target, terminals = folder / ROTOR_FMU, node_terminals(blank)
+    return build_native_fmu(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, target, terminals)
 
 
 def build_native_estimator_fmu(
@@ -451,9 +449,7 @@ def build_native_estimator_fmu(
         return estimator_sources(described, model, fmi)
 
     data = {"estimator.onnx": model.read_bytes()}
-    pages = estimator_pages(model, needs_python=False) | beside_native(fmi) | _estimator_extra(model)
-    if fmi == "3.0":
-        pages |= terminals_and_icon((), pages["model.png"])
+    pages = estimator_pages(model, needs_python=False) | _estimator_extra(model)
     return build_native_fmu(blank, sources, fmi, targets, {}, data, pages, folder / ESTIMATOR_FMU)
 
 
@@ -466,8 +462,9 @@ def build_native_fmu(
     data: dict[str, bytes],
     pages: dict[str, bytes],
     target: Path,
+    terminals: Sequence[Terminal] = (),
 ) -> Path:
-    """Print the sources, compile, and pack with everything beside them; the path.
+    """Print the sources, compile, and pack with everything beside them, licences and icon too; the path.
 
     Parameters
     ----------
@@ -476,10 +473,14 @@ def build_native_fmu(
     fmi : version, "2.0" or "3.0"
     targets : platforms, default all that can be compiled for here
     facts : what stands in its manifest beside GUID and version
-    data, pages : files in ``resources/`` and in the archive, by name
+    data, pages : files in ``resources/`` and in the archive, by name, ``model.png`` among them
+    terminals : of FMI 3.0
 
     Raises BuildError and CompileError; an older file is then left as it was.
     """
+    pages = pages | _beside_native(fmi)
+    if fmi == "3.0":
+        pages |= terminals_and_icon(terminals, pages["model.png"])
     without_guid = sources(blank)
     model = replace(blank, sources=c_files(without_guid))
     model = replace(model, guid=guid(digest(without_guid | _described(model, fmi, facts, data))))

@@ -15,7 +15,6 @@ import numpy as np
 
 from rigtwin.fmu_src.build import (
     TRACKER,
-    beside_native,
     build_native_fmu,
     build_native_listener_fmu,
     build_native_rotor_fmu,
@@ -97,9 +96,10 @@ def resonances_at(structure: Structure, k_b: float) -> FloatArray:
     return 2 * np.pi * elastic_frequencies_hz(build_system(structure, Condition(k_b=k_b)), plane=1)[:_RESONANCES]
 
 
-def build_bearing_fmu(rig: Rig, folder: Path, *, fmi: str = "2.0", targets: Sequence[Target] | None = None) -> Path:
+def build_bearing_fmu(
+    rig: Rig, facts: MachineFacts, folder: Path, *, fmi: str = "2.0", targets: Sequence[Target] | None = None
+) -> Path:
     """Build ``SofteningBearing.fmu``, compiled. Raises BuildError and CompileError."""
-    facts = machine_facts(rig)
 
     def sources(model: Model) -> dict[str, str]:
         return bearing_sources(model, fmi)
@@ -107,9 +107,11 @@ def build_bearing_fmu(rig: Rig, folder: Path, *, fmi: str = "2.0", targets: Sequ
     return _build(rig, facts, (BEARING, BEARING_MEANING, bearing_variables(facts)), sources, folder, fmi, targets)
 
 
-def build_supervisor_fmu(rig: Rig, folder: Path, *, fmi: str = "2.0", targets: Sequence[Target] | None = None) -> Path:
+def build_supervisor_fmu(
+    rig: Rig, facts: MachineFacts, folder: Path, *, fmi: str = "2.0", targets: Sequence[Target] | None = None
+) -> Path:
     """Build ``SpeedSupervisor.fmu``, compiled. Raises BuildError and CompileError."""
-    facts, structure = machine_facts(rig), assemble(rig)
+    structure = assemble(rig)
     ln_k = np.linspace(np.log(facts.k_b_min), np.log(facts.k_b_max), _STIFFNESSES)
     resonances = np.array([resonances_at(structure, k_b) for k_b in np.exp(ln_k)]).T
 
@@ -131,12 +133,14 @@ def _build(
 ) -> Path:
     name, meaning, table = described
     blank = Model(name, "", version("rigtwin"), meaning, facts.step, table)
-    pages = machine_pages(rig, name, meaning, _HOW[name], table) | beside_native(fmi)
+    pages = machine_pages(rig, name, meaning, _HOW[name], table)
     data = {"rig.json": rig_json(rig)}
     return build_native_fmu(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, folder / f"{name}.fmu")
 
 
-def build_machine(rig: Rig, folder: Path, *, fmi: str = "2.0", targets: Sequence[Target] | None = None) -> Path:
+def build_machine(
+    rig: Rig, facts: MachineFacts, folder: Path, *, fmi: str = "2.0", targets: Sequence[Target] | None = None
+) -> Path:
     """Build the four FMUs and the system of them, ``SoftenedMachine.ssp``; its path. Raises as they do.
 
     The system has no ports, as not every master knows ports of a system: set start values of its components instead,
@@ -144,8 +148,8 @@ def build_machine(rig: Rig, folder: Path, *, fmi: str = "2.0", targets: Sequence
     """
     options = {"fmi": fmi, "targets": targets}
     components = (
-        Component("bearing", build_bearing_fmu(rig, folder, **options)),
-        Component("supervisor", build_supervisor_fmu(rig, folder, **options), shown=("speed", "resonance")),
+        Component("bearing", build_bearing_fmu(rig, facts, folder, **options)),
+        Component("supervisor", build_supervisor_fmu(rig, facts, folder, **options), shown=("speed", "resonance")),
         Component("rotor", build_native_rotor_fmu(rig, folder, k_b_input=True, **options)),
         Component("tracker", build_native_listener_fmu(TRACKER, rig, folder, **options), shown=("k_b_low", "k_b_high")),
     )

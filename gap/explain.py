@@ -108,7 +108,8 @@ def explain(task: Task) -> Explained:
 
 def _heard(found: Explained) -> Explained:
     """The same where measured harmonics count, too, if they can be a law's."""
-    if not any(nonlinear(fit.effects) for fit in found.fits):
+    measured = any(run.harmonics for run in found.problem.runs)
+    if not (measured and any(nonlinear(fit.effects) for fit in found.fits)):
         return found
     nominal, *fits = (with_harmonics(found.problem, fit) for fit in (found.nominal, *found.fits))
     return replace(found, nominal=nominal, fits=best_first(fits))

@@ -15,7 +15,7 @@ module               what it holds                                           sta
 ``lines``            one line: wait until settled, set the force, read       ``LineReader``
 ``stepped_sine``     sweeps, refined round each resonance                    ``sweep``
 ``runs``             several runs, each by an FMU instance of its own        ``sweep_all``
-``machine``            a machine that runs: a system of FMUs, by fmpy       ``run_machine``
+``machine``          a machine that runs: a system of FMUs, by fmpy          ``run_machine``
 ``signals``          records in SI, and what is clipped                      ``signals_of``
 ``stepped_records``  lines from records of a settled sine                    ``line_of``
 ``spectra``          a run from hammer or random records                     ``reduce_spectra``

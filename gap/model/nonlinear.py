@@ -116,10 +116,12 @@ class NonlinearModal(RunModel):
         """(n_freq,) lines with a motion."""
         return self.motions(drift, tolerance).converged
 
-    def harmonic(self, order: int, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0) -> ComplexArray:
+    def harmonic(
+        self, order: int, drift: ComplexArray, tolerance: FloatArray, level: float = 0.0
+    ) -> ComplexArray | FloatArray:
         """As ``RunModel.harmonic``: what the harmonics of the joints' forces move."""
         if order > self.resolution.harmonics:
-            return np.zeros((len(self.run.frequency_hz), len(self.run.channels)), dtype=complex)
+            return super().harmonic(order, drift, tolerance, level)
         solved = self.at_level(level).motions(drift, tolerance)
         there = replace(self.run, frequency_hz=order * self.run.frequency_hz, harmonics={})
         chain = chain_factors(self.effects, there, np.arange(len(there.channels)))

@@ -17,12 +17,11 @@ from rigtwin.fmu_src.machine import build_machine, machine_facts
 from rigtwin.fmu_src.machine_variables import MachineFacts, bearing_variables, supervisor_variables
 from rigtwin.pages.machine_page import write_machine_page
 from rigtwin.pages.overlay_page import Table
+from rigtwin.rotor.frequency.whirl import RPM
 from rigtwin.scratch import check_writable
 from rigtwin.sim.machine import MachinePlan, MachineRun, run_machine
 from rigtwin.wording import stiffness
 from rigtwin.workers import report, worker_pool
-
-_RPM = 30 / np.pi  # rev/min of a rad/s
 
 # Times as much vibration that are worth a word.
 _NOTABLE = 1.5
@@ -57,23 +56,22 @@ def run_system(request: SystemRequest) -> None:
     rig = load_rig(request.rig)
     try:
         facts = machine_facts(rig)
-        system = build_machine(rig, request.out, targets=[this_machine()])
+        system = build_machine(rig, facts, request.out, targets=[this_machine()])
     except (BuildError, CompileError) as error:
         raise UserError(str(error)) from error
     plan = MachinePlan(request.seconds or facts.seconds, facts.step, _WINDOW * facts.period)
     runs = _run(system, plan)
     judged = tuple(_judge(run) for run in runs)
-    record = {"system": str(system), "page": str(page), **_record(runs[0], judged)}
-    rows = _rows(judged)
-    result = _result(runs[0], judged)
+    record = _record(runs[0], judged)
+    rows, result = _rows(judged), _result(record, judged)
+    starts = {v.name: float(v.start or 0.0) for v in (*bearing_variables(facts), *supervisor_variables(facts))}
     head = ("", "largest vibration, m/s²", "nearest to a resonance", "speed at the end, rev/min")
     words = f"After the run-up. Vibration is an rms over {1e3 * plan.window:.0f} ms."
     shown = Table("With and without supervisor", head, rows, words)
-    margin = float(next(v.start or 0.0 for v in supervisor_variables(facts) if v.name == "margin"))
     title = f"{rig.title or rig.name}: a bearing that softens"
-    write_machine_page(page, title, result, _sentences(facts), shown, runs, margin)
+    write_machine_page(page, title, result, _sentences(facts, starts), shown, runs, starts["margin"])
     if request.as_json:
-        print_json(record)
+        print_json({"system": str(system), "page": str(page), **record})
         return
     table(head, rows)
     say(result)
@@ -120,16 +118,15 @@ def _record(run: MachineRun, judged: tuple[Judged, ...]) -> dict[str, Any]:
 
 def _rows(judged: tuple[Judged, ...]) -> list[tuple[str, ...]]:
     return [
-        (name, f"{each.largest_vibration:.3g}", f"{100 * each.nearest:.1f} %", f"{each.last_speed * _RPM:.0f}")
+        (name, f"{each.largest_vibration:.3g}", f"{100 * each.nearest:.1f} %", f"{each.last_speed / RPM:.0f}")
         for name, each in zip(("with supervisor", "without"), judged, strict=True)
     ]
 
 
-def _result(run: MachineRun, judged: tuple[Judged, ...]) -> str:
-    record = _record(run, judged)
+def _result(record: dict[str, Any], judged: tuple[Judged, ...]) -> str:
     times = judged[1].largest_vibration / judged[0].largest_vibration
     first, last = record["k_b_N_per_m"]
-    tracked = f"off by {100 * record['tracked_off_rms']:.2f} % (rms)" if run.valid.any() else "never sure"
+    tracked = f"off by {100 * record['tracked_off_rms']:.2f} % (rms)" if record["valid"] else "never sure"
     course = f"falls from {stiffness(first)} to {stiffness(last)}" if last < first else f"stays at {stiffness(first)}"
     words = f"While k_b {course} MN/m, the tracker is {tracked}. "
     if times < _NOTABLE:
@@ -139,10 +136,9 @@ def _result(run: MachineRun, judged: tuple[Judged, ...]) -> str:
     return f"{words}Without the supervisor the machine vibrates up to {times:.0f} times as much."
 
 
-def _sentences(facts: MachineFacts) -> list[str]:
-    starts = {v.name: v.start or 0.0 for v in (*bearing_variables(facts), *supervisor_variables(facts))}
+def _sentences(facts: MachineFacts, starts: dict[str, float]) -> list[str]:
     return [
-        f"The machine runs up to {facts.speed * _RPM:.0f} rev/min, below its first resonance. Its unbalance is "
+        f"The machine runs up to {facts.speed / RPM:.0f} rev/min, below its first resonance. Its unbalance is "
         f"{1e6 * facts.unbalance:.3g} g mm (balance quality grade G 6.3), and a force of many frequencies beside it, "
         f"{facts.probe:.3g} N rms, lets StiffnessTracker.fmu tell the bearing stiffness.",
         f"From {starts['change_at']:g} s on the bearing softens, within {starts['change_for']:g} s, and the resonance "

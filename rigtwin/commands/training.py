@@ -111,7 +111,7 @@ def train_from_data(out: Path) -> Trained:
 
 
 def shipped_data(name: str) -> Path:
-    """A data set that comes with rigtwin. Raises UserError where it was left out."""
+    """A data set that comes with rigtwin, rounded to ten digits. Raises UserError where it was left out."""
     path = Path(str(files("rigtwin.estimator"))) / "data" / name
     if not path.is_file():
         raise UserError(f"{path}: the shipped data set is missing; measure one: rigtwin train without --from-data")

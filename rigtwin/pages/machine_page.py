@@ -12,10 +12,9 @@ import plotly.graph_objects as go
 from rigtwin.pages.figures import styled
 from rigtwin.pages.overlay_page import Drawn, Table, write_overlays
 from rigtwin.pages.palette import BLUE, GREY, INK, ORANGE, VERMILION
+from rigtwin.rotor.frequency.whirl import RPM
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.sim.machine import MachineRun
-
-_RPM = 30 / np.pi  # rev/min of a rad/s
 
 
 def write_machine_page(
@@ -48,13 +47,13 @@ def _stiffness(run: MachineRun) -> Drawn:
 
 def _speed(run: MachineRun, alone: MachineRun, margin: float) -> Drawn:
     figure = go.Figure()
-    resonance = np.where(run.resonance > 0, run.resonance, np.nan) * _RPM
+    resonance = np.where(run.resonance > 0, run.resonance, np.nan) / RPM
     for factor, fill in ((1 - margin, None), (1 + margin, "tonexty")):
         band = {"line": {"width": 0}, "fill": fill, "fillcolor": "rgba(213,94,0,0.18)", "hoverinfo": "skip"}
         figure.add_trace(go.Scatter(x=run.time, y=factor * resonance, showlegend=False, **band))
     figure.add_trace(_line(run.time, resonance, "resonance, by the tracked stiffness", VERMILION, "%{y:.0f} rev/min"))
-    figure.add_trace(_line(run.time, alone.speed * _RPM, "speed without supervisor", GREY, "%{y:.0f} rev/min", "dash"))
-    figure.add_trace(_line(run.time, run.speed * _RPM, "speed with supervisor", BLUE, "%{y:.0f} rev/min"))
+    figure.add_trace(_line(run.time, alone.speed / RPM, "speed without supervisor", GREY, "%{y:.0f} rev/min", "dash"))
+    figure.add_trace(_line(run.time, run.speed / RPM, "speed with supervisor", BLUE, "%{y:.0f} rev/min"))
     figure.update_yaxes(title="speed, rev/min", rangemode="tozero")
     caption = "In the shaded band the speed is nearer to the resonance than the supervisor allows."
     return _drawn(figure, "Speed", caption)

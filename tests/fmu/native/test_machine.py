@@ -33,17 +33,17 @@ def fmi(request) -> str:
 
 @pytest.fixture(scope="module")
 def bearing(fmi, tmp_path_factory) -> Path:
-    return build_bearing_fmu(RIG, tmp_path_factory.mktemp("bearing"), fmi=fmi, targets=[this_machine()])
+    return build_bearing_fmu(RIG, FACTS, tmp_path_factory.mktemp("bearing"), fmi=fmi, targets=[this_machine()])
 
 
 @pytest.fixture(scope="module")
 def supervisor(fmi, tmp_path_factory) -> Path:
-    return build_supervisor_fmu(RIG, tmp_path_factory.mktemp("supervisor"), fmi=fmi, targets=[this_machine()])
+    return build_supervisor_fmu(RIG, FACTS, tmp_path_factory.mktemp("supervisor"), fmi=fmi, targets=[this_machine()])
 
 
 @pytest.fixture(scope="module")
 def system(tmp_path_factory) -> Path:
-    return build_machine(RIG, tmp_path_factory.mktemp("machine"), targets=[this_machine()])
+    return build_machine(RIG, FACTS, tmp_path_factory.mktemp("machine"), targets=[this_machine()])
 
 
 def test_k_b_falls_evenly_in_its_logarithm_by_small_changes(bearing):
@@ -184,5 +184,5 @@ def test_fmpys_own_simulation_takes_the_system_though_it_begins_with_zeros(syste
 
 def test_a_rig_without_such_bearings_has_no_machine(tmp_path):
     with pytest.raises(BuildError, match="no bearing whose stiffness is k_b"):
-        build_machine(load_rig(TABLES), tmp_path)
+        build_machine(load_rig(TABLES), machine_facts(load_rig(TABLES)), tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -33,7 +33,7 @@ from rigtwin.fmu_src.machine_variables import (
     supervisor_variables,
 )
 from rigtwin.fmu_src.model_description import Model
-from rigtwin.fmu_src.native_sources import PROBED, bearing_sources, supervisor_sources
+from rigtwin.fmu_src.native_sources import bearing_sources, supervisor_sources
 from rigtwin.fmu_src.ssp import Component, Link, write_system
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.scale import scale_of
@@ -53,6 +53,9 @@ _STIFFNESSES, _RESONANCES = 121, 2
 # The machine runs so far below its first resonance, relative; its unbalance is that of balance quality grade G 6.3, in
 # m/s [iso21940]; and the probe has this share of the unbalance's force.
 _BELOW, _GRADE, _PROBE = 0.065, 6.3e-3, 0.1
+
+# Lines of the probe, and its highest frequency over the highest resonance.
+_LINES, _PROBED = 64, 1.2
 
 _HOW = {
     BEARING: (
@@ -84,7 +87,7 @@ def machine_facts(rig: Rig) -> MachineFacts:
         k_b_max=facts.k_b_max,
         period=float(2 * np.pi / first),
         speed=speed,
-        highest_speed=rounded(PROBED * last),
+        highest_speed=rounded(_PROBED * last),
         unbalance=unbalance,
         probe=rounded(_PROBE * unbalance * speed**2),
         step=facts.step,
@@ -94,6 +97,16 @@ def machine_facts(rig: Rig) -> MachineFacts:
 def resonances_at(structure: Structure, k_b: float) -> FloatArray:
     """(2,) lowest resonances in y [rad/s], of the rotor at rest."""
     return 2 * np.pi * elastic_frequencies_hz(build_system(structure, Condition(k_b=k_b)), plane=1)[:_RESONANCES]
+
+
+def probe_lines(highest: float) -> tuple[FloatArray, FloatArray]:
+    """(n,) frequencies [rad/s] up to a highest one, and phases [rad]: never the same again, and never very large.
+
+    The n-th multiples of irrational numbers, modulo one, lie evenly and repeat nothing [weyl1916].
+    """
+    n = np.arange(_LINES)
+    within, turn = np.modf(n * (np.sqrt(5) - 1) / 2)[0], np.modf(n * n * np.sqrt(2))[0]
+    return highest * (n + 1 + within) / (_LINES + 1), 2 * np.pi * turn
 
 
 def build_bearing_fmu(
@@ -114,9 +127,10 @@ def build_supervisor_fmu(
     structure = assemble(rig)
     ln_k = np.linspace(np.log(facts.k_b_min), np.log(facts.k_b_max), _STIFFNESSES)
     resonances = np.array([resonances_at(structure, k_b) for k_b in np.exp(ln_k)]).T
+    probe = probe_lines(_PROBED * float(resonances[-1, -1]))  # of the stiffest bearings
 
     def sources(model: Model) -> dict[str, str]:
-        return supervisor_sources(model, ln_k, resonances, fmi)
+        return supervisor_sources(model, ln_k, resonances, probe, fmi)
 
     table = supervisor_variables(facts)
     return _build(rig, facts, (SUPERVISOR, SUPERVISOR_MEANING, table), sources, folder, fmi, targets)

@@ -45,7 +45,7 @@ ROTOR_CORE = ("exciter", "laws", "linalg", "nonlinear", "rotor", "simulator", "s
 SHELLS = {"2.0": "fmi2", "3.0": "fmi3"}
 
 # Files that declare a function of another file themselves.
-_DECLARE_THEMSELVES = ("estimator_model.c", "tracker_model.c", "monitor_model.c", "supervisor_model.c")
+_DECLARE_THEMSELVES = ("estimator_model.c", "tracker_model.c", "monitor_model.c")
 
 # Numbers that decide what the core computes stand in these modules and in the effects'; C leaves their underscore out.
 _MODULES_WITH_CONSTANTS = (design, speed_tables, system, stepper, simulator, nonlinear_stepper, exciter)
@@ -99,40 +99,33 @@ def bearing_sources(model: Model, fmi: str) -> dict[str, str]:
     return _with_names(model, {**_written((*INSTANCE, SHELLS[fmi], "bearing_model")), **printed})
 
 
-def supervisor_sources(model: Model, ln_k: FloatArray, resonances: FloatArray, fmi: str) -> dict[str, str]:
-    """The same of ``SpeedSupervisor``: resonances (n_resonances, n) [rad/s] at stiffnesses (n,), even in ln_k."""
-    frequency, phase = probe_lines(PROBED * float(resonances[-1, -1]))  # of the stiffest bearings
+def supervisor_sources(
+    model: Model, ln_k: FloatArray, resonances: FloatArray, probe: tuple[FloatArray, FloatArray], fmi: str
+) -> dict[str, str]:
+    """The same of ``SpeedSupervisor``.
+
+    Parameters
+    ----------
+    ln_k : (n,) logarithms of stiffnesses, even
+    resonances : (n_resonances, n) [rad/s]
+    probe : (n_lines,) frequencies [rad/s] and phases [rad]
+    """
+    arrays = {"RESONANCES": resonances, "PROBE_FREQUENCY": probe[0], "PROBE_PHASE": probe[1]}
     sizes = {
         "N_RESONANCES": len(resonances),
         "N_STIFFNESSES": len(ln_k),
-        "N_LINES": len(frequency),
+        "N_LINES": len(probe[0]),
         "LOWEST_LN_K": _number(ln_k[0]),
         "SPACING": _number(ln_k[1] - ln_k[0]),
         "TURN": _number(2 * np.pi),
     }
     header = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
-    arrays = {"RESONANCES[N_RESONANCES][N_STIFFNESSES]": resonances, "PROBE_FREQUENCY[]": frequency}
-    arrays["PROBE_PHASE[]"] = phase
+    header += "".join(_array(name, values) for name, values in arrays.items())
     printed = {
         "variables.c": variables_code(model),
         "machine_variables.h": _PRINTED + _places_of_values(model) + header,
-        "machine.c": f'{_PRINTED}#include "names.h"\n#include "machine_variables.h"\n\n{_shared_arrays(arrays)}',
     }
     return _with_names(model, {**_written((*INSTANCE, SHELLS[fmi], "supervisor_model")), **printed})
-
-
-# Lines of the probe, and its highest frequency over the highest resonance.
-_LINES, PROBED = 64, 1.2
-
-
-def probe_lines(highest: float) -> tuple[FloatArray, FloatArray]:
-    """(n,) frequencies [rad/s] up to a highest one, and phases [rad]: never the same again, and never very large.
-
-    The n-th multiples of irrational numbers, modulo one, lie evenly and repeat nothing [weyl1916].
-    """
-    n = np.arange(_LINES)
-    within, turn = np.modf(n * (np.sqrt(5) - 1) / 2)[0], np.modf(n * n * np.sqrt(2))[0]
-    return highest * (n + 1 + within) / (_LINES + 1), 2 * np.pi * turn
 
 
 def _places_of_values(model: Model) -> str:
@@ -140,16 +133,6 @@ def _places_of_values(model: Model) -> str:
     given = [v for v in model.table if v.causality != "output"]
     lines = [f"#define {v.name.upper()} {model.reference(v.name)}\n" for v in given]
     return "".join(lines) + f"#define N_VALUES {len(given)}\n"
-
-
-def _shared_arrays(arrays: Mapping[str, FloatArray]) -> str:
-    """Arrays that other files know, by their names and sizes in C."""
-    texts = []
-    for name, values in arrays.items():
-        rows = ", ".join("{" + ", ".join(map(_number, row)) + "}" for row in np.atleast_2d(values))
-        table = rows if values.ndim == 1 else f"{{{rows}}}"
-        texts.append(f"extern const double {name};\nconst double {name} = {table};\n")
-    return "\n".join(texts)
 
 
 def reduced_code(rotor: ReducedRotor) -> str:

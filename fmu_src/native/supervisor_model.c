@@ -7,9 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* machine.c is printed for a rotor when the FMU is built: resonances [rad/s] at stiffnesses that are even in their
-   logarithm, rising; and frequencies [rad/s] and phases [rad] of the probe. */
-extern const double RESONANCES[N_RESONANCES][N_STIFFNESSES], PROBE_FREQUENCY[N_LINES], PROBE_PHASE[N_LINES];
+/* The header is printed for a rotor when the FMU is built: resonances [rad/s] at stiffnesses that are even in their
+   logarithm, rising, one resonance after the other; and frequencies [rad/s] and phases [rad] of the probe. */
 
 /* What it remembers: doubles, as a state is saved. */
 typedef struct {
@@ -55,7 +54,7 @@ const char *model_start(Model *model, double time)
 
 static double resonance(int number, double k_b)
 {
-    const double *row = RESONANCES[number];
+    const double *row = RESONANCES + number * N_STIFFNESSES;
     double place = (log(k_b) - LOWEST_LN_K) / SPACING;
     place = fmax(0, fmin(N_STIFFNESSES - 1, place));
     const int at = place < N_STIFFNESSES - 1 ? (int)place : N_STIFFNESSES - 2;

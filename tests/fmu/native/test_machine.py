@@ -12,8 +12,14 @@ from fmpy.validation import validate_fmu
 
 from rigtwin.fmu_src.build import BuildError
 from rigtwin.fmu_src.compiling import this_machine
-from rigtwin.fmu_src.machine import build_bearing_fmu, build_machine, build_supervisor_fmu, machine_facts, resonances_at
-from rigtwin.fmu_src.native_sources import probe_lines
+from rigtwin.fmu_src.machine import (
+    build_bearing_fmu,
+    build_machine,
+    build_supervisor_fmu,
+    machine_facts,
+    probe_lines,
+    resonances_at,
+)
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.machine import MachinePlan, run_machine

@@ -147,10 +147,11 @@ def test_a_state_goes_on_where_it_was_saved(name, starts, inputs, bearing, super
         session.set(inputs)
         for _ in range(500):
             session.step(STEP)
-        state = session.save_state()
+        state, there = session.save_state(), session.get([name])
         told = []
         for _ in range(2):
             session.restore_state(state)
+            assert session.get([name]) == there
             for _ in range(50):
                 session.step(STEP)
             told.append(session.get([name])[0])

@@ -16,6 +16,7 @@ import numpy as np
 from rigtwin.gap.document import Calibrated, Calibration, Estimate
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.nuisances import PRIOR
+from rigtwin.gap.inference.posterior import posterior
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.forward import acting, nonlinear
 from rigtwin.rotor.model.arrays import FloatArray, IntArray
@@ -34,7 +35,7 @@ def calibration_of(problem: Problem, fit: Fit, scale: float) -> Calibration:
     scale : true over believed standard error of the data
     """
     nuisances = problem.nuisances
-    std = np.sqrt(fit.covariance(scale).diagonal()[len(fit.u) :])
+    std = posterior(problem, fit, scale).std[len(fit.u) :]
     return Calibration(
         sensor_gain=dict(zip(map(str, nuisances.sensors), map(float, np.exp(fit.nu[nuisances.sensor])), strict=True)),
         tolerance=dict(zip(problem.forward.workshop.names, map(float, fit.nu[nuisances.tolerance]), strict=True)),

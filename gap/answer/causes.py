@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from rigtwin.gap.document import Cause, Estimate, Location
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import Hypothesis
-from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.model.arrays import FloatArray
 
 
@@ -71,8 +68,6 @@ def cause_of(
     )
 
 
-def k_b_of(problem: Problem, fit: Fit, scale: float) -> Estimate | None:
-    """Bearing stiffness of a fit; None where no run is on bearings."""
-    if not problem.with_k_b:
-        return None
-    return Estimate(fit.k_b, fit.k_b * float(np.sqrt(fit.covariance(scale)[0, 0])), "N/m")
+def k_b_of(fit: Fit, std: FloatArray) -> Estimate | None:
+    """Bearing stiffness of a fit, by standard errors as ``cause_of`` has them; None where no run is on bearings."""
+    return Estimate(fit.k_b, fit.k_b * float(std[0]), "N/m") if fit.with_k_b else None

@@ -13,6 +13,7 @@ from rigtwin.gap.answer.causes import k_b_of
 from rigtwin.gap.answer.held_out import shrink_beside_black_box
 from rigtwin.gap.document import Estimate, FittedJoint, NodeShare
 from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.posterior import posterior
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.joint import find_joint
 from rigtwin.gap.verdict.standing import strain
@@ -58,10 +59,10 @@ def _documented(problem: Problem, nominal: Fit, fits: Sequence[Fit], scale: floa
         return None
     (effect,) = best.effects
     assert isinstance(effect, MeasuredJoint)
-    std = np.sqrt(best.covariance(scale).diagonal())[1 : len(best.u)]
+    std = posterior(problem, best, scale).std[: len(best.u)]
     errors = {
         free.name: getattr(effect, free.name) * s if free.log else s
-        for free, s in zip(best.hypothesis.free, std, strict=True)
+        for free, s in zip(best.hypothesis.free, std[1:], strict=True)
     }
     roles = effect.parameters()
     hz = np.concatenate([run.frequency_hz for run in problem.runs])
@@ -73,7 +74,7 @@ def _documented(problem: Problem, nominal: Fit, fits: Sequence[Fit], scale: floa
         parameters={
             name: Estimate(getattr(effect, name), errors.get(name, np.nan), roles[name].unit) for name in roles
         },
-        k_b=k_b_of(problem, best, scale),
+        k_b=k_b_of(best, std),
         nodes=_probabilities(problem, fits, scale),
         frequency_hz=tuple(shown.tolist()),
         real=tuple(Z.real.tolist()),

@@ -24,6 +24,7 @@ from rigtwin.gap.clock import Clock
 from rigtwin.gap.curves import Curve, log_distance_db, nrmse
 from rigtwin.gap.document import DAMPING, Cause, Diagnosis, Finding, Location, NextTest, Regime, Shrink, Verdict, Where
 from rigtwin.gap.inference.fit import Fit
+from rigtwin.gap.inference.posterior import posterior
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.search.strategies.bearing_stiffness import compare_with_models
 from rigtwin.gap.verdict.adequacy import judge
@@ -206,7 +207,7 @@ def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]
     """What the diagnosis says about the recalibrated nominal model."""
     problem, nominal = answer.problem, answer.nominal
     return {
-        "k_b": k_b_of(problem, nominal, answer.scale) if nominal.n_data else None,
+        "k_b": k_b_of(nominal, posterior(problem, nominal, answer.scale).std) if nominal.n_data else None,
         "gap": _mean([nrmse(c.run.H, c.run.as_recorded(c.nominal)) for c in curves]),
         "gap_dB": _mean([log_distance_db(c.run.H, c.nominal) for c in curves]),
         "misfit": judge(problem, answer.fitted).misfit,
@@ -258,9 +259,8 @@ def _causes(problem: Problem, ranked: Ranked, scale: float, known: float) -> tup
 
 
 def _cause(problem: Problem, fit: Fit, probability: float, scale: float) -> Cause:
-    std = np.sqrt(fit.covariance(scale).diagonal())[: len(fit.u)]
-    k_b = k_b_of(problem, fit, scale)
-    cause = cause_of(fit.hypothesis, fit.u, std, probability, k_b, fit.log_evidence(scale))
+    std = posterior(problem, fit, scale).std[: len(fit.u)]
+    cause = cause_of(fit.hypothesis, fit.u, std, probability, k_b_of(fit, std), fit.log_evidence(scale))
     if fit.sampled is None:
         return cause
     return replace(cause, ess=fit.sampled.ess, log_evidence_error=fit.sampled.error)
@@ -308,7 +308,8 @@ def _raster_effect() -> str:
 
 def _raster_cause(answer: Answer, effect: str) -> Cause:
     """The raster as the cause, as surely as the model is right."""
-    k_b, place = k_b_of(answer.problem, answer.nominal, answer.scale), Location("raster")
+    std = posterior(answer.problem, answer.nominal, answer.scale).std
+    k_b, place = k_b_of(answer.nominal, std), Location("raster")
     return Cause((effect,), place, answer.ranked.no_gap, {}, k_b, math.nan, locations=(place,))
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from rigtwin.gap.curves import nrmse
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import K_B
+from rigtwin.gap.inference.posterior import posterior
 from rigtwin.gap.inference.problem import Problem, middle_level
 from rigtwin.gap.model.forward import acting, nonlinear
 from rigtwin.gap.model.motions import FINE
@@ -63,7 +64,7 @@ def transfer_interval(problem: Problem, nominal: Fit, best: Fit, scale: float) -
         tests = [_Test(problem, nominal, best, node) for node in nodes]
     except (ValueError, np.linalg.LinAlgError):  # of a nonlinear cause no line of the sweep may have a motion
         return (np.nan, np.nan)
-    draws = _draws(best, scale, rng, settings.draws)
+    draws = _draws(problem, best, scale, rng, settings.draws)
     shrinks = [[test.shrink(u, nu) for u, nu in draws] for test in tests]
     known = [np.array(each)[np.isfinite(each)] for each in shrinks if np.isfinite(each).any()]
     if not known:
@@ -79,13 +80,11 @@ def _other_nodes(problem: Problem) -> list[int]:
     return [node for node in problem.forward.structure.free_nodes if node not in driven]
 
 
-def _draws(best: Fit, scale: float, rng: np.random.Generator, count: int) -> list[tuple[FloatArray, FloatArray]]:
+def _draws(
+    problem: Problem, best: Fit, scale: float, rng: np.random.Generator, count: int
+) -> list[tuple[FloatArray, FloatArray]]:
     """Coordinates and nuisances from the posterior, the former within their ranges."""
-    covariance = best.covariance(scale)
-    if not best.with_k_b:
-        covariance[0, :] = covariance[:, 0] = 0.0
-    mean = np.concatenate([best.u, best.nu])
-    drawn = rng.multivariate_normal(mean, (covariance + covariance.T) / 2, size=count, method="eigh")
+    drawn = posterior(problem, best, scale).draws(rng, count)
     n = len(best.u)
     return [(best.hypothesis.clipped(each[:n]), each[n:]) for each in drawn]
 

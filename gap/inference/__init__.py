@@ -13,6 +13,7 @@ module          what it holds                                                   
 ``fit``         a candidate at its best, and its evidence                               ``Fit``
 ``score_test``  what one more number could gain, to first order                         ``Score``
 ``evidence``    the evidence by importance sampling                                     ``sample``
+``posterior``   what the data leave open of all numbers, repeatabilities included       ``posterior``
 ``harmonics``   what measured harmonics say of candidates                               ``with_harmonics``
 ==============  ======================================================================  ==================
 """

@@ -246,9 +246,8 @@ def weak_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        strategy = strategy_of(hypothesis)
-        promising = Strategy() if quiet else strategy
-        tried = strategy.scan(problem, hypothesis, nominal) or promising.promise(problem, score, hypothesis)
+        strategy = Strategy() if quiet else strategy_of(hypothesis)
+        tried = strategy.scan(problem, hypothesis, nominal) or strategy.promise(problem, score, hypothesis)
         if tried:  # else the time is up
             found.append((tried[0].gain, [promise.start for promise in tried[: RACE.rivals]]))
     found.sort(key=lambda entry: entry[0], reverse=True)

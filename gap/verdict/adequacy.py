@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,44 +50,67 @@ class Adequacy:
 
     scale: float  # true over believed standard error, from differences of neighbouring lines
     misfit: float  # mean square of the residuals over that of their noise; 1: nothing is left
-    correlation: float  # of neighbouring lines' residuals, in its standard errors
+    correlation: float  # of neighbouring lines' residuals, in its standard errors; of small ones what it is of noise
     spread: float  # of the misfit where noise alone is left: its standard deviation
 
 
-def whitened(observed: Observed, model: ComplexArray) -> ComplexArray:
-    """(n_freq, n_channels) residuals of unit variance per real component; nan where nothing is there."""
+def whitened(observed: Observed, model: ComplexArray, added: float = 0.0) -> ComplexArray:
+    """(n_freq, n_channels) residuals of unit variance per real component; nan where nothing is there.
+
+    added : relative error beside the data's own
+    """
     y = observed.run.H
     silent = np.abs(np.nan_to_num(y)) <= 1e-9 * np.nanmax(np.abs(y))
-    return np.where(observed.valid & ~silent, residual(observed, model, 0.0), np.nan)
+    return np.where(observed.valid & ~silent, residual(observed, model, added), np.nan)
 
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:
-    """Compare a fit's residuals with the noise under them."""
-    scatter, bends, squares, products, variance, n, reals = 0.0, 0, 0.0, 0.0, 0.0, 0, 0
-    for observed, model in zip(problem.observed, problem.predict(fit), strict=True):
-        z = whitened(observed, model)
-        real = observed.run.magnitude_only
-        parts = 1 if real else 2
-        for channel in z.T:
-            found = _bends(channel)
-            scatter += len(found) * _scatter(found, parts)
-            bends += len(found)
-        size = float(np.nansum(np.abs(z) ** 2)) / parts
-        squares += size
+    """Compare a fit's residuals with the noise under them, and with what the model itself leaves at sharp places."""
+    predicted = problem.predict(fit)
+    scale2 = _scale2(problem, predicted)
+    squares, products, variance, n, reals, total = 0.0, 0.0, 0.0, 0, 0, 0.0
+    surely = 1.0 if abs(scale2 - 1) < SCATTER.doubtful / np.sqrt(max(fit.n_data / 2, 1)) else scale2
+    for observed, model in zip(problem.observed, predicted, strict=True):
+        z = whitened(observed, model, problem.model_error / np.sqrt(surely))
+        parts = _parts(observed)
+        squares += float(np.nansum(np.abs(z) ** 2)) / parts
         values = int(np.isfinite(z).sum())
         n += values
         reals += parts * values
         variance += values / parts  # of the products' sum, where residuals are independent
         products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
-    scale2 = float(np.clip(scatter / bends, *np.square(CREDIBLE))) if bends else 1.0
-    surely = 1.0 if abs(scale2 - 1) < SCATTER.doubtful / np.sqrt(max(n, 1)) else scale2
+        total += float(np.sum(_with_model(observed, scale2, problem.model_error)[np.isfinite(z)]))
     dof = max(n * (1 - (len(fit.u) + 6) / max(reals, 1)), 1.0)
+    # Neighbouring residuals of hardly any size are alike for reasons of the model's own.
+    counts = max(squares, n * surely, 1e-30)
     return Adequacy(
-        scale=float(np.sqrt(scale2)),
-        misfit=squares / dof / max(surely, 1e-30),
-        correlation=products / max(squares, 1e-30) * n / np.sqrt(max(variance, 1.0)),
+        scale=float(np.sqrt(total / n)) if n else 1.0,
+        misfit=squares / dof / surely,
+        correlation=products / counts * n / np.sqrt(max(variance, 1.0)),
         spread=float(np.sqrt(2 / max(reals, 1))),
     )
+
+
+def _parts(observed: Observed) -> int:
+    """Real numbers in a value."""
+    return 1 if observed.run.magnitude_only else 2
+
+
+def _scale2(problem: Problem, predicted: Sequence[ComplexArray]) -> float:
+    """True over believed variance of the data's own errors, by how much residuals bend from line to line."""
+    scatter, bends = 0.0, 0
+    for observed, model in zip(problem.observed, predicted, strict=True):
+        for channel in whitened(observed, model).T:
+            found = _bends(channel)
+            scatter += len(found) * _scatter(found, _parts(observed))
+            bends += len(found)
+    return float(np.clip(scatter / bends, *np.square(CREDIBLE))) if bends else 1.0
+
+
+def _with_model(observed: Observed, scale2: float, model_error: float) -> FloatArray:
+    """(n_freq, n_channels) true over believed variance, of the data's errors and the model's together."""
+    own, of_model = observed.std**2, (model_error * np.abs(np.nan_to_num(observed.run.H))) ** 2
+    return 1 + (scale2 - 1) / (1 + of_model / np.maximum(own, 1e-300))
 
 
 def odd_lines(problem: Problem, fit: Fit) -> list[BoolArray]:

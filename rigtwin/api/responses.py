@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rigtwin.gap.audit.findings import usable
-from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.inference.posterior import posterior
 from rigtwin.gap.prepare import prepared
-from rigtwin.gap.verdict.adequacy import Adequacy, judge
-from rigtwin.gap.verdict.standing import excess_of, scale_of, strain
-from rigtwin.gap.verdict.thresholds import THRESHOLDS
+from rigtwin.gap.verdict.adequacy import judge
+from rigtwin.gap.verdict.standing import excess_of, scale_of
 from rigtwin.sim.campaign import Campaign, MeasurementError
 
 
@@ -39,14 +37,8 @@ def fit_responses(campaign: Campaign) -> ResponseFit:
     learned = [(each, each.of(nominal.prior_std)) for each in problem.nuisances.learned]
     return ResponseFit(
         k_b=nominal.k_b,
-        log_std=float(nominal.covariance(scale)[0, 0] ** 0.5),
+        log_std=float(posterior(problem, nominal, scale).std[0]),
         misfit=float(quality.misfit),
-        explained=excess_of(problem, nominal, quality) < 1 or _as_exact_as_the_model(problem, nominal, quality),
+        explained=excess_of(problem, nominal, quality) < 1,
         unusual={each.name: size for each, size in learned if each.is_unusual(size)},
     )
-
-
-def _as_exact_as_the_model(problem: Problem, nominal: Fit, quality: Adequacy) -> bool:
-    """Whether no more is left than noise and what the model's mesh and modes make of responses without any."""
-    left = nominal.chi2 / nominal.n_data / scale_of(quality) ** 2  # its errors hold those of the model
-    return left < THRESHOLDS.adequate_misfit and strain(problem, nominal) < 1

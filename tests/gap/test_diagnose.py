@@ -815,3 +815,13 @@ def test_what_a_fast_sweep_still_rings_with_is_no_noise_of_the_force():
     found = diagnose(campaign, exclude=all_but("fast_sweep", *RIVALS)).diagnosis
     assert (found.verdict, found.causes[0].effects) == ("cause", ("fast_sweep",))
     assert_allclose(found.causes[0].parameters["dwell"].value, effect.dwell, rtol=1e-4)
+
+
+@pytest.mark.parametrize("stated", [0.01, None], ids=["stated", "not stated"])
+def test_responses_without_any_noise_show_no_gap(stated):
+    """What the model's own mesh and modes leave of a computed response is no gap, whatever errors are stated."""
+    computed = (replace(run, H=truth(run)) for run in (blank(s, lines(s), name=s) for s in ("rigid", "bearing")))
+    runs = [replace(run, std=None if stated is None else stated * np.abs(run.H)) for run in computed]
+    diagnosis = diagnose(campaign_of(*runs), exclude=all_but(*RIVALS)).diagnosis
+    assert diagnosis.verdict == "no_gap"
+    assert diagnosis.nominal["k_b"].value == pytest.approx(K_B, rel=1e-3)

@@ -34,7 +34,7 @@ def test_the_interval_is_one_of_what_the_correction_explains(heavy):
 def test_what_is_left_of_the_gap_is_stretched_both_ways(heavy, monkeypatch):
     """A single rig at a single node: what is left is known, and the interval is the stretch alone."""
     monkeypatch.setattr(rigtwin.gap.answer.transfer, "_other_nodes", lambda problem: [4])
-    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_draws", lambda best, *_: [(best.u, best.nu)])
+    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_draws", lambda problem, best, *_: [(best.u, best.nu)])
     low, high = transfer_interval(*heavy, 1.0)
     assert (1 - low) / (1 - high) == pytest.approx(1.05**2)
 
@@ -72,7 +72,7 @@ def test_a_rig_of_the_fitted_numbers_is_the_corrected_model(channels):
 def test_what_a_nonlinear_cause_leaves_is_stretched_further(monkeypatch):
     problem, nominal, best = swept_law(20.0, (Channel(2),))
     off = best.u + np.array([1e-3, 0.0])
-    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_draws", lambda best, *_: [(off, best.nu)])
+    monkeypatch.setattr(rigtwin.gap.answer.transfer, "_draws", lambda problem, best, *_: [(off, best.nu)])
     low, high = transfer_interval(problem, nominal, best, 1.0)
     assert low < high < 1
     assert (1 - low) / (1 - high) == pytest.approx(1.75**2)

@@ -14,6 +14,7 @@
 # make benchmark-tracker   docs/tracker-measured.md: how well a k_b that changes is followed; minutes
 # make benchmark-monitor   docs/monitor-measured.md: how well a change of the machine is found and named; ten minutes
 # make benchmark-bias        docs/k-b-bias.md: what unknown effects do to k_b; five minutes
+# make benchmark-hardening   docs/hardening-bearing.md: k_b and k_3 of a bearing that hardens; a quarter of an hour
 # make benchmark-intervals   docs/interval-coverage.md: how often intervals of k_b hold the true value; half an hour
 # make benchmark-records   k_b from an oscilloscope's records beside that of the sweep; minutes
 # make importers   all FMUs as one system in ecos, libcosim, PathSim and a container, against fmpy; a minute
@@ -38,7 +39,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test test-long lint docs fmus native importers elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-bias benchmark-intervals benchmark-tracker benchmark-monitor benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
+.PHONY: demo test test-long lint docs fmus native importers elsewhere fuzz fuzz-files kills lowest train reproduction benchmark-rig benchmark-estimator benchmark-effects benchmark-native benchmark-scale benchmark-diagnosis benchmark-prediction-limit benchmark-lab-data benchmark-real-data benchmark-records benchmark-bias benchmark-hardening benchmark-intervals benchmark-tracker benchmark-monitor benchmark-blind benchmark-real-rigs benchmark-scaled-rigs method-figures paper-rig laws frozen-answers thresholds effect-pages clean
 
 demo: $(VENV)/installed
 	$(PYTHON) -m rigtwin demo
@@ -129,6 +130,9 @@ benchmark-monitor: $(VENV)/installed
 
 benchmark-bias: $(VENV)/installed
 	$(PYTHON) -m benchmarks.k_b_bias --page docs/k-b-bias.md
+
+benchmark-hardening: $(VENV)/installed
+	$(PYTHON) -m benchmarks.cubic_bearing --page docs/hardening-bearing.md
 
 benchmark-intervals: $(VENV)/installed
 	$(PYTHON) -m benchmarks.interval_coverage --page docs/interval-coverage.md

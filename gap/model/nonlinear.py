@@ -73,7 +73,7 @@ class NonlinearModal(RunModel):
         D = np.zeros((2 * most, *solved.H.shape), dtype=complex)
         if n_modes := min(len(self.frequencies_hz), most):
             D[:n_modes], D[most : most + n_modes] = np.split(slopes.by_mode(n_modes), 2)
-        if self.resolution.bends:
+        if self.resolution.bends and len(tolerance):
             near = [
                 _drift_poles(*self.balance_of(t), drift) for t in tolerance + _TOLERANCE_STEP * np.eye(len(tolerance))
             ]

@@ -144,6 +144,15 @@ def test_derivatives_by_the_tolerances_follow_the_shapes(hardening):
         assert np.linalg.norm((moved - H) / step - D[2 * MODES + t]) < 5e-3 * np.linalg.norm(D[2 * MODES + t])
 
 
+def test_a_rig_that_is_known_exactly_has_no_derivatives_by_tolerances(hardening):
+    exact = replace(BELIEF, modulus_tolerance=0.0, span_tolerance=0.0, disk_mass_tolerance=0.0)
+    forward = Forward(workshop(exact)).made(resolution=replace(FINAL, harmonics=3, samples=128))
+    modal = forward.modal(hardening[1], K_B, (BearingCubic(stiffness=1e13),))
+    H, D = modal.with_derivatives(np.zeros(MODES), np.zeros(0))
+    assert D.shape == (2 * MODES + 1, *H.shape)
+    assert np.isfinite(D).all()
+
+
 @pytest.mark.parametrize("law", [CUBIC, BearingFriction(force=2.0, stiffness=3e6)], ids=lambda law: law.id)
 def test_changes_by_numbers_of_a_law_are_those_of_the_motion(hardening, law):
     forward = Forward(WORKSHOP).made(resolution=replace(FINAL, harmonics=3, samples=128))

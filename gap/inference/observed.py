@@ -62,10 +62,15 @@ class Observed:
         return replace(self, run=run, std=self.std / factor)
 
     @property
+    def parts(self) -> int:
+        """Real numbers in a value."""
+        return 1 if self.run.magnitude_only else 2
+
+    @property
     def n_values(self) -> int:
         """Real numbers that were measured; a node that is held still has none."""
         moving = np.abs(np.nan_to_num(self.run.H)) > 0
-        return int((self.valid & moving).sum()) * (1 if self.run.magnitude_only else 2)
+        return int((self.valid & moving).sum()) * self.parts
 
 
 def observe(run: Run, std: FloatArray, common: float = 0.0, scatter: float = np.nan) -> Observed:

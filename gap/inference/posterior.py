@@ -17,51 +17,37 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import softmax
 
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.nuisances import Learned
+from rigtwin.gap.inference.nuisances import PRIOR, Learned
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.model.arrays import FloatArray
 
-# Sizes of a learned repeatability that are tried: logarithms over the most probable one.
-STEPS = np.linspace(-3.2, 3.2, 17)
-# Share of the most probable size's weight from which another one counts.
+Weighed = tuple[float, FloatArray, FloatArray]  # logarithm of a weight, mean (n,) and covariance (n, n)
+
+# Share of the most probable size's weight from which another size of a learned repeatability counts.
 COUNTS = 0.01
 
 
 @dataclass(frozen=True)
-class Normal:
-    """One of the mixed distributions of (u, nu)."""
-
-    weight: float
-    mean: FloatArray  # (n,)
-    covariance: FloatArray  # (n, n)
-
-
-@dataclass(frozen=True)
 class Posterior:
-    """Normal distributions of (u, nu), whose weights add up to one."""
+    """Normal distributions of (u, nu), mixed."""
 
-    parts: Sequence[Normal]
+    weights: FloatArray  # (k,) that add up to one
+    means: FloatArray  # (k, n)
+    covariances: FloatArray  # (k, n, n)
 
     @property
     def std(self) -> FloatArray:
         """(n,) standard deviations of the whole."""
-        weights = np.array([part.weight for part in self.parts])
-        means = np.array([part.mean for part in self.parts])
-        within = weights @ np.array([part.covariance.diagonal() for part in self.parts])
-        return np.sqrt(np.maximum(within, 0.0) + weights @ (means - weights @ means) ** 2)
+        within = self.weights @ self.covariances.diagonal(axis1=1, axis2=2)
+        return np.sqrt(np.maximum(within + self.weights @ (self.means - self.weights @ self.means) ** 2, 0.0))
 
     def draws(self, rng: np.random.Generator, count: int) -> FloatArray:
         """(count, n) numbers drawn from it."""
-        chosen = rng.multinomial(count, [part.weight for part in self.parts])
-        return np.concatenate(
-            [
-                rng.multivariate_normal(part.mean, part.covariance, size=k, method="eigh")
-                for part, k in zip(self.parts, chosen, strict=True)
-                if k
-            ]
-        )
+        parts = zip(self.means, self.covariances, rng.multinomial(count, self.weights), strict=True)
+        return np.concatenate([rng.multivariate_normal(m, C, size=k, method="eigh") for m, C, k in parts if k])
 
 
 def posterior(problem: Problem, fit: Fit, scale: float = 1.0) -> Posterior:
@@ -73,35 +59,27 @@ def posterior(problem: Problem, fit: Fit, scale: float = 1.0) -> Posterior:
     scale : true over believed standard error of the data
     """
     learned = problem.nuisances.learned
-    best = [each.of(fit.prior_std) for each in learned]
-    choices = []
+    best, choices = [each.of(fit.prior_std) for each in learned], []
     for k, size in enumerate(best):  # one at a time first: what the runs tell well has few sizes
-        tried = [[*best[:k], other, *best[k + 1 :]] for other in size * np.exp(STEPS)]
-        logs = np.array([with_sizes(fit, learned, sizes, scale)[0] for sizes in tried])
-        choices.append([sizes[k] for sizes, log in zip(tried, logs, strict=True) if log > logs.max() + np.log(COUNTS)])
+        sizes = size * np.exp(PRIOR.spread * np.linspace(-2, 2, 17))
+        logs = np.array([with_sizes(fit, learned, [*best[:k], one, *best[k + 1 :]], scale)[0] for one in sizes])
+        choices.append(sizes[logs > logs.max() + np.log(COUNTS)])
     found = [with_sizes(fit, learned, sizes, scale) for sizes in itertools.product(*choices)]
-    logs = np.array([log for log, _ in found])
-    weights = np.exp(logs - logs.max())
-    return Posterior([replace(part, weight=w) for (_, part), w in zip(found, weights / weights.sum(), strict=True)])
+    logs, means, covariances = (np.array(parts) for parts in zip(*found, strict=True))
+    return Posterior(softmax(logs), means, covariances)
 
 
-def with_sizes(fit: Fit, learned: Sequence[Learned], sizes: Sequence[float], scale: float) -> tuple[float, Normal]:
-    """Logarithm of the weight, and the distribution, where the repeatabilities have these sizes."""
-    std = fit.prior_std.copy()
+def with_sizes(fit: Fit, learned: Sequence[Learned], sizes: Sequence[float], scale: float) -> Weighed:
+    """Logarithm of the weight, mean and covariance where the repeatabilities have these sizes."""
+    std, n_u, change = fit.prior_std.copy(), len(fit.u), np.zeros(len(fit.u) + len(fit.nu))
     for each, size in zip(learned, sizes, strict=True):
         std[each.places] = size
-    other = replace(fit, prior_std=std)
-    n_u, change = len(fit.u), np.zeros(len(fit.u) + len(fit.nu))
     change[n_u:] = (1 / fit.prior_std**2 - 1 / std**2) * fit.nu
-    covariance = other.covariance(scale)
+    covariance = replace(fit, prior_std=std).covariance(scale)
     covariance = (covariance + covariance.T) / 2
     if not fit.with_k_b:
         covariance[0, :] = covariance[:, 0] = 0.0
-    step = covariance @ change
-    _, logdet = np.linalg.slogdet(covariance[1 - fit.with_k_b :, 1 - fit.with_k_b :])
+    step, (_, logdet) = covariance @ change, np.linalg.slogdet(covariance[not fit.with_k_b :, not fit.with_k_b :])
+    penalty = np.sum((fit.nu / std) ** 2 + 2 * np.log(std))
     prior = sum(each.log_prior(size) for each, size in zip(learned, sizes, strict=True))
-    own = [each.places for each in learned]
-    places = np.concatenate(own) if own else np.zeros(0, dtype=int)
-    penalty = float(np.sum((fit.nu[places] / std[places]) ** 2 + 2 * np.log(std[places])))
-    log = prior + (float(change @ step) + logdet - penalty) / 2
-    return log, Normal(1.0, np.concatenate([fit.u, fit.nu]) + step, covariance)
+    return prior + (change @ step + logdet - penalty) / 2, np.concatenate([fit.u, fit.nu]) + step, covariance

@@ -251,17 +251,11 @@ def weak_starts(
         if tried:  # else the time is up
             found.append((tried[0].gain, [promise.start for promise in tried[: RACE.rivals]]))
     found.sort(key=lambda entry: entry[0], reverse=True)
-    if quiet:
-        return [
-            s
-            for k, (gain, own) in enumerate(found)
-            for s in own
-            if k < NEAR_SEARCH.reported or gain > NEAR_SEARCH.telling
-        ]
-    limit = worth_from(found[0][0]) if found else 0.0
+    first = NEAR_SEARCH.reported if quiet else RACE.at_least
+    limit = NEAR_SEARCH.telling if quiet else worth_from(found[0][0]) if found else 0.0
     return [
         start
         for place, (gain, starts) in enumerate(found)
         for start in starts
-        if place < RACE.at_least or gain >= limit or several(start.hypothesis)
+        if place < first or gain >= limit or (several(start.hypothesis) and not quiet)
     ]

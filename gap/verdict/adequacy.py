@@ -66,45 +66,35 @@ def whitened(observed: Observed, model: ComplexArray, added: float = 0.0) -> Com
 
 def judge(problem: Problem, fit: Fit) -> Adequacy:
     """Compare a fit's residuals with the noise under them, and with what the model itself leaves at sharp places."""
-    predicted = problem.predict(fit)
+    predicted, observed = problem.predict(fit), problem.observed
     scale2 = _scale2(problem, predicted)
-    squares, products, variance, n, reals, total = 0.0, 0.0, 0.0, 0, 0, 0.0
     surely = 1.0 if abs(scale2 - 1) < SCATTER.doubtful / np.sqrt(max(fit.n_data / 2, 1)) else scale2
-    for observed, model in zip(problem.observed, predicted, strict=True):
-        z = whitened(observed, model, problem.model_error / np.sqrt(surely))
-        parts = _parts(observed)
-        squares += float(np.nansum(np.abs(z) ** 2)) / parts
-        values = int(np.isfinite(z).sum())
-        n += values
-        reals += parts * values
-        variance += values / parts  # of the products' sum, where residuals are independent
-        products += float(np.nansum((z[1:] * z[:-1].conj()).real)) / parts
-        total += float(np.sum(_with_model(observed, scale2, problem.model_error)[np.isfinite(z)]))
+    added = problem.model_error / np.sqrt(surely)
+    left = [whitened(o, model, added) for o, model in zip(observed, predicted, strict=True)]
+    parts, values = np.array([o.parts for o in observed]), np.array([np.isfinite(z).sum() for z in left])
+    # The variance is that of the products' sum, where residuals are independent.
+    n, reals, variance = int(values.sum()), int(parts @ values), float(np.sum(values / parts))
+    squares = sum(float(np.nansum(np.abs(z) ** 2)) / k for z, k in zip(left, parts, strict=True))
+    products = sum(float(np.nansum((z[1:] * z[:-1].conj()).real)) / k for z, k in zip(left, parts, strict=True))
+    shares = (_with_model(o, scale2, problem.model_error)[np.isfinite(z)] for o, z in zip(observed, left, strict=True))
     dof = max(n * (1 - (len(fit.u) + 6) / max(reals, 1)), 1.0)
     # Neighbouring residuals of hardly any size are alike for reasons of the model's own.
     counts = max(squares, n * surely, 1e-30)
     return Adequacy(
-        scale=float(np.sqrt(total / n)) if n else 1.0,
+        scale=float(np.sqrt(sum(map(np.sum, shares)) / n)) if n else 1.0,
         misfit=squares / dof / surely,
         correlation=products / counts * n / np.sqrt(max(variance, 1.0)),
         spread=float(np.sqrt(2 / max(reals, 1))),
     )
 
 
-def _parts(observed: Observed) -> int:
-    """Real numbers in a value."""
-    return 1 if observed.run.magnitude_only else 2
-
-
 def _scale2(problem: Problem, predicted: Sequence[ComplexArray]) -> float:
     """True over believed variance of the data's own errors, by how much residuals bend from line to line."""
-    scatter, bends = 0.0, 0
-    for observed, model in zip(problem.observed, predicted, strict=True):
-        for channel in whitened(observed, model).T:
-            found = _bends(channel)
-            scatter += len(found) * _scatter(found, _parts(observed))
-            bends += len(found)
-    return float(np.clip(scatter / bends, *np.square(CREDIBLE))) if bends else 1.0
+    pairs = zip(problem.observed, predicted, strict=True)
+    found = [(_bends(channel), o.parts) for o, model in pairs for channel in whitened(o, model).T]
+    n = sum(len(bends) for bends, _ in found)
+    scatter = sum(len(bends) * _scatter(bends, parts) for bends, parts in found)
+    return float(np.clip(scatter / n, *np.square(CREDIBLE))) if n else 1.0
 
 
 def _with_model(observed: Observed, scale2: float, model_error: float) -> FloatArray:
@@ -123,7 +113,7 @@ def odd_lines(problem: Problem, fit: Fit) -> list[BoolArray]:
     predicted = zip(problem.observed, problem.predict(fit), problem.modals(fit.k_b, fit.effects), strict=True)
     for observed, model, modal in predicted:
         z, f = whitened(observed, model), observed.run.frequency_hz
-        numbers = np.isfinite(z).sum(axis=1) * (1 if observed.run.magnitude_only else 2)
+        numbers = np.isfinite(z).sum(axis=1) * observed.parts
         missed = np.nansum(np.abs(z) ** 2, axis=1) > ODD.plainly * scale2 * chi2.isf(ODD.chance, np.maximum(numbers, 1))
         near = np.abs(f[:, None] / modal.frequencies_hz - 1).min(initial=np.inf, axis=1) < ODD.near
         odd = missed & ~near

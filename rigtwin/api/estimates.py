@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeGuard
 from rigtwin.api.fmus import SHIPPED_RIG, open_estimator, trained_rig
 from rigtwin.api.responses import fit_responses
 from rigtwin.api.rigs import as_rig, refuse_tables
+from rigtwin.api.workshop_errors import workshop_error
 from rigtwin.errors import UserError, existing, for_users
 from rigtwin.estimator.features import FEATURE_NAMES, Features, features_of_peaks, features_of_runs
 from rigtwin.estimator.intervals import Z90
@@ -73,10 +74,13 @@ class Answer:
     estimate: Estimate
     objections: list[str]  # why it is not valid
     method: Method = "network"
+    workshop_error: float = math.nan  # standard error of ln k_b by what is usually off in a rig, beside the interval
 
     def record(self) -> dict[str, Any]:
         """For a machine."""
         said = {"why_not_valid": self.objections, "method": self.method}
+        if math.isfinite(self.workshop_error):
+            said["workshop_error_of_ln_k_b"] = self.workshop_error
         return {"test": self.test, **asdict(self.features), **asdict(self.estimate), **said}
 
     def row(self) -> tuple[str, ...]:
@@ -245,12 +249,14 @@ class _Asked:
     name: Method
     rig: str
     node: int | None  # where the force has to act; None: anywhere
+    model: Rig | None  # where its file is known
     ask: Callable[[Features], tuple[Estimate, list[str]]]
 
     def answer(self, test: _Test) -> Answer:
         """Of one test."""
         estimate, against = self.ask(test.features)
-        return Answer(test.name, test.features, estimate, against, self.name)
+        beside = workshop_error(self.model, test.features, estimate.k_b) if self.model and estimate.valid else math.nan
+        return Answer(test.name, test.features, estimate, against, self.name, beside)
 
 
 @contextmanager
@@ -269,7 +275,8 @@ def _asked(
         measured = trained if rig is None or rig == SHIPPED_RIG == trained else as_rig(rig).name
         if measured == trained:
             node = card.get("excitation_node", 2)
-            yield _Asked("network", trained, node, lambda f: _with_objections(f, ask(f), card))
+            model = as_rig(rig or trained) if rig or trained == SHIPPED_RIG else None
+            yield _Asked("network", trained, node, model, lambda f: _with_objections(f, ask(f), card))
             return
     if estimator or method == "network":
         raise UserError(
@@ -288,7 +295,7 @@ def _by_model(rig: Rig) -> _Asked:
     damping = Condition(bearing_damping=rig.bearing_damping_Ns_per_m, shaft_damping_ratio=rig.shaft_damping_ratio)
     limits = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
     finder = StiffnessFinder(assemble(rig), damping, limits, rig.excitation_node)
-    return _Asked("model", rig.name, None, lambda f: (finder.estimate(f), finder.objections(f)))
+    return _Asked("model", rig.name, None, rig, lambda f: (finder.estimate(f), finder.objections(f)))
 
 
 def _has_runs(source: Run | Campaign | Path) -> TypeGuard[Campaign]:

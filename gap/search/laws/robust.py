@@ -88,10 +88,10 @@ def robust_misfit(problem: Problem, fit: Fit) -> tuple[float, list[FloatArray]]:
     """Robust misfit of all lines, and (n_freq,) mean square residual of every run's lines."""
     total, squares = 0.0, []
     for observed, H in zip(problem.observed, problem.predict(fit), strict=True):
-        y, real = np.nan_to_num(observed.run.H), observed.run.magnitude_only
+        y = np.nan_to_num(observed.run.H)
         used = observed.valid & (np.abs(y) > 0)
         z2 = np.where(used, np.abs(residual(observed, H, problem.model_error)) ** 2, 0.0)
-        n = used.sum(axis=1) * (1 if real else 2)
+        n = used.sum(axis=1) * observed.parts
         mean = z2.sum(axis=1) / np.maximum(n, 1)
         squares.append(mean)
         total += float(np.sum(n * ROBUST.outlier**2 * np.log1p(mean / ROBUST.outlier**2)))

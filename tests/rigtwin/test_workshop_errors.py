@@ -1,0 +1,57 @@
+"""What is usually off in a rig, against rigs that are off."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import rigtwin
+from rigtwin.api.workshop_errors import workshop_error
+from rigtwin.estimator.features import Features
+from rigtwin.estimator.root_finding import StiffnessFinder
+from rigtwin.gap.model.workshop import Workshop
+from rigtwin.rotor.geometry.assembly import assemble
+from rigtwin.sim.campaign import NominalBelief
+
+RIG, K_B = rigtwin.load_rig("nit-rourkela"), 3e6
+FINDER = StiffnessFinder(assemble(RIG))
+
+
+def features(shifts) -> Features:
+    """Shifts as measured, which weigh alike relative to their size."""
+    (first, second), ratio = shifts, 1.2
+    return Features(first, second, ratio, 1e-3 * first, 1e-3 * second, 0.01)
+
+
+def test_it_is_the_spread_of_k_b_over_rigs_from_a_workshop():
+    belief = NominalBelief()
+    workshop, rng = Workshop(RIG, belief, 1, 1), np.random.default_rng(1)
+    drawn = StiffnessFinder(workshop.structure(np.zeros(len(workshop.std))))
+    found = []
+    for _ in range(60):
+        made = StiffnessFinder(workshop.structure(workshop.std * rng.standard_normal(len(workshop.std))))
+        found.append(math.log(drawn.fused(features(made.shifts(K_B))) / K_B))
+    # The standard deviation of 60 draws is within 3 x 9 %.
+    assert workshop_error(RIG, features(FINDER.shifts(K_B)), K_B) == pytest.approx(np.std(found), rel=0.27)
+
+
+def test_a_rig_that_is_known_exactly_adds_nothing():
+    exact = NominalBelief(modulus_tolerance=0.0, span_tolerance=0.0, disk_mass_tolerance=0.0)
+    assert workshop_error(RIG, features(FINDER.shifts(K_B)), K_B, exact) == 0.0
+
+
+def test_estimates_by_shifts_come_with_it_and_those_by_all_lines_hold_it():
+    shifts = features(FINDER.shifts(K_B))
+    numbers = dict(
+        zip(("delta_f1", "delta_f2", "amplitude_ratio"), (shifts.delta_f1, shifts.delta_f2, 1.2), strict=True)
+    )
+    found = rigtwin.estimate(**numbers, delta_f1_std=0.01, delta_f2_std=0.03, amplitude_ratio_std=0.01).best
+    assert found.estimate.valid
+    assert 0.005 < found.workshop_error < 0.05
+    assert found.record()["workshop_error_of_ln_k_b"] == found.workshop_error
+    invalid = rigtwin.estimate(
+        **(numbers | {"delta_f2": 60.0}), delta_f1_std=0.01, delta_f2_std=0.03, amplitude_ratio_std=0.01
+    )
+    assert "workshop_error_of_ln_k_b" not in invalid.best.record()

@@ -169,6 +169,7 @@ def _lines(structure: Structure, setting: Condition, effects: Sequence[Effect], 
         modes = damped_modes(build_system(structure, setting, acting))
         found += [f * (1 + zeta * round_one) for f, zeta in zip(modes.frequency_hz, modes.damping_ratio, strict=True)]
     every = np.unique(np.concatenate(found))
+    every = every[np.diff(every, prepend=0.0) > 1e-9 * every]  # lines that are one but for round-off
     return every[(every > 0.3 * first) & (every < 4.5 * first)]
 
 

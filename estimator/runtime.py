@@ -43,11 +43,7 @@ class StiffnessEstimator:
     """
 
     def __init__(self, model: Path | None = None):
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        path = str(model or shipped_model())
-        how = {"providers": ["CPUExecutionProvider"], "enable_fallback": False}  # which would print on stdout
-        self._session = onnxruntime.InferenceSession(path, options, **how)
+        self._session = onnx_session(model or shipped_model())
 
     @property
     def card(self) -> dict[str, Any]:
@@ -77,6 +73,14 @@ class StiffnessEstimator:
         """
         k, std, low, high, valid = self(np.asarray(features)[None, :])[0].tolist()
         return Estimate(k, std, low, high, valid > 0.5)
+
+
+def onnx_session(model: Path) -> onnxruntime.InferenceSession:
+    """An ONNX file, to be run by one thread."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    how = {"providers": ["CPUExecutionProvider"], "enable_fallback": False}  # which would print on stdout
+    return onnxruntime.InferenceSession(str(model), options, **how)
 
 
 def shipped_model() -> Path:

@@ -297,7 +297,9 @@ class Listener:
     script: str  # of its slave
     modules: tuple[str, ...]  # that its slave needs beside those of every slave
     template: str  # of its page
-    sources: Callable[..., dict[str, str]]  # of the model, the rotor, the nodes, FMI's version, and a network if there is
+    sources: Callable[
+        ..., dict[str, str]
+    ]  # of the model, the rotor, the nodes, FMI's version, and a network if there is
     run: Callable[[ReducedRotor, TrackerFacts], ReferenceRun]
 
 
@@ -330,7 +332,7 @@ def tracker_network(listener: Listener, rig: Rig, nodes: Sequence[int], given: P
     That is the one given, or else the shipped one where it knows the rig; None where there is none. Raises BuildError
     for one that was trained for something else.
     """
-    if listener is not TRACKER:
+    if listener.name != TRACKER.name:
         return None
     if given is None:
         return shipped_tracker() if is_shipped(rig) and tuple(nodes) == (rig.excitation_node,) else None

@@ -52,5 +52,10 @@ def _numbers(arrays: dict[str, np.ndarray], card: dict[str, Any]) -> dict[str, A
     constants = {name: float(arrays[inside]) for name, inside in (named | {"MOST_DOUBT": "doubt_1"}).items()}
     own = {"MOST_DOUBTED": MOST_DOUBTED, "SAME_STEP": SAME_STEP, "UNHEARD": UNHEARD, "STEP": card["step"]}
     low, high = card["k_b"]
-    ends = {"LEAST_K_B": low, "MOST_K_B": high, "TRAINED_NODE": card["excitation_node"], "TOO_LONG": json.dumps(TOO_LONG)}
+    ends = {
+        "LEAST_K_B": low,
+        "MOST_K_B": high,
+        "TRAINED_NODE": card["excitation_node"],
+        "TOO_LONG": json.dumps(TOO_LONG),
+    }
     return {name: value if name == "TOO_LONG" else repr(value) for name, value in (constants | own | ends).items()}

@@ -1,8 +1,8 @@
 """The tracker's network in use: the ONNX file, numpy and onnxruntime.
 
 The file has a fixed step. It takes the last instants and the energies of the blocks before, and gives the energies of
-this block and an answer, so that it remembers nothing itself. ``native/tracker_network.c`` is the same in C; its weights
-are printed from the file.
+this block and an answer, so that it remembers nothing itself. ``native/tracker_network.c`` is the same in C; its
+weights are printed from the file.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class NetworkTracker:
         self._network, card = network, network.card
         self._step, self._block, (self._low, self._high) = card["step"], card["block"], card["k_b"]
         self._enough = network.window - self._block + self._block * (network.blocks + 1)
-        signals, energies = (np.zeros(shape) for shape in ((network.channels, network.window), (network.blocks, network.size)))
+        signals, energies = np.zeros((network.channels, network.window)), np.zeros((network.blocks, network.size))
         self._state = _State(signals, energies, np.zeros(network.channels), math.log(belief.k_b), belief.k_b_std)
 
     def step(self, h: float, force: float, accelerations: FloatArray) -> None:

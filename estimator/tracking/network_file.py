@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,10 +47,11 @@ class _Graph:
         self.nodes.append(helper.make_node(kind, list(inputs), [name], **options))
         return name
 
-    def split(self, x: str, parts: int, axis: int) -> list[str]:
-        """Equal parts along an axis."""
-        names = [f"t{len(self.nodes)}_{k}" for k in range(parts)]
-        self.nodes.append(helper.make_node("Split", [x], names, axis=axis, num_outputs=parts))
+    def parts(self, x: str, sizes: Sequence[int], axis: int) -> list[str]:
+        """Parts of these sizes along an axis."""
+        names = [f"t{len(self.nodes)}_{k}" for k in range(len(sizes))]
+        given = self.constant(f"sizes_of_{names[0]}", np.array(sizes))
+        self.nodes.append(helper.make_node("Split", [x, given], names, axis=axis))
         return names
 
     def dense(self, x: str, layer: str) -> str:
@@ -72,9 +75,14 @@ def export(trained: Trained, about: dict[str, Any], path: Path) -> None:
             g.constant(name, array, kept)
     cells, channels = len(network.ln_k), network.channels
     size = 6 * cells + channels
-    _now(g, channels)
+    _now(g, cells, channels)
     _answer(g, cells, channels)
-    shapes = {"signals": (channels, TAPS - 1 + BLOCK), "energies": (SPANS[-1] - 1, size), "now": (size,), "answer": (3,)}
+    shapes = {
+        "signals": (channels, TAPS - 1 + BLOCK),
+        "energies": (SPANS[-1] - 1, size),
+        "now": (size,),
+        "answer": (3,),
+    }
     ends = [helper.make_tensor_value_info(name, TensorProto.DOUBLE, shape) for name, shape in shapes.items()]
     graph = helper.make_graph(g.nodes, "tracker", ends[:2], ends[2:], g.constants)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", _OPSET)], ir_version=_IR)
@@ -107,7 +115,7 @@ def weights(trained: Trained) -> tuple[dict[str, FloatArray], dict[str, FloatArr
     }
 
 
-def _now(g: _Graph, channels: int) -> None:
+def _now(g: _Graph, cells: int, channels: int) -> None:
     """From the last instants to the energies of the block: ``now``."""
     scale = g.do("Unsqueeze", "scale", g.constant("last", np.array([1])))
     signals = g.do("Mul", "signals", scale)
@@ -116,7 +124,7 @@ def _now(g: _Graph, channels: int) -> None:
     rows = g.do("Transpose", windows, perm=[1, 0, 2])
     rows = g.do("Reshape", rows, g.constant("flat", np.array([BLOCK, channels * TAPS])))
     off = g.do("MatMul", g.do("MatMul", rows, "filters"), "cells")
-    e, k, m = g.split(off, 3, axis=1)
+    e, k, m = g.parts(off, (cells,) * 3, axis=1)
     newest = g.constant("newest", np.arange(TAPS - 1, TAPS - 1 + BLOCK, dtype=np.int32))
     raw = g.do("Transpose", g.do("Gather", signals, newest, axis=1), perm=[1, 0])
     pairs = ((e, e), (e, k), (e, m), (k, k), (k, m), (m, m), (raw, raw))
@@ -127,50 +135,47 @@ def _now(g: _Graph, channels: int) -> None:
 def _answer(g: _Graph, cells: int, channels: int) -> None:
     """From the energies of all blocks to ``answer``: ln k_b, its standard error, what lies beyond the training."""
     blocks = g.do("Concat", "energies", g.do("Unsqueeze", "now", "first"), axis=0)
-    span = np.array([[(back < n) / n for back in range(SPANS[-1])[::-1]] for n in SPANS])
-    means = g.do("MatMul", g.constant("average", span), blocks)  # (spans, size)
-    at = lambda place: g.do("Gather", means, g.constant(f"at_{place}", np.array([place])), axis=1)  # noqa: E731
-    size = 6 * cells + channels
-    shares = g.do("Div", means, g.do("Max", at(size - 1), g.constant("tiny", TINY)))
-    ends = np.array([6 * cells, channels])
-    products, raw = (f"{name}_parts" for name in ("cell", "raw"))
-    g.nodes.append(helper.make_node("Split", [shares, g.constant("ends", ends)], [products, raw], axis=1))
+    spans = np.array([[(back < n) / n for back in range(SPANS[-1])[::-1]] for n in SPANS])
+    means = g.do("MatMul", g.constant("average", spans), blocks)  # (spans, size)
+    last = g.do("Gather", means, g.constant("at_last", np.array([6 * cells + channels - 1])), axis=1)
+    shares = g.do("Div", means, g.do("Max", last, g.constant("tiny", TINY)))
+    products, raw = g.parts(shares, (6 * cells, channels), axis=1)
     answers, seen = _look(g, products, raw, cells)
     beyond = g.do("Max", g.do("Sub", "least", seen), g.do("Sub", seen, "most"))
-    hidden = g.do("Tanh", g.dense(seen, "hidden"))
-    own, doubts = g.split(g.dense(hidden, "correct"), 2, axis=1)
-    answers, doubts = (g.do("Reshape", x, g.constant(f"row{x}", np.array([-1]))) for x in (g.do("Add", answers, own), doubts))
+    own, doubts = g.parts(g.dense(g.do("Tanh", g.dense(seen, "hidden")), "correct"), (1, 1), axis=1)
+    row = g.constant("row", np.array([-1]))
+    answers, doubts = g.do("Reshape", g.do("Add", answers, own), row), g.do("Reshape", doubts, row)
+    ln_k, doubt = _weighed(g, answers, doubts)
+    low, high = (g.constant(f"doubt_{k}", limit) for k, limit in enumerate(DOUBTS))
+    sigma = g.do("Mul", g.do("Exp", g.do("Min", g.do("Max", doubt, low), high)), "factor")
+    most = g.do("Reshape", g.do("ReduceMax", beyond, keepdims=0), "last")
+    g.do("Concat", g.do("Add", ln_k, "ln_k_ref"), sigma, most, axis=0, to_name="answer")
+
+
+def _weighed(g: _Graph, answers: str, doubts: str) -> tuple[str, str]:
+    """(1,) ln k_b and the logarithm of its standard error, from those of the spans (spans,)."""
     longest = g.do("Gather", answers, g.constant("longest", np.array([len(SPANS) - 1])))
     read = g.do("Concat", g.do("Sub", answers, longest), doubts, axis=0)
     told = g.dense(g.do("Tanh", g.dense(read, "weigh")), "answer")
-    each = g.constant("each", np.array([len(SPANS), 1]))
-    g.nodes.append(helper.make_node("Split", [told, each], ["weights", "doubt"], axis=0))
-    share = g.do("Softmax", g.do("Sub", "weights", doubts), axis=0)
-    mean = lambda x: g.do("ReduceSum", g.do("Mul", share, x), "first", keepdims=1)  # noqa: E731
-    ln_k = g.do("Add", mean(answers), "ln_k_ref")
-    low, high = (g.constant(f"doubt_{k}", limit) for k, limit in enumerate(DOUBTS))
-    doubt = g.do("Min", g.do("Max", g.do("Add", mean(doubts), "doubt"), low), high)
-    sigma = g.do("Mul", g.do("Exp", doubt), "factor")
-    most = g.do("Reshape", g.do("ReduceMax", beyond, keepdims=0), "last")
-    g.do("Concat", ln_k, sigma, most, axis=0, to_name="answer")
+    weights, more = g.parts(told, (len(SPANS), 1), axis=0)
+    share = g.do("Softmax", g.do("Sub", weights, doubts), axis=0)
+    ln_k, doubt = (g.do("ReduceSum", g.do("Mul", share, x), "first", keepdims=1) for x in (answers, doubts))
+    return ln_k, g.do("Add", doubt, more)
 
 
 def _look(g: _Graph, products: str, raw: str, cells: int) -> tuple[str, str]:
     """See ``ResidueNetwork.look``: (spans, 1) answers, and (spans, cells + 6) what is seen."""
-    mul, add, sub = (lambda kind: lambda *x: g.do(kind, *x))("Mul"), (lambda *x: g.do("Sum", *x)), (lambda *x: g.do("Sub", *x))
-    ee, ek, em, kk, km, mm = g.split(products, 6, axis=1)
-    g.nodes.append(helper.make_node("Split", ["ridge"], ["of_k", "of_m"], axis=0, num_outputs=2))
-    a, b = add(kk, "of_k"), add(mm, "of_m")
+    mul, add, sub = (partial(g.do, kind) for kind in ("Mul", "Sum", "Sub"))
+    ee, ek, em, kk, km, mm = g.parts(products, (cells,) * 6, axis=1)
+    of_k, of_m = g.parts("ridge", (1, 1), axis=0)
+    a, b = add(kk, of_k), add(mm, of_m)
     alone = sub(mul(a, b), mul(km, km))
-    one, minus = g.constant("one", 1.0), g.constant("minus_one", -1.0)
-    clipped = lambda up: g.do("Min", g.do("Max", g.do("Div", up, alone), minus), one)  # noqa: E731
-    x = clipped(sub(mul(em, km), mul(ek, b)))
-    y = clipped(sub(mul(ek, km), mul(em, a)))
-    two = g.constant("two", 2.0)
+    one, minus, two, zero = (g.constant(f"number_{k}", float(k)) for k in (1, -1, 2, 0))
+    ups = sub(mul(em, km), mul(ek, b)), sub(mul(ek, km), mul(em, a))
+    x, y = (g.do("Min", g.do("Max", g.do("Div", up, alone), minus), one) for up in ups)
     crossed = mul(two, add(mul(x, ek), mul(y, em), mul(mul(x, y), km)))
     left = add(ee, crossed, mul(mul(x, x), kk), mul(mul(y, y), mm))
-    zero, least = g.constant("zero", 0.0), g.constant("least_share", LEAST_SHARE)
-    log = g.do("Log", add(g.do("Max", left, zero), least))
+    log = g.do("Log", add(g.do("Max", left, zero), g.constant("least_share", LEAST_SHARE)))
     share = g.do("Softmax", sub("bias", mul("sharpness", log)), axis=1)
     little = g.constant("little", LEAST_GAIN)
     told = sub(g.do("Log", add(g.do("Div", alone, b), little)), log)
@@ -178,5 +183,5 @@ def _look(g: _Graph, products: str, raw: str, cells: int) -> tuple[str, str]:
     each = (log, told, add(sides, y), add("ln_k", mul("pitch", x)), mul(x, x))
     across = g.constant("across", np.array([1]))
     means = [g.do("ReduceSum", mul(share, value), across, keepdims=1) for value in each]
-    first = g.do("Gather", raw, g.constant("force", np.array([0])), axis=1)
-    return means[3], g.do("Concat", log, *means, g.do("Log", add(first, little)), axis=1)
+    force = g.do("Gather", raw, g.constant("force", np.array([0])), axis=1)
+    return means[3], g.do("Concat", log, *means, g.do("Log", add(force, little)), axis=1)

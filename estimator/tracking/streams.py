@@ -1,7 +1,7 @@
 """Streams of a running rotor whose k_b changes, made by RotorRig.fmu; a tracker's network learns from them.
 
-Everything is measured in instants of the tracker and in shares of the highest frequency of the rotor's motion, so that it
-suits rotors of any size.
+Everything is measured in instants of the tracker and in shares of the highest frequency of the rotor's motion, so that
+it suits rotors of any size.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,9 +23,10 @@ from rigtwin.sim.session import FmuSession
 # k_b that drifts, and those in which the force fades in.
 INSTANTS, SHORTEST, LONGEST, DRIFTS, FADES = 12_000, 1_500, 4_000, 25, 200
 
-# Largest deviation of the disks' masses; largest change of ln k_b in 10,000 instants of a drift, and the share of parts
-# between two jumps that drift.
-MASS_OFF, DRIFT, DRIFTING = 0.06, 0.5, 0.25
+# Largest deviation of the disks' masses; largest change of ln k_b in 10,000 instants of a drift, the share of parts
+# between two jumps that drift, and a change that is a jump. At a jump masses and dampings change, too: that many more
+# machines are learned from.
+MASS_OFF, DRIFT, DRIFTING, JUMP = 0.06, 0.5, 0.25, 0.01
 
 # How the rotor is driven, and how often.
 KINDS = {"band": 0.45, "multisine": 0.27, "run_up": 0.08, "steps": 0.06, "line": 0.14}
@@ -72,7 +74,7 @@ class _Task(NamedTuple):
 def make_streams(
     fmu: Path, plan: StreamPlan, n: int, seed: int, executor: Executor, progress: Callable[[int], None] | None = None
 ) -> Streams:
-    """Drive a rotor n times while its k_b jumps and drifts; masses and dampings differ from stream to stream.
+    """Drive a rotor n times while its k_b jumps and drifts; masses and dampings change with the jumps.
 
     Parameters
     ----------
@@ -132,18 +134,24 @@ def _make_chunk(task: _Task) -> tuple[FloatArray, list[str]]:
 
 
 def _driven(
-    session: FmuSession, plan: StreamPlan, machine: dict[str, float], wanted: FloatArray, k_b: FloatArray, rng
+    session: FmuSession,
+    plan: StreamPlan,
+    machine: dict[str, float],
+    wanted: FloatArray,
+    k_b: FloatArray,
+    rng: np.random.Generator,
 ) -> FloatArray:
-    """(2 + n_nodes, INSTANTS) force, accelerations and k_b of one run."""
+    """(2 + n_nodes, INSTANTS) force, accelerations and k_b of one run; the machine is another after each jump."""
     outputs = ("force_applied", *(f"node_{node}.acceleration_y" for node in plan.nodes))
     session.start(machine | {"k_b": float(k_b[0])})
     changes = [0, *(np.flatnonzero(np.diff(k_b)) + 1).tolist(), len(k_b)]
     told = []
-    for start, stop in zip(changes[:-1], changes[1:], strict=True):
-        if abs(np.log(k_b[start] / k_b[max(start - 1, 0)])) > 0.01:
+    for start, stop in pairwise(changes):
+        if abs(np.log(k_b[start] / k_b[max(start - 1, 0)])) > JUMP:
             machine = draw_machine(plan, rng)
         session.set(machine | {"k_b": float(k_b[start])})
-        told.append(session.play("force", wanted[start * plan.finer : stop * plan.finer], outputs, plan.step / plan.finer))
+        force = wanted[start * plan.finer : stop * plan.finer]
+        told.append(session.play("force", force, outputs, plan.step / plan.finer))
     return np.vstack([np.concatenate(told)[:: plan.finer].T, k_b])
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
+from torch.nn.functional import avg_pool1d, conv1d
 
 from rigtwin.estimator.intervals import Z90
 from rigtwin.estimator.tracking.network import MOST_DOUBTED
@@ -24,16 +24,16 @@ EVERY, TAPS, BLOCK, SPANS, FILTERS, NEURONS = 2, 96, 16, (2, 4, 8, 16, 32, 64), 
 # Stiffnesses and masses that predictions are made for at first.
 STIFFNESSES, MASSES = 20, 3
 
-# Noise of an accelerometer over the rms of its readings at most, standard error of its gain, and the noise that the first
+# Noise of an accelerometer over the rms of its readings at most, standard error of its gain, and the noise that
 # predictions are made for.
 NOISE, GAIN, FIRST_NOISE = 0.03, 0.02, 0.015
 
-# Degrees of freedom of the likelihood: nothing can know of a jump at once. Limits of ln sigma, and least share of energy.
+# Degrees of freedom of the likelihood: nothing can know of a jump at once. Limits of ln sigma; least share of energy.
 FREEDOM, DOUBTS, LEAST_SHARE = 4.0, (-7.0, 2.0), 1e-7
 
 # Blocks between those that are learned from, epochs, rows of a step, streams that are filtered at once, and the largest
 # rate.
-_SPARSE, EPOCHS, _ROWS, _STREAMS, _RATE = 6, 24, 512, 16, 4e-3
+_SPARSE, EPOCHS, _ROWS, _STREAMS, _RATE = 6, 20, 512, 16, 4e-3
 
 # Numbers that are not rounded to half precision.
 IN_SINGLE = ("sharpness", "ridge", "hidden.bias")
@@ -49,8 +49,8 @@ class ResidueNetwork(nn.Module):
 
     Each cell is a prediction of the last acceleration from the instants before, for one stiffness and one mass, and its
     derivatives by both. Mean products of the three say by least squares which stiffness near it fits best, and what
-    is left. The cells' answers are weighed by that, over several spans of time; two small networks correct the answer of
-    each span, say how far it is off, and weigh the spans.
+    is left. The cells' answers are weighed by that, over several spans of time; two small networks correct the answer
+    of each span, say how far it is off, and weigh the spans.
     """
 
     filters: Tensor
@@ -77,14 +77,14 @@ class ResidueNetwork(nn.Module):
     def energies(self, signals: Tensor) -> Tensor:
         """(n, channels, instants) -> (n, 6 cells + channels, blocks) mean products of each cell, and mean squares."""
         raw = signals[:, :, TAPS - 1 :].square()
-        off = torch.einsum("cf,nft->nct", self.cells, F.conv1d(signals, self.filters))
+        off = torch.einsum("cf,nft->nct", self.cells, conv1d(signals, self.filters))
         e, k, m = off.chunk(3, dim=1)
-        return F.avg_pool1d(torch.cat([e * e, e * k, e * m, k * k, k * m, m * m, raw], dim=1), BLOCK)
+        return avg_pool1d(torch.cat([e * e, e * k, e * m, k * k, k * m, m * m, raw], dim=1), BLOCK)
 
     def shares(self, energies: Tensor) -> Tensor:
         """(n, size, blocks) -> (n, later blocks, spans, size) averages over each span, over the last accelerations'."""
         longest = SPANS[-1]
-        means = [F.avg_pool1d(energies[:, :, longest - span :], span, 1) for span in SPANS]
+        means = [avg_pool1d(energies[:, :, longest - span :], span, 1) for span in SPANS]
         averaged = torch.stack(means, dim=1).permute(0, 3, 1, 2)
         return averaged / averaged[..., -1:].clamp(min=1e-30)
 
@@ -166,7 +166,9 @@ class _Material:
         return torch.cat(shares), torch.cat(wanted)
 
 
-def train(grid: Streams, streams: Streams, calibration: Streams, seed: int, progress: Progress | None = None) -> Trained:
+def train(
+    grid: Streams, streams: Streams, calibration: Streams, seed: int, progress: Progress | None = None
+) -> Trained:
     """Begin with predictions made for a grid, learn from streams, calibrate on others.
 
     Parameters

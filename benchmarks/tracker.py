@@ -146,9 +146,9 @@ def _network(fmu: Path) -> str:
     )
     coverage = np.concatenate(held)
     said = (
-        f"Medians of the errors: filter {np.median(errors[2]):.2f} %, network {np.median(errors[1]):.2f} %. The network is "
-        f"valid in {100 * np.mean(valid_share):.0f} % of the late instants; of all valid instants its 90 % interval holds "
-        f"k_b in {100 * np.mean(coverage):.0f} %."
+        f"Medians of the errors: filter {np.median(errors[2]):.2f} %, network {np.median(errors[1]):.2f} %. The "
+        f"network is valid in {100 * np.mean(valid_share):.0f} % of the late instants; of all valid instants its 90 % "
+        f"interval holds k_b in {100 * np.mean(coverage):.0f} %."
     )
     return "\n".join(["## The network on the same jumps\n", table(header, rows), "", said])
 
@@ -174,10 +174,8 @@ def _network_elsewhere(fmu: Path) -> str:
             (f"{hz:g}", f"{100 * np.mean(told[:, 3]):.0f} %", f"{100 * off.max():.1f}", f"{100 * np.median(width):.0f}")
         )
     names = ("sine, Hz", "valid", "off by at most, %", "half the interval, %")
-    return "\n".join(
-        ["## The network where k_b falls slowly\n", table(header, rows), "", "## The network on a single line\n"]
-        + [table(names, lines)]
-    )
+    slowly = "\n".join(["## The network where k_b falls slowly\n", table(header, rows)])
+    return "\n".join([slowly, "", "## The network on a single line\n", table(names, lines)])
 
 
 _KNOWN = (

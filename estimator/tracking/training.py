@@ -33,7 +33,7 @@ FREEDOM, DOUBTS, LEAST_SHARE = 4.0, (-7.0, 2.0), 1e-7
 
 # Blocks between those that are learned from, epochs, rows of a step, streams that are filtered at once, and the largest
 # rate.
-_SPARSE, EPOCHS, _ROWS, _STREAMS, _RATE = 6, 20, 512, 16, 4e-3
+_SPARSE, EPOCHS, _ROWS, _STREAMS, _RATE = 3, 40, 512, 16, 4e-3
 
 # Numbers that are not rounded to half precision.
 IN_SINGLE = ("sharpness", "ridge", "hidden.bias")

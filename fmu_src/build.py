@@ -297,9 +297,7 @@ class Listener:
     script: str  # of its slave
     modules: tuple[str, ...]  # that its slave needs beside those of every slave
     template: str  # of its page
-    sources: Callable[
-        ..., dict[str, str]
-    ]  # of the model, the rotor, the nodes, FMI's version, and a network if there is
+    sources: Callable[..., dict[str, str]]  # of model, rotor, nodes, FMI's version, and a network where there is one
     run: Callable[[ReducedRotor, TrackerFacts], ReferenceRun]
 
 
@@ -377,7 +375,8 @@ def build_listener_fmu(
         data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": rig_json(rig), **data},
     )
     packages = ("numpy", "scipy", *(("onnxruntime",) if data else ()))
-    files = _listener_pages(listener, rig, facts, rotor, needs_python=True) | _beside_python(packages)
+    files = _listener_pages(listener, rig, facts, rotor, needs_python=True, network=bool(data))
+    files |= _beside_python(packages)
     files |= _listener_extra(listener, rig, rotor, facts)
     return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / f"{listener.name}.fmu")
 
@@ -402,7 +401,7 @@ def build_native_listener_fmu(
     def sources(model: Model) -> dict[str, str]:
         return listener.sources(model, rotor, facts.nodes, fmi, **({"network": known} if known else {}))
 
-    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False)
+    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False, network=known is not None)
     pages |= _listener_extra(listener, rig, rotor, facts)
     data = {"rig.json": rig_json(rig)} | _network_data(known)
     target = folder / f"{listener.name}.fmu"
@@ -414,10 +413,10 @@ def _network_data(network: Path | None) -> dict[str, bytes]:
 
 
 def _listener_pages(
-    listener: Listener, rig: Rig, facts: TrackerFacts, rotor: ReducedRotor, *, needs_python: bool
+    listener: Listener, rig: Rig, facts: TrackerFacts, rotor: ReducedRotor, **how: bool
 ) -> dict[str, bytes]:
     about = facts, listener.variables(facts), float(rotor.highest_hz)
-    return listener_pages(listener.template, rig, *about, needs_python=needs_python)
+    return listener_pages(listener.template, rig, *about, **how)
 
 
 def _listener_extra(listener: Listener, rig: Rig, rotor: ReducedRotor, facts: TrackerFacts) -> dict[str, bytes]:

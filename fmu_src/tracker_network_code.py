@@ -11,7 +11,7 @@ import onnx
 from onnx import numpy_helper
 
 from rigtwin.estimator.runtime import CARD_KEY
-from rigtwin.estimator.tracking.network import MOST_DOUBTED, SAME_STEP, TOO_LONG, UNHEARD
+from rigtwin.estimator.tracking.network import MOST_DOUBTED, SAME_STEP, TOO_LONG, UNHEARD, lag_between_forces
 from rigtwin.fmu_src.network_code import float_table
 
 # Matrices whose names in C say that they are no sizes.
@@ -50,12 +50,15 @@ def _sizes(arrays: dict[str, np.ndarray], kept: dict[str, np.ndarray]) -> dict[s
 def _numbers(arrays: dict[str, np.ndarray], card: dict[str, Any]) -> dict[str, Any]:
     named = {"TINY": "tiny", "LITTLE": "little", "LEAST_SHARE": "least_share", "LEAST_DOUBT": "doubt_0"}
     constants = {name: float(arrays[inside]) for name, inside in (named | {"MOST_DOUBT": "doubt_1"}).items()}
-    own = {"MOST_DOUBTED": MOST_DOUBTED, "SAME_STEP": SAME_STEP, "UNHEARD": UNHEARD, "STEP": card["step"]}
     low, high = card["k_b"]
-    ends = {
+    own = {
+        "MOST_DOUBTED": MOST_DOUBTED,
+        "SAME_STEP": SAME_STEP,
+        "UNHEARD": UNHEARD,
+        "STEP": card["step"],
+        "LAG": lag_between_forces(card, arrays["places"].shape[1]),
         "LEAST_K_B": low,
         "MOST_K_B": high,
         "TRAINED_NODE": card["excitation_node"],
-        "TOO_LONG": json.dumps(TOO_LONG),
     }
-    return {name: value if name == "TOO_LONG" else repr(value) for name, value in (constants | own | ends).items()}
+    return {name: repr(value) for name, value in (constants | own).items()} | {"TOO_LONG": json.dumps(TOO_LONG)}

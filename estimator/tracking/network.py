@@ -17,7 +17,7 @@ import numpy as np
 
 from rigtwin.estimator.intervals import Z90
 from rigtwin.estimator.runtime import CARD_KEY, onnx_session
-from rigtwin.estimator.tracking.tracker import Belief, Tracked, plain
+from rigtwin.estimator.tracking.tracker import ENRICHED, ORDER, SHARE_OF_PERIOD, Belief, Tracked, is_rich, plain
 from rigtwin.rotor.model.arrays import FloatArray
 
 # Steps that differ from the network's by less than this share are the network's.
@@ -46,6 +46,7 @@ class TrackerNetwork:
         signals, energies = (each.shape for each in self._session.get_inputs())
         self.channels, self.window = signals
         self.blocks, self.size = energies
+        self.taps = self.window - self.card["block"] + 1
 
     def __call__(self, signals: FloatArray, energies: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What the network makes of a block.
@@ -64,6 +65,11 @@ class TrackerNetwork:
         return np.asarray(now), np.asarray(answer)
 
 
+def lag_between_forces(card: dict[str, Any], taps: int) -> int:
+    """Instants between the values of the force that tell whether it is rich, of a network that looks back ``taps``."""
+    return min((taps - 1) // ORDER, max(1, int(SHARE_OF_PERIOD / card["highest_hz"] / card["step"])))
+
+
 @dataclass
 class _State:
     """All that a tracker remembers."""
@@ -71,6 +77,7 @@ class _State:
     signals: FloatArray  # (channels, window), the block that is filled at the end
     energies: FloatArray  # (blocks, size)
     before: FloatArray  # (channels,) the inputs of the step before
+    likeness: FloatArray  # (ORDER, ORDER) mean products of the force's last values
     ln_k: float
     error: float
     beyond: float = UNHEARD
@@ -93,7 +100,10 @@ class NetworkTracker:
         self._step, self._block, (self._low, self._high) = card["step"], card["block"], card["k_b"]
         self._enough = network.window - self._block + self._block * (network.blocks + 1)
         signals, energies = np.zeros((network.channels, network.window)), np.zeros((network.blocks, network.size))
-        self._state = _State(signals, energies, np.zeros(network.channels), math.log(belief.k_b), belief.k_b_std)
+        newest, lag = np.arange(network.window - self._block, network.window), lag_between_forces(card, network.taps)
+        self._forces = newest[:, None] - lag * np.arange(ORDER)  # (block, ORDER) places of each instant's last values
+        nothing = np.zeros(network.channels), np.zeros((ORDER, ORDER))
+        self._state = _State(signals, energies, *nothing, math.log(belief.k_b), belief.k_b_std)
 
     def step(self, h: float, force: float, accelerations: FloatArray) -> None:
         """Take up the force [N] and the accelerations (n_nodes,) [m/s^2] of an instant, h seconds after the last.
@@ -117,6 +127,8 @@ class NetworkTracker:
         o.heard += bool(o.heard or now[1:].any())
         if o.filled < self._block:
             return
+        forces = o.signals[0, self._forces]
+        o.likeness += min(1.0, self._block * self._step / ENRICHED) * (forces.T @ forces - o.likeness)
         energies, answer = self._network(o.signals, o.energies)
         o.signals[:, :n] = o.signals[:, self._block :]
         o.energies[:-1] = o.energies[1:]
@@ -125,6 +137,8 @@ class NetworkTracker:
         if o.heard >= self._enough and energies[-1] > 0:
             o.ln_k, o.error, o.beyond = answer.tolist()
         else:
+            o.beyond = UNHEARD
+        if not is_rich(o.likeness):
             o.beyond = UNHEARD
 
     @property
@@ -141,5 +155,5 @@ class NetworkTracker:
 
     def restore(self, belief: Belief, saved: dict[str, Any]) -> None:
         """Go back to what ``save`` gave; nothing depends on the belief of then."""
-        arrays = {name: np.array(saved[name]) for name in ("signals", "energies", "before")}
+        arrays = {name: np.array(saved[name]) for name in ("signals", "energies", "before", "likeness")}
         self._state = _State(**{**saved, **arrays})

@@ -1,5 +1,7 @@
 #include "tracker_network.h"
 
+#include "constants.h"
+#include "linalg.h"
 #include "network_weights.h"
 
 #include <math.h>
@@ -13,7 +15,7 @@ enum { SIZE = 6 * CELLS + CHANNELS, SEEN = CELLS + 6, SEEING = TAPS * CHANNELS }
    always lie beside each other; energies in a ring of blocks. */
 typedef struct {
     double signals[CHANNELS * 2 * TAPS], energies[BLOCKS * SIZE], sum[SIZE];
-    double before[CHANNELS], ln_k, error, beyond, phase;
+    double before[CHANNELS], likeness[ORDER * ORDER], ln_k, error, beyond, phase;
     double newest, block, filled, heard; /* places in the rings; instants of this block, and since the rotor moved */
 } State;
 
@@ -177,6 +179,26 @@ static void add_products(State *s)
     }
 }
 
+/* Whether the force's last values do not foretell each other, a block having been heard. */
+static int is_rich(State *s)
+{
+    const double share = fmin(1, BLOCK * STEP / ENRICHED), *newest = s->signals + (int)s->newest + TAPS - 1;
+    double A[ORDER * ORDER];
+    for (int i = 0; i < ORDER; i++)
+        for (int j = 0; j < ORDER; j++) {
+            double sum = 0;
+            for (int back = BLOCK - 1; back >= 0; back--)
+                sum += newest[-back - i * LAG] * newest[-back - j * LAG];
+            s->likeness[i * ORDER + j] += share * (sum - s->likeness[i * ORDER + j]);
+        }
+    memcpy(A, s->likeness, sizeof A);
+    const double least = UNTOLD * A[0];
+    int rich = least > 0 && !la_cholesky(ORDER, A);
+    for (int i = 0; i < ORDER; i++)
+        rich = rich && A[i * (ORDER + 1)] * A[i * (ORDER + 1)] > least;
+    return rich;
+}
+
 /* An instant of the network. */
 static void take(State *s, const double *now)
 {
@@ -199,9 +221,12 @@ static void take(State *s, const double *now)
         row[i] = s->sum[i] / BLOCK;
     memset(s->sum, 0, sizeof s->sum);
     s->filled = 0;
+    const int rich = is_rich(s);
     s->beyond = UNHEARD;
     if (s->heard >= ENOUGH && row[SIZE - 1] > 0)
         answer(s);
+    if (!rich)
+        s->beyond = UNHEARD;
 }
 
 const char *network_tracker_step(NetworkTracker *tracker, double step, const double *inputs)

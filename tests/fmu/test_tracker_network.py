@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +148,15 @@ def test_what_the_network_cannot_do_is_refused(flavour, request):
         tracker.step(2 * STEP)
         with pytest.raises(FmuError, match="make the communication step shorter"):
             tracker.step(2.01 * STEP)
+
+
+def test_a_host_that_has_no_rigtwin_runs_the_network(on_python, tmp_path):
+    """What is imported only when the network is asked for comes out of the FMU, too."""
+    with zipfile.ZipFile(on_python) as archive:
+        sources = {name: archive.read(name).decode() for name in archive.namelist() if name.endswith(".py")}
+    assert any(name.endswith("tracking/network.py") for name in sources)
+    plain = [name for name, text in sources.items() if re.search(r"^ *(from|import) rigtwin[. ]", text, re.MULTILINE)]
+    assert not plain
 
 
 def test_a_rig_that_no_network_knows_has_none(tmp_path):

@@ -16,7 +16,7 @@ from rigtwin.fmu_src.build import TRACKER, BuildError, build_listener_fmu, build
 from rigtwin.fmu_src.compiling import this_machine
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.session import FmuError, FmuSession
-from tests.fmu.test_tracker import READ, RIG, STEP, compiled, stream, told, track  # noqa: F401 - two are fixtures
+from tests.fmu.test_tracker import READ, RIG, STEP, compiled, steady_sine, stream, told, track  # noqa: F401 - two are fixtures
 
 NETWORK = TrackerNetwork(shipped_tracker())
 FIRST = round(0.25 / STEP)  # instants until the network answers, and a few
@@ -62,10 +62,9 @@ def test_a_step_of_the_stiffness_is_followed(compiled, stream):  # noqa: F811
     assert np.mean(((low < k_b) & (k_b < high))[valid > 0]) > 0.8
 
 
-def test_a_single_line_is_not_believed(compiled):  # noqa: F811
-    t, rng = STEP * np.arange(6_000), np.random.default_rng(1)
-    force, read = np.sin(2 * np.pi * 60.0 * t), 3.0 * np.sin(2 * np.pi * 60.0 * t + 2.9)
-    answers = track(compiled, force, read + 0.02 * rng.standard_normal(len(t)), method=1)
+@pytest.mark.parametrize("hz", [60.0, 250.0])
+def test_a_single_line_is_not_believed(compiled, hz):  # noqa: F811
+    answers = track(compiled, *steady_sine(6_000, hz), method=1)
     assert answers[FIRST:, 0].std() > 0
     assert not answers[:, 3].any()
 

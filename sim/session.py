@@ -176,9 +176,8 @@ class FmuSession:
         step, give = self._fmu.stepping(), self._fmu.giving(self._variable(name).valueReference)
         read = self._fmu.reading([self._variable(o).valueReference for o in outputs], told)
         for row, value in enumerate(values.tolist()):
-            for call, arguments in ((give, (value,)), (read, (row,)), (step, (start + row * h, h))):
-                if (status := call(*arguments)) >= FAILED:
-                    raise self._error(FMICallException(function="a step, or what goes with it,", status=status))
+            if (status := max(give(value), read(row), step(start + row * h, h))) >= FAILED:
+                raise self._error(FMICallException(function="setting, reading or doStep", status=status))
         self.time = start + len(values) * h
         return told
 

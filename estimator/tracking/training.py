@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool1d, conv1d
 
@@ -142,7 +143,7 @@ class _Material:
     k_ref: float
     generator: torch.Generator
 
-    def draw(self, which: FloatArray) -> tuple[Tensor, Tensor]:
+    def draw(self, which: NDArray[np.int_]) -> tuple[Tensor, Tensor]:
         """(n, channels, instants) signals, and (n, later blocks) ln k_b."""
         s, draw = self.streams, self.generator
         read = torch.from_numpy(s.read[which])

@@ -15,7 +15,8 @@ from rigtwin.sim.session import FmuSession
 from tests.rigtwin.conftest import run
 from tests.rigtwin.test_training import InThisProcess
 
-OWN_ROTOR = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+OWN_ROTOR, TABLES = EXAMPLES / "own_rotor.toml", EXAMPLES / "journal_bearings.toml"
 
 
 @pytest.fixture
@@ -68,7 +69,7 @@ def test_a_rig_of_ones_own_gets_a_network(small, tmp_path):
         (("--tracker-node", "3"), "add --tracker"),
         (("--tracker", "--rigs", "3"), "at least 16 are needed"),
         (("--tracker", "--tracker-node", "9"), "there is no node 9"),
-        (("--tracker", "--rig", "cantilever"), "no bearing whose stiffness is k_b"),
+        (("--tracker", "--rig", TABLES), "tables"),
     ],
 )
 def test_what_cannot_be_trained_is_refused(options, words, tmp_path, refused):

@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-# onnxruntime reads this when it is imported, and else keeps a device id and a list of events in the user's cache, and
-# sends them. What the user has set stands.
-os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-
-import onnxruntime
-
-CARD_KEY = "rigtwin.card"
+from rigtwin.estimator.onnx_file import CARD_KEY, onnx_session
 
 
 @dataclass(frozen=True)
@@ -73,14 +66,6 @@ class StiffnessEstimator:
         """
         k, std, low, high, valid = self(np.asarray(features)[None, :])[0].tolist()
         return Estimate(k, std, low, high, valid > 0.5)
-
-
-def onnx_session(model: Path) -> onnxruntime.InferenceSession:
-    """An ONNX file, to be run by one thread."""
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    how = {"providers": ["CPUExecutionProvider"], "enable_fallback": False}  # which would print on stdout
-    return onnxruntime.InferenceSession(str(model), options, **how)
 
 
 def shipped_model() -> Path:

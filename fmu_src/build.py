@@ -93,17 +93,15 @@ _SLAVE_MODULES = ("rigtwin.fmu_src.slave", "rigtwin.fmu_src.variables", "rigtwin
 _ROTOR_PACKAGES = ("rigtwin.rotor.model", "rigtwin.rotor.effects", "rigtwin.rotor.time")
 ESTIMATOR_FMU = "StiffnessEstimator.fmu"
 
-# What the tracker needs at run time.
-_TRACKER_MODULES = (
+# What tracker and monitor need at run time.
+_LISTENING_MODULES = (
+    "rigtwin.fmu_src.tracker_variables",
     "rigtwin.fmu_src.listening_slave",
     "rigtwin.estimator.intervals",
     "rigtwin.estimator.tracking.reduced_rotor",
     "rigtwin.estimator.tracking.tracker",
     "rigtwin.rotor.model.arrays",
 )
-
-# What it needs beside that where a network knows its rig.
-_NETWORK_MODULES = ("rigtwin.estimator.runtime", "rigtwin.estimator.tracking.network")
 
 # A tracker looks for k_b within this factor of the rig's start value, takes so many values for each period of the
 # highest frequency, and begins with these dampings where the rig has none [N s/m] and [-].
@@ -249,7 +247,12 @@ def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
     model = model or shipped_model()
     bundle = Bundle(
         script="rigtwin.fmu_src.estimator_slave",
-        modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.estimator_variables", "rigtwin.estimator.runtime"),
+        modules=(
+            *_SLAVE_MODULES,
+            "rigtwin.fmu_src.estimator_variables",
+            "rigtwin.estimator.runtime",
+            "rigtwin.estimator.onnx_file",
+        ),
         data={"estimator.onnx": model.read_bytes()},
     )
     files = estimator_pages(model) | _beside_python(("numpy", "onnxruntime")) | _estimator_extra(model)
@@ -306,7 +309,7 @@ TRACKER = Listener(
     meaning=TRACKER_MEANING,
     variables=tracker_variables,
     script="rigtwin.fmu_src.tracker_slave",
-    modules=("rigtwin.fmu_src.tracker_variables", *_TRACKER_MODULES),
+    modules=(*_LISTENING_MODULES, "rigtwin.estimator.onnx_file", "rigtwin.estimator.tracking.network"),
     template="tracker.html",
     sources=tracker_sources,
     run=tracker_run,
@@ -316,7 +319,7 @@ MONITOR = Listener(
     meaning=MONITOR_MEANING,
     variables=monitor_variables,
     script="rigtwin.fmu_src.monitor_slave",
-    modules=(*TRACKER.modules, "rigtwin.fmu_src.monitor_variables", "rigtwin.estimator.tracking.monitor"),
+    modules=(*_LISTENING_MODULES, "rigtwin.fmu_src.monitor_variables", "rigtwin.estimator.tracking.monitor"),
     template="monitor.html",
     sources=monitor_sources,
     run=monitor_run,
@@ -371,7 +374,7 @@ def build_listener_fmu(
     data = _network_data(tracker_network(listener, rig, facts.nodes, network))
     bundle = Bundle(
         script=listener.script,
-        modules=(*_SLAVE_MODULES, *listener.modules, *(_NETWORK_MODULES if data else ())),
+        modules=(*_SLAVE_MODULES, *listener.modules),
         data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": rig_json(rig), **data},
     )
     packages = ("numpy", "scipy", *(("onnxruntime",) if data else ()))

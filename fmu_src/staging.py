@@ -94,7 +94,7 @@ def stage(bundle: Bundle, manifest: str, folder: Path) -> Path:
 
 def rewrite_imports(source: str, bundle: Bundle, package: str) -> str:
     """Point ``from package.module import name`` lines at the renamed package."""
-    return re.sub(rf"^( *)from {package}(?=[. ])", rf"\1from {bundle.rename(package)}", source, flags=re.MULTILINE)
+    return re.sub(rf"^from {package}(?=[. ])", f"from {bundle.rename(package)}", source, flags=re.MULTILINE)
 
 
 def hide_pythonfmu(resources: Path, bundle: Bundle) -> None:

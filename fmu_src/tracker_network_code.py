@@ -10,8 +10,7 @@ import numpy as np
 import onnx
 from onnx import numpy_helper
 
-from rigtwin.estimator.runtime import CARD_KEY
-from rigtwin.estimator.tracking.network import MOST_DOUBTED, SAME_STEP, TOO_LONG, UNHEARD, lag_between_forces
+from rigtwin.estimator.tracking.network import CARD_KEY, MOST_DOUBTED, SAME_STEP, TOO_LONG, UNHEARD, lag_between_forces
 from rigtwin.fmu_src.network_code import float_table
 
 # Matrices whose names in C say that they are no sizes.

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.estimator.tracking.network import NetworkTracker, TrackerNetwork
 from rigtwin.estimator.tracking.tracker import Belief
 from rigtwin.estimator.tracking.tracker import StiffnessTracker as Tracker
 from rigtwin.fmu_src.listening_slave import ListeningSlave
@@ -22,13 +23,8 @@ from rigtwin.fmu_src.tracker_variables import (
 )
 from rigtwin.fmu_src.variables import Variable
 
-
-@lru_cache(maxsize=1)
-def _network(model: Path) -> Any:
-    """A network; a reset makes a new instance, and loading it into each would pile up memory."""
-    from rigtwin.estimator.tracking.network import TrackerNetwork  # an FMU without a network needs no onnxruntime
-
-    return TrackerNetwork(model)
+# A reset makes a new instance, and loading the network into each would pile up memory.
+_network = lru_cache(maxsize=1)(TrackerNetwork)
 
 
 class StiffnessTracker(ListeningSlave):
@@ -73,8 +69,6 @@ class StiffnessTracker(ListeningSlave):
         belief = self._belief()
         if self.value("method") == KALMAN_FILTER:
             return Tracker(self._rotor, self._nodes, belief)
-        from rigtwin.estimator.tracking.network import NetworkTracker
-
         return NetworkTracker(_network(self._model), belief)
 
     def _belief(self) -> Belief:

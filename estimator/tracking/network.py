@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.estimator.intervals import Z90
-from rigtwin.estimator.runtime import CARD_KEY, onnx_session
+from rigtwin.estimator.onnx_file import CARD_KEY, onnx_session
 from rigtwin.estimator.tracking.tracker import ENRICHED, ORDER, SHARE_OF_PERIOD, Belief, Tracked, is_rich, plain
 from rigtwin.rotor.model.arrays import FloatArray
 

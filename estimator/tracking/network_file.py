@@ -13,7 +13,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from rigtwin.estimator.runtime import CARD_KEY
+from rigtwin.estimator.onnx_file import CARD_KEY
 from rigtwin.estimator.tracking import TRACKER_CARD
 from rigtwin.estimator.tracking.training import BLOCK, DOUBTS, IN_SINGLE, LEAST_SHARE, SPANS, TAPS, Trained
 from rigtwin.rotor.model.arrays import FloatArray

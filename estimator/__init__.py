@@ -9,6 +9,7 @@ module                  what it holds                                           
 ``network``             the network (torch)                                      ``StiffnessNetwork``
 ``training``            fit, calibrate, export to ONNX                           ``train``
 ``intervals``           the width of a 90 % interval                             ``Z90``
+``onnx_file``           ONNX files in use                                        ``onnx_session``
 ``runtime``             the ONNX file in use: numpy and onnxruntime only         ``StiffnessEstimator``
 ``validity``            why an estimate is not valid, in sentences              ``objections``
 ``root_finding``        the same question answered on the finite-element model   ``StiffnessFinder``

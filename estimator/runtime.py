@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-# onnxruntime reads this when it is imported, and else keeps a device id and a list of events in the user's cache, and
-# sends them. What the user has set stands.
-os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-
-import onnxruntime
-
-CARD_KEY = "rigtwin.card"
+from rigtwin.estimator.onnx_file import CARD_KEY, onnx_session
 
 
 @dataclass(frozen=True)
@@ -43,11 +36,7 @@ class StiffnessEstimator:
     """
 
     def __init__(self, model: Path | None = None):
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        path = str(model or shipped_model())
-        how = {"providers": ["CPUExecutionProvider"], "enable_fallback": False}  # which would print on stdout
-        self._session = onnxruntime.InferenceSession(path, options, **how)
+        self._session = onnx_session(model or shipped_model())
 
     @property
     def card(self) -> dict[str, Any]:

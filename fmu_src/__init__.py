@@ -22,6 +22,7 @@ module                   what it holds
 ``reference_runs``       the runs whose results each FMU holds
 ``native_sources``       C sources of an FMU without Python inside: ``native/`` and what is printed for a rig
 ``network_code``         C code of a small ONNX network
+``tracker_network_code`` the weights of a tracker's network as C
 ``compiling``            C sources to shared libraries
 ``ssp``                  FMUs wired into one system
 ``build``                builds the FMUs: stage, compile, complete, validate

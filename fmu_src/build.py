@@ -27,6 +27,7 @@ import fmpy
 import numpy as np
 from fmpy.validation import validate_fmu
 
+from rigtwin.estimator.tracking import TRACKER_CARD, shipped_tracker
 from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
 from rigtwin.estimator.tracking.reduced_rotor import to_arrays as to_reduced_arrays
 from rigtwin.estimator.tracking.reduction import reduce_rotor
@@ -64,7 +65,13 @@ from rigtwin.fmu_src.native_sources import (
 from rigtwin.fmu_src.reference_runs import estimator_run, monitor_run, rotor_run, tracker_run
 from rigtwin.fmu_src.rotor_variables import ROTOR_MEANING, RotorFacts, accelerations_array, rotor_variables
 from rigtwin.fmu_src.staging import Bundle, guid, hide_pythonfmu, modules_of, stage
-from rigtwin.fmu_src.tracker_variables import TRACKER_MEANING, TRACKER_TOLERANCE, TrackerFacts, tracker_variables
+from rigtwin.fmu_src.tracker_variables import (
+    TRACKER_MEANING,
+    TRACKER_NETWORK,
+    TRACKER_TOLERANCE,
+    TrackerFacts,
+    tracker_variables,
+)
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.frequency.modal import elastic_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
@@ -86,8 +93,9 @@ _SLAVE_MODULES = ("rigtwin.fmu_src.slave", "rigtwin.fmu_src.variables", "rigtwin
 _ROTOR_PACKAGES = ("rigtwin.rotor.model", "rigtwin.rotor.effects", "rigtwin.rotor.time")
 ESTIMATOR_FMU = "StiffnessEstimator.fmu"
 
-# What the tracker needs at run time.
-_TRACKER_MODULES = (
+# What tracker and monitor need at run time.
+_LISTENING_MODULES = (
+    "rigtwin.fmu_src.tracker_variables",
     "rigtwin.fmu_src.listening_slave",
     "rigtwin.estimator.intervals",
     "rigtwin.estimator.tracking.reduced_rotor",
@@ -239,7 +247,12 @@ def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
     model = model or shipped_model()
     bundle = Bundle(
         script="rigtwin.fmu_src.estimator_slave",
-        modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.estimator_variables", "rigtwin.estimator.runtime"),
+        modules=(
+            *_SLAVE_MODULES,
+            "rigtwin.fmu_src.estimator_variables",
+            "rigtwin.estimator.runtime",
+            "rigtwin.estimator.onnx_file",
+        ),
         data={"estimator.onnx": model.read_bytes()},
     )
     files = estimator_pages(model) | _beside_python(("numpy", "onnxruntime")) | _estimator_extra(model)
@@ -287,7 +300,7 @@ class Listener:
     script: str  # of its slave
     modules: tuple[str, ...]  # that its slave needs beside those of every slave
     template: str  # of its page
-    sources: Callable[[Model, ReducedRotor, Sequence[int], str], dict[str, str]]
+    sources: Callable[..., dict[str, str]]  # of model, rotor, nodes, FMI's version, and a network where there is one
     run: Callable[[ReducedRotor, TrackerFacts], ReferenceRun]
 
 
@@ -296,7 +309,7 @@ TRACKER = Listener(
     meaning=TRACKER_MEANING,
     variables=tracker_variables,
     script="rigtwin.fmu_src.tracker_slave",
-    modules=("rigtwin.fmu_src.tracker_variables", *_TRACKER_MODULES),
+    modules=(*_LISTENING_MODULES, "rigtwin.estimator.onnx_file", "rigtwin.estimator.tracking.network"),
     template="tracker.html",
     sources=tracker_sources,
     run=tracker_run,
@@ -306,7 +319,7 @@ MONITOR = Listener(
     meaning=MONITOR_MEANING,
     variables=monitor_variables,
     script="rigtwin.fmu_src.monitor_slave",
-    modules=(*TRACKER.modules, "rigtwin.fmu_src.monitor_variables", "rigtwin.estimator.tracking.monitor"),
+    modules=(*_LISTENING_MODULES, "rigtwin.fmu_src.monitor_variables", "rigtwin.estimator.tracking.monitor"),
     template="monitor.html",
     sources=monitor_sources,
     run=monitor_run,
@@ -314,21 +327,59 @@ MONITOR = Listener(
 LISTENERS = (TRACKER, MONITOR)
 
 
-def build_listener_fmu(listener: Listener, rig: Rig, folder: Path, nodes: Sequence[int] | None = None) -> Path:
+def tracker_network(listener: Listener, rig: Rig, nodes: Sequence[int], given: Path | None) -> Path | None:
+    """The ONNX file of the network that goes into a listener of these nodes.
+
+    That is the one given, or else the shipped one where it knows the rig; None where there is none. Raises BuildError
+    for one that was trained for something else.
+    """
+    if listener.name != TRACKER.name:
+        return None
+    if given is None:
+        return shipped_tracker() if is_shipped(rig) and tuple(nodes) == (rig.excitation_node,) else None
+    card = _tracker_card(given)
+    if Rig.model_validate(card["rig_values"]) != rig:
+        raise BuildError(f"{given} was trained for the rig {card['rig']}, and its values are not those of {rig.name}")
+    if tuple(card["nodes"]) != tuple(nodes):
+        words = ", ".join(map(str, card["nodes"]))
+        raise BuildError(f"{given} was trained to read the nodes {words}; say so with --tracker-node, or train another")
+    return given
+
+
+def _tracker_card(path: Path) -> dict:
+    """What a network of ``rigtwin train --tracker`` says of itself. Raises BuildError for other files."""
+    from rigtwin.estimator.tracking.network import TrackerNetwork
+
+    try:
+        card = TrackerNetwork(path).card
+        if card["name"] == TRACKER_CARD:
+            return card
+        why = f"it is a {card['name']}"
+    except Exception as error:  # onnxruntime has no common base class
+        why = str(error).splitlines()[0]
+    raise BuildError(f"{path}: holds no network of rigtwin train --tracker ({why})")
+
+
+def build_listener_fmu(
+    listener: Listener, rig: Rig, folder: Path, nodes: Sequence[int] | None = None, network: Path | None = None
+) -> Path:
     """Build ``StiffnessTracker.fmu`` or ``GapMonitor.fmu`` of a rig.
 
-    It reads accelerations of some nodes, from 1, default the driven one. Raises BuildError; an older file is then left
-    as it was.
+    It reads accelerations of some nodes, from 1, default the driven one. ``network`` is the tracker's, default the
+    shipped one where it knows the rig. Raises BuildError; an older file is then left as it was.
     """
     structure = assemble(rig)
     rotor = reduced_rotor(rig, structure)
     facts = tracker_facts(rig, rotor, nodes or (rig.excitation_node,))
+    data = _network_data(tracker_network(listener, rig, facts.nodes, network))
     bundle = Bundle(
         script=listener.script,
         modules=(*_SLAVE_MODULES, *listener.modules),
-        data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": rig_json(rig)},
+        data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": rig_json(rig), **data},
     )
-    files = _listener_pages(listener, rig, facts, rotor, needs_python=True) | _beside_python(("numpy", "scipy"))
+    packages = ("numpy", "scipy", *(("onnxruntime",) if data else ()))
+    files = _listener_pages(listener, rig, facts, rotor, needs_python=True, network=bool(data))
+    files |= _beside_python(packages)
     files |= _listener_extra(listener, rig, rotor, facts)
     return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / f"{listener.name}.fmu")
 
@@ -339,30 +390,36 @@ def build_native_listener_fmu(
     folder: Path,
     nodes: Sequence[int] | None = None,
     *,
+    network: Path | None = None,
     fmi: str = "2.0",
     targets: Sequence[Target] | None = None,
 ) -> Path:
     """The same without Python inside; see ``build_native_rotor_fmu``."""
     rotor = reduced_rotor(rig, assemble(rig))
     facts = tracker_facts(rig, rotor, nodes or (rig.excitation_node,))
+    known = tracker_network(listener, rig, facts.nodes, network)
     described = version("rigtwin"), listener.meaning, facts.step, listener.variables(facts)
     blank = Model(listener.name, "", *described, tolerance=TRACKER_TOLERANCE)
 
     def sources(model: Model) -> dict[str, str]:
-        return listener.sources(model, rotor, facts.nodes, fmi)
+        return listener.sources(model, rotor, facts.nodes, fmi, **({"network": known} if known else {}))
 
-    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False)
+    pages = _listener_pages(listener, rig, facts, rotor, needs_python=False, network=known is not None)
     pages |= _listener_extra(listener, rig, rotor, facts)
-    data = {"rig.json": rig_json(rig)}
+    data = {"rig.json": rig_json(rig)} | _network_data(known)
     target = folder / f"{listener.name}.fmu"
     return build_native_fmu(blank, sources, fmi, targets, {"rig": rig.name}, data, pages, target)
 
 
+def _network_data(network: Path | None) -> dict[str, bytes]:
+    return {TRACKER_NETWORK: network.read_bytes()} if network else {}
+
+
 def _listener_pages(
-    listener: Listener, rig: Rig, facts: TrackerFacts, rotor: ReducedRotor, *, needs_python: bool
+    listener: Listener, rig: Rig, facts: TrackerFacts, rotor: ReducedRotor, **how: bool
 ) -> dict[str, bytes]:
     about = facts, listener.variables(facts), float(rotor.highest_hz)
-    return listener_pages(listener.template, rig, *about, needs_python=needs_python)
+    return listener_pages(listener.template, rig, *about, **how)
 
 
 def _listener_extra(listener: Listener, rig: Rig, rotor: ReducedRotor, facts: TrackerFacts) -> dict[str, bytes]:

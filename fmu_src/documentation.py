@@ -69,11 +69,11 @@ def listener_pages(
     highest_hz: float,
     *,
     needs_python: bool = True,
+    network: bool = False,
 ) -> dict[str, bytes]:
-    """``model.png`` and ``documentation/index.html`` of the tracker or the monitor."""
-    page = _PAGES.get_template(template).render(
-        rig=rig, facts=facts, highest_hz=highest_hz, rows=_rows(variables), needs_python=needs_python
-    )
+    """``model.png`` and ``documentation/index.html`` of the tracker or the monitor; ``network``: it has one."""
+    known = {"rig": rig, "facts": facts, "highest_hz": highest_hz, "network": network}
+    page = _PAGES.get_template(template).render(rows=_rows(variables), needs_python=needs_python, **known)
     return {"model.png": rotor_picture(rig), "documentation/index.html": page.encode()}
 
 

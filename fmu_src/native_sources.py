@@ -27,7 +27,7 @@ from rigtwin.fmu_src.compiling import CompileError
 from rigtwin.fmu_src.model_description import Model, variability
 from rigtwin.fmu_src.monitor_variables import WALK
 from rigtwin.fmu_src.rotor_variables import HELD_FORCE, effects_in_fmu
-from rigtwin.fmu_src.tracker_variables import KALMAN_FILTER, NO_NETWORK
+from rigtwin.fmu_src.tracker_variables import KALMAN_FILTER, NO_NETWORK, OTHER_NODE
 from rigtwin.fmu_src.variables import Variable
 from rigtwin.rotor.effects.effect import SWITCH, Effect
 from rigtwin.rotor.model import design, speed_tables, system
@@ -70,15 +70,29 @@ def estimator_sources(model: Model, onnx_file: Path, fmi: str) -> dict[str, str]
     return _with_names(model, {**_written((*INSTANCE, SHELLS[fmi], "estimator_model")), **printed})
 
 
-def tracker_sources(model: Model, rotor: ReducedRotor, nodes: Sequence[int], fmi: str) -> dict[str, str]:
-    """The same of ``StiffnessTracker``, which reads the accelerations of some nodes, from 1."""
-    printed = {
+def tracker_sources(
+    model: Model, rotor: ReducedRotor, nodes: Sequence[int], fmi: str, network: Path | None = None
+) -> dict[str, str]:
+    """The same of ``StiffnessTracker``, which reads the accelerations of some nodes, from 1.
+
+    ``network`` is the ONNX file of one that knows them; with it ImportError is raised without the package onnx.
+    """
+    core = (*INSTANCE, *TRACKER_CORE, "tracker_network" if network else "no_network", "tracker_model")
+    printed = _network_weights(network) | {
         "variables.c": variables_code(model),
         "reduced.c": reduced_code(rotor),
-        "tracker_variables.h": _places(model, nodes) + _OF_TRACKER,
+        "tracker_variables.h": f"{_places(model, nodes)}{_OF_TRACKER}#define HAS_NETWORK {int(network is not None)}\n",
         "constants.h": _constants_code((*TRACKER_CORE, "tracker_model"), (tracker,)),
     }
-    return _with_names(model, {**_written((*INSTANCE, *TRACKER_CORE, "tracker_model", SHELLS[fmi])), **printed})
+    return _with_names(model, {**_written((*core, SHELLS[fmi])), **printed})
+
+
+def _network_weights(network: Path | None) -> dict[str, str]:
+    if network is None:
+        return {}
+    from rigtwin.fmu_src.tracker_network_code import tracker_network_code
+
+    return {"network_weights.h": _PRINTED + tracker_network_code(network)}
 
 
 def monitor_sources(model: Model, rotor: ReducedRotor, nodes: Sequence[int], fmi: str) -> dict[str, str]:
@@ -174,7 +188,9 @@ def _places(model: Model, nodes: Sequence[int]) -> str:
     return _PRINTED + "".join(lines)
 
 
-_OF_TRACKER = f'#define KALMAN_FILTER {KALMAN_FILTER}\n#define NO_NETWORK "{NO_NETWORK}"\n'
+_OF_TRACKER = (
+    f'#define KALMAN_FILTER {KALMAN_FILTER}\n#define NO_NETWORK "{NO_NETWORK}"\n#define OTHER_NODE "{OTHER_NODE}"\n'
+)
 
 
 def _numbers(rotor: ReducedRotor, nodes: Sequence[int]) -> str:

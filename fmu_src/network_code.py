@@ -94,9 +94,14 @@ class _Printer:
 
     def _table(self, values: NDArray) -> str:
         name = self.name("W")
-        written = ", ".join(_text(v) for v in np.asarray(values, dtype=np.float32).ravel())
-        self.tables.append(f"static const float {name}[] = {{{written}}};\n")
+        self.tables.append(float_table(name, values))
         return name
+
+
+def float_table(name: str, values: NDArray) -> str:
+    """A table of single-precision numbers in C."""
+    written = ", ".join(_text(v) for v in np.asarray(values, dtype=np.float32).ravel())
+    return f"static const float {name}[] = {{{written}}};\n"
 
 
 def network_code(file: Path, function: str) -> str:

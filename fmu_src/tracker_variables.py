@@ -8,10 +8,16 @@ from rigtwin.fmu_src.variables import Variable
 
 TRACKER_MEANING = "Bearing stiffness that changes while the machine runs, from the force and node accelerations"
 TRACKER_TOLERANCE = 1e-6  # of its outputs
+TRACKER_NETWORK = "tracker.onnx"  # among the resources of an FMU whose rig a network knows
 
-# What ``method`` has to be, and why.
-KALMAN_FILTER = 2
-NO_NETWORK = "method 1, a network, is not there: no network has been trained for a tracker; set method to 2"
+# What ``method`` can be, and why it is refused.
+NETWORK, KALMAN_FILTER = 1, 2
+_METHODS = "2 = extended Kalman filter; 1 = network, less exact, where one knows the rig"
+NO_NETWORK = (
+    "method 1, a network, is not there: no network knows this rig and these nodes; train one (rigtwin train --tracker) "
+    "and build the tracker with it (rigtwin build --tracker-network), or set method to 2"
+)
+OTHER_NODE = "the network of method 1 was trained with another excitation_node; set that one, or method to 2"
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,7 @@ class TrackerFacts:
 def tracker_variables(facts: TrackerFacts) -> tuple[Variable, ...]:
     """Variables of ``StiffnessTracker.fmu`` for a rig with these numbers."""
     parameters = (
-        whole("method", "2 = extended Kalman filter; 1 = network: none is trained", KALMAN_FILTER, 1, 2),
+        whole("method", _METHODS, KALMAN_FILTER, 1, 2),
         number("k_b_start", "Radial stiffness of each bearing that is believed at the start", "N/m", facts.k_b_start,
                facts.k_b_min, facts.k_b_max),
         number("k_b_start_std", "Its standard error, of the logarithm", "1", 0.3, 0.01, 2.0),

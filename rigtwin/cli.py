@@ -165,14 +165,20 @@ def build(
     tracker_node: Annotated[
         list[int] | None, typer.Option(min=1, max=MOST_NODES, help="Node that tracker and monitor read; repeat.")
     ] = None,
+    tracker_network: Annotated[
+        Path | None, typer.Option(help="Network of the tracker, an ONNX file of rigtwin train --tracker.")
+    ] = None,
 ) -> None:
     """Build RotorRig.fmu of a rig, and StiffnessEstimator.fmu for the rig its network knows."""
     from rigtwin.commands.build import BuildRequest, build_fmus
 
     read, targets = tuple(tracker_node or ()), tuple(target or ())
-    wanted = {"StiffnessTracker": tracker or (bool(read) and not monitor), "GapMonitor": monitor}
+    asked_for = tracker or tracker_network is not None or (bool(read) and not monitor)
+    wanted = {"StiffnessTracker": asked_for, "GapMonitor": monitor}
     listeners = tuple(name for name, asked in wanted.items() if asked)
-    build_fmus(BuildRequest(rig, out, train, native, array_output, k_b_input, targets, listeners, read))
+    build_fmus(
+        BuildRequest(rig, out, train, native, array_output, k_b_input, targets, listeners, read, tracker_network)
+    )
 
 
 @app.command(short_help="Measure a run on the virtual rig, fit its modes.")
@@ -249,9 +255,18 @@ def train(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the training rigs.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for data, network and FMUs.")] = Path("runs/train"),
     from_data: Annotated[bool, typer.Option("--from-data", help="Measure nothing: train on the shipped data.")] = False,
+    tracker: Annotated[
+        bool, typer.Option("--tracker", help="Train the tracker's network, on as many streams of a rig that runs.")
+    ] = False,
+    tracker_node: Annotated[
+        list[int] | None, typer.Option(min=1, max=MOST_NODES, help="With --tracker: node that it reads; repeat.")
+    ] = None,
     executor: ExecutorOption = None,
 ) -> None:
-    """Measure rigs through the FMU and train the estimator; started again, it goes on where it stopped."""
+    """Measure rigs through the FMU and train the estimator; started again, it goes on where it stopped.
+
+    With --tracker, train the network that is method 1 of the tracker.
+    """
     from rigtwin.commands.training import TrainingPlan, print_trained, train, train_from_data
 
     plan = TrainingPlan(rig=rig, rigs=rigs, seed=seed, calibration_rigs=calibration_rigs, out=out, executor=executor)
@@ -260,6 +275,17 @@ def train(
             "--from-data trains on the shipped data alone; leave out --rig, --rigs, --calibration-rigs, --seed, "
             "--executor"
         )
+    if tracker_node and not tracker:
+        raise UserError(
+            "--tracker-node: only the tracker's network reads other nodes than the driven one; add --tracker"
+        )
+    if tracker:
+        from rigtwin.commands.tracker_training import print_trained_tracker, train_tracker
+
+        if from_data:
+            raise UserError("--from-data: no streams are shipped for a tracker; leave it out")
+        print_trained_tracker(train_tracker(plan, tuple(tracker_node or ())))
+        return
     print_trained(train_from_data(out) if from_data else train(plan))
 
 

@@ -70,6 +70,17 @@ class FMU2Instance(FMU2Slave):
         asked, rows = (fmi2ValueReference * size)(*references), (fmi2Real * size * len(values)).from_buffer(values.data)
         return lambda row: call(component, asked, size, rows[row])
 
+    def giving(self, reference: int) -> Callable[[float], int]:
+        """The same of setReal: sets one variable, returns the status."""
+        call, component = self.dll.fmi2SetReal, self.component
+        asked, given = (fmi2ValueReference * 1)(reference), (fmi2Real * 1)()
+
+        def give(value: float) -> int:
+            given[0] = value
+            return call(component, asked, 1, given)
+
+        return give
+
 
 class FMU3Instance(FMU3Slave):
     """FMI 3.0."""
@@ -102,6 +113,17 @@ class FMU3Instance(FMU3Slave):
         asked = (fmi3ValueReference * size)(*references)
         rows = (fmi3Float64 * size * len(values)).from_buffer(values.data)
         return lambda row: call(component, asked, size, rows[row], size)
+
+    def giving(self, reference: int) -> Callable[[float], int]:
+        """The same of setFloat64: sets one variable, returns the status."""
+        call, component = self.dll.fmi3SetFloat64, self.component
+        asked, given = (fmi3ValueReference * 1)(reference), (fmi3Float64 * 1)()
+
+        def give(value: float) -> int:
+            given[0] = value
+            return call(component, asked, 1, given, 1)
+
+        return give
 
 
 Instance = FMU2Instance | FMU3Instance

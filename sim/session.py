@@ -160,6 +160,27 @@ class FmuSession:
         self.time = start + (n - 1) * h
         return values
 
+    def play(self, name: str, values: FloatArray, outputs: Sequence[str], h: float) -> FloatArray:
+        """Set a Real input before each step of h seconds, and read Real outputs before it, too.
+
+        Parameters
+        ----------
+        name, values : the input, and its values (n,)
+
+        Returns
+        -------
+        (n, n_outputs) values; the instance then stands n steps later
+        """
+        self._require_open()
+        told, start = np.empty((len(values), len(outputs))), self.time
+        step, give = self._fmu.stepping(), self._fmu.giving(self._variable(name).valueReference)
+        read = self._fmu.reading([self._variable(o).valueReference for o in outputs], told)
+        for row, value in enumerate(values.tolist()):
+            if (status := max(give(value), read(row), step(start + row * h, h))) >= FAILED:
+                raise self._error(FMICallException(function="setting, reading or doStep", status=status))
+        self.time = start + len(values) * h
+        return told
+
     def _require_open(self) -> None:
         if not self._open:  # a call on a freed instance is a segmentation fault
             raise FmuError(f"the session of {self.description.modelName} is closed; open a new one")

@@ -370,7 +370,7 @@ def test_the_wheel_brings_one_name_and_no_benchmark_data(wheel):
         "rotor/rigs/nit-rourkela.toml",
         "pages/templates/page.html",
         "pages/templates/draw.js",
-        "pages/vendor/plotly-cartesian.min.js",
+        "pages/vendor/plotly-cartesian.min.js.xz",
         "fmu_src/native/rotor.c",
     ):
         assert f"rigtwin/{data}" in names

@@ -78,7 +78,7 @@ AGAIN, DOUBTED_AGAIN = 0.3, 0.1
 # A rich force: the time between its values over the shortest period of the motion; seconds over which their products
 # are averaged; and the share of its square that the others leave untold.
 SHARE_OF_PERIOD, ENRICHED, UNTOLD = 0.25, 0.1, 1e-3
-_ORDER, _PAST = 5, 512
+ORDER, _PAST = 5, 512
 
 # Estimates to be believed: largest error of ln k_b, and largest average of squared innovations.
 LARGEST_ERROR, CONTRADICTED = 0.05, 3.0
@@ -194,7 +194,7 @@ class _State:
     before: FloatArray = field(default_factory=lambda: np.zeros(3))
     past: FloatArray = field(default_factory=lambda: np.zeros(_PAST))
     newest: int = 0
-    likeness: FloatArray = field(default_factory=lambda: np.zeros((_ORDER, _ORDER)))
+    likeness: FloatArray = field(default_factory=lambda: np.zeros((ORDER, ORDER)))
     rich: bool = False
     loud: float = 0.0
     window: float = 0.0
@@ -403,16 +403,12 @@ class StiffnessTracker:
     def _listen(self, force: float) -> None:
         """Whether the force is persistently exciting: whether its last values do not foretell each other."""
         o = self._state
-        lag = min((_PAST - 1) // _ORDER, max(1, int(SHARE_OF_PERIOD / self._rotor.highest_hz / o.step)))
+        lag = min((_PAST - 1) // ORDER, max(1, int(SHARE_OF_PERIOD / self._rotor.highest_hz / o.step)))
         o.newest = (o.newest + 1) % _PAST
         o.past[o.newest] = force
-        f = o.past[(o.newest - lag * np.arange(_ORDER)) % _PAST]
+        f = o.past[(o.newest - lag * np.arange(ORDER)) % _PAST]
         o.likeness += min(1.0, o.step / ENRICHED) * (np.outer(f, f) - o.likeness)
-        try:
-            left = np.linalg.cholesky(o.likeness).diagonal() ** 2
-            o.rich = bool((left > UNTOLD * o.likeness[0, 0]).all())
-        except np.linalg.LinAlgError:
-            o.rich = False
+        o.rich = is_rich(o.likeness)
 
     def _gauge(self, read: FloatArray) -> bool:
         """How loud the rotor is; whether that is known: at first it is taken until two windows agree."""
@@ -468,6 +464,15 @@ class StiffnessTracker:
             return
         if lasted(o.count, o.step, SETTLED) and o.contradiction > 1 + ALARM / math.sqrt(samples * len(read)):
             self._alarm()
+
+
+def is_rich(likeness: FloatArray) -> bool:
+    """Whether the last values of a force, whose mean products these are (ORDER, ORDER), do not foretell each other."""
+    try:
+        left = np.linalg.cholesky(likeness).diagonal() ** 2
+    except np.linalg.LinAlgError:
+        return False
+    return bool((left > UNTOLD * likeness[0, 0]).all())
 
 
 def lasted(instants: float, step: float, seconds: float) -> bool:

@@ -30,6 +30,7 @@ from rigtwin.fmu_src.build import (
 )
 from rigtwin.fmu_src.built_here import is_built_here
 from rigtwin.fmu_src.compiling import CompileError, can_compile, targets_named, this_machine
+from rigtwin.fmu_src.tracker_variables import TRACKER_NETWORK
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.scratch import scratch_folder
 from rigtwin.sim.archive import DESCRIPTION, ArchiveError, FmuError, read_member
@@ -139,29 +140,41 @@ def build_compiled(
     except CompileError as error:
         raise UserError(str(error)) from error
     except ModuleNotFoundError as error:
-        raise UserError(
-            f"the network cannot be turned into C without the package {error.name}: pip install onnx"
-        ) from error
+        raise _without(error) from error
 
 
 def build_listeners(
-    names: Sequence[str], rig: Rig, folder: Path, nodes: Sequence[int], *, native: Sequence[str] | None
+    names: Sequence[str],
+    rig: Rig,
+    folder: Path,
+    nodes: Sequence[int],
+    *,
+    native: Sequence[str] | None,
+    network: Path | None = None,
 ) -> list[Path]:
     """StiffnessTracker.fmu and GapMonitor.fmu, those that are named, which read these nodes, default the driven one.
 
     With ``native`` it is built without Python inside, too, for FMI 2.0 and 3.0: for these platforms, or for all where
-    there are none. Raises UserError where it cannot be built.
+    there are none. ``network`` is the tracker's, default the shipped one where it knows the rig. Raises UserError where
+    it cannot be built.
     """
     try:
         which = [each for each in LISTENERS if each.name in names]
-        built = [build_listener_fmu(each, rig, folder, nodes) for each in which]
+        built = [build_listener_fmu(each, rig, folder, nodes, network) for each in which]
         chosen = targets_named(native) if native else None
         for fmi in ("2.0", "3.0") if native is not None else ():
             beside = folder / f"fmi{fmi[0]}"
-            built += [build_native_listener_fmu(each, rig, beside, nodes, fmi=fmi, targets=chosen) for each in which]
+            how = {"network": network, "fmi": fmi, "targets": chosen}
+            built += [build_native_listener_fmu(each, rig, beside, nodes, **how) for each in which]
     except (BuildError, CompileError) as error:
         raise UserError(str(error)) from error
+    except ModuleNotFoundError as error:
+        raise _without(error) from error
     return built
+
+
+def _without(error: ModuleNotFoundError) -> UserError:
+    return UserError(f"the network cannot be turned into C without the package {error.name}: pip install onnx")
 
 
 @contextmanager
@@ -241,12 +254,16 @@ def _is_built_alike(fmu: Path) -> bool:
 
 def _built_again(fmu: Path, folder: Path) -> Path:
     """The FMU that this installation makes of the rig or the network in another. Raises whatever is wrong with it."""
-    names = ("rig.json", "estimator.onnx", "reduced.npz")
-    rig, network, reduced = (read_member(fmu, f"resources/{name}") for name in names)
+    names = ("rig.json", "estimator.onnx", "reduced.npz", TRACKER_NETWORK)
+    rig, network, reduced, tracker = (read_member(fmu, f"resources/{name}") for name in names)
     if rig and reduced:
         described = read_member(fmu, DESCRIPTION) or b""
         listener = next(each for each in LISTENERS if f'modelName="{each.name}"'.encode() in described)
-        return build_listener_fmu(listener, Rig.model_validate_json(rig), folder, manifest(fmu)["facts"]["nodes"])
+        known = folder / TRACKER_NETWORK if tracker else None
+        if known:
+            known.write_bytes(tracker or b"")
+        nodes = manifest(fmu)["facts"]["nodes"]
+        return build_listener_fmu(listener, Rig.model_validate_json(rig), folder, nodes, known)
     if rig:
         return build_rotor_fmu(Rig.model_validate_json(rig), folder)
     (folder / "network.onnx").write_bytes(network or b"")

@@ -8,6 +8,7 @@ module               what it holds                                     start her
 ``sweep``            rigtwin sweep                                     ``run_sweep``
 ``estimate``         rigtwin estimate                                  ``print_answers``
 ``training``         rigtwin train                                     ``train``
+``tracker_training`` rigtwin train --tracker                           ``train_tracker``
 ``check``            rigtwin check                                     ``run_check``
 ``diagnose``         rigtwin diagnose and rigtwin predict              ``run_diagnose``
 ``compare``          rigtwin compare                                   ``run_compare``

@@ -17,7 +17,7 @@ from rigtwin.api.fmus import (
 )
 from rigtwin.api.rigs import load_rig
 from rigtwin.console import note, say
-from rigtwin.errors import UserError
+from rigtwin.errors import UserError, existing
 from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.scratch import replacing
 
@@ -35,6 +35,7 @@ class BuildRequest:
     targets: tuple[str, ...] = ()  # platforms of --native; default all
     listeners: tuple[str, ...] = ()  # StiffnessTracker, GapMonitor
     nodes: tuple[int, ...] = ()  # that they read, default the driven one
+    tracker_network: Path | None = None  # default the shipped one where it knows the rig
 
 
 def build_fmus(request: BuildRequest) -> None:
@@ -60,7 +61,8 @@ def build_fmus(request: BuildRequest) -> None:
             say(str(path))
     if request.listeners:
         native = request.targets if request.native else None
-        for path in build_listeners(request.listeners, rig, request.out, request.nodes, native=native):
+        network = existing(request.tracker_network) if request.tracker_network else None
+        for path in build_listeners(request.listeners, rig, request.out, request.nodes, native=native, network=network):
             say(str(path))
 
 

@@ -21,6 +21,7 @@ from rigtwin.estimator.runtime import StiffnessEstimator
 from rigtwin.fmu_src.build import build_estimator_fmu
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import Rig, load_rig
+from rigtwin.rotor.model.structure import Structure
 from rigtwin.scale_out import executor
 from rigtwin.sim.campaign import MeasurementError
 
@@ -66,24 +67,14 @@ class Trained:
 
 def train(plan: TrainingPlan) -> Trained:
     """Measure what is not measured yet, train, calibrate, export, build the estimator FMU."""
-    _need_torch()
-    for option, number in (("--rigs", plan.rigs), ("--calibration-rigs", plan.calibration_rigs)):
-        if number < 16:
-            raise UserError(f"{option} {number}: at least 16 are needed")
-    if plan.seed == CALIBRATION_SEED:
-        raise UserError(f"--seed {plan.seed}: the calibration rigs are drawn from that one; take another")
+    need_torch()
+    check_numbers(plan, CALIBRATION_SEED)
     rig = load_rig(plan.rig)
     refuse_tables(rig, "training")
     prior, sweep_plan = PRIOR, FEATURE_PLAN
     if not is_shipped(rig):
         structure = assemble(rig)
-        limits = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
-        if limits[1] < _NARROWEST * limits[0]:
-            raise UserError(
-                f"{plan.rig}: k_b: from {limits[0]:g} to {limits[1]:g} N/m is too narrow a range to train for; "
-                f"widen it to a factor of {_NARROWEST:g}"
-            )
-        prior = prior_for(structure, rig.k_b.start_N_per_m, limits)
+        prior = prior_of(plan.rig, rig, structure)
         sweep_plan = feature_plan(structure, prior)
     rotor_fmu = build_rotor(rig, plan.out)
     fine = 2 * rig.elements_between_nodes
@@ -101,9 +92,29 @@ def train(plan: TrainingPlan) -> Trained:
     return Trained(network, rotor_fmu, build_estimator_fmu(plan.out, network), card)
 
 
+def check_numbers(plan: TrainingPlan, calibration_seed: int) -> None:
+    """Raises UserError for too few rigs, and for a seed that gives the calibration's."""
+    for option, number in (("--rigs", plan.rigs), ("--calibration-rigs", plan.calibration_rigs)):
+        if number < 16:
+            raise UserError(f"{option} {number}: at least 16 are needed")
+    if plan.seed == calibration_seed:
+        raise UserError(f"--seed {plan.seed}: the calibration rigs are drawn from that one; take another")
+
+
+def prior_of(source: str, rig: Rig, structure: Structure) -> Prior:
+    """What a rig of the user's is trained for. Raises UserError where its k_b has too narrow a range."""
+    limits = rig.k_b.min_N_per_m, rig.k_b.max_N_per_m
+    if limits[1] < _NARROWEST * limits[0]:
+        raise UserError(
+            f"{source}: k_b: from {limits[0]:g} to {limits[1]:g} N/m is too narrow a range to train for; "
+            f"widen it to a factor of {_NARROWEST:g}"
+        )
+    return prior_for(structure, rig.k_b.start_N_per_m, limits)
+
+
 def train_from_data(out: Path) -> Trained:
     """Train on the data sets that come with rigtwin; nothing is measured."""
-    _need_torch()
+    need_torch()
     rig = load_rig(SHIPPED_RIG)
     training, calibration = (read_dataset(shipped_data(name)) for name in (TRAINING_CSV, CALIBRATION_CSV))
     network, card = _fit(training, calibration, PRIOR, _about(rig, FEATURE_PLAN), out)
@@ -118,7 +129,8 @@ def shipped_data(name: str) -> Path:
     return path
 
 
-def _need_torch() -> None:
+def need_torch() -> None:
+    """Raises UserError where the packages that train are not installed."""
     from importlib.util import find_spec
 
     missing = [name for name in ("torch", "onnx", "onnxscript") if find_spec(name) is None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import lzma
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,8 @@ def render(template: str, **content: Any) -> str:
 
 def plotly_js() -> str:
     """plotly.js with what the pages draw and no more, a third of the whole library."""
-    return files("rigtwin.pages").joinpath("vendor", "plotly-cartesian.min.js").read_text(encoding="utf-8")
+    packed = files("rigtwin.pages").joinpath("vendor", "plotly-cartesian.min.js.xz").read_bytes()
+    return lzma.decompress(packed).decode("utf-8")
 
 
 def json_in_html(value: Any) -> Markup:

@@ -171,7 +171,8 @@ def _cells(rigs: int, pool: Executor) -> str:
         "The next table has the root mean square error of ln k_b, of the least that an unbiased estimate from these "
         f"two\nshifts can have: their Cramér-Rao bound, and {100 * OF_THE_MODEL:g} % by which codes with other meshes "
         f"differ. The error is {min(over):.2f} to\n{max(over):.2f} times the bound; in "
-        f"{sum(each <= AIM for each in over)} of {len(over)} cells at most {AIM:g} times.",
+        f"{sum(each <= AIM for each in over)} of {len(over)} cells at most {AIM:g} times. It may lie below, because "
+        "the meshes need not differ by that much.",
         table(header, errors),
     )
     return "\n\n".join(words)

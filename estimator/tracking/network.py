@@ -67,7 +67,8 @@ class TrackerNetwork:
 
 def lag_between_forces(card: dict[str, Any], taps: int) -> int:
     """Instants between the values of the force that tell whether it is rich, of a network that looks back ``taps``."""
-    return min((taps - 1) // ORDER, max(1, int(SHARE_OF_PERIOD / card["highest_hz"] / card["step"])))
+    remembered = (taps - card["block"]) // (ORDER - 1)  # by the printed code, for the first instant of a block
+    return min((taps - 1) // ORDER, remembered, max(1, int(SHARE_OF_PERIOD / card["highest_hz"] / card["step"])))
 
 
 @dataclass
@@ -106,7 +107,9 @@ class NetworkTracker:
         self._state = _State(signals, energies, *nothing, math.log(belief.k_b), belief.k_b_std)
 
     def step(self, h: float, force: float, accelerations: FloatArray) -> None:
-        """Take up the force [N] and the accelerations (n_nodes,) [m/s^2] of an instant, h seconds after the last.
+        """Take up the force [N] and the accelerations (n_nodes,) [m/s^2], all finite, of an instant.
+
+        h : seconds after the last one, above 0
 
         Raises ValueError where h is longer than the network's step.
         """

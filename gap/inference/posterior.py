@@ -8,6 +8,8 @@ precision A and nuisances nu there, and precisions P of their priors (P0 at the 
 
     A1 = A - P0 + P,  step d = A1^-1 (P0 - P) nu,
     -2 ln weight = nu^T P nu - d^T A1 d + ln det A1 - ln det P - 2 ln prior.
+
+Where the data's errors are scaled, the best fit stays where it was found, as in Laplace's distribution.
 """
 
 from __future__ import annotations

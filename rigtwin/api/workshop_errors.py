@@ -14,6 +14,9 @@ from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import NominalBelief
 
+# Standard error of ln k_b by one shift below which it counts as exact.
+_EXACT = 1e-9
+
 # Step of ln k_b for a derivative.
 _STEP = 1e-4
 
@@ -40,6 +43,7 @@ def workshop_error(rig: Rig, features: Features, k_b: float, belief: NominalBeli
     drawn = workshop.structure(np.zeros(len(workshop.std)))
     up, down = (shifts(drawn, k_b * math.exp(step)) for step in (_STEP, -_STEP))
     slope = (up - down) / (2 * _STEP)
-    weights = (slope / np.array([features.delta_f1_std, features.delta_f2_std])) ** 2
+    stds = np.array([features.delta_f1_std, features.delta_f2_std])
+    weights = (slope / np.maximum(stds, _EXACT * np.abs(slope))) ** 2
     moved = [shifts(workshop.structure(values), k_b) - (up + down) / 2 for values in changed]
     return float(np.linalg.norm([np.average(change / slope, weights=weights) for change in moved]))

@@ -82,10 +82,13 @@ def test_means_apart_count():
 
 def test_intervals_of_k_b_hold_it_as_often_as_they_say():
     """Two runs, whose few resonances hardly tell how far they drift."""
-    held = []
+    held, wider = [], []
     for seed in range(40):
         problem = on(LEARNS, drifted(seed, DRIFT))
         fit = recalibrate(problem)
-        held.append(abs(fit.u[0] - np.log(K_B)) < 1.645 * posterior(problem, fit).std[0])
+        std = posterior(problem, fit).std[0]
+        held.append(abs(fit.u[0] - np.log(K_B)) < 1.645 * std)
+        wider.append(std / np.sqrt(fit.covariance()[0, 0]))
     low, high = binom.interval(0.99, len(held), 0.9)
     assert low <= sum(held) <= high
+    assert np.median(wider) > 1.04  # than where the most probable drift is taken for known

@@ -42,7 +42,7 @@ def test_a_rig_that_is_known_exactly_adds_nothing():
     assert workshop_error(RIG, features(FINDER.shifts(K_B)), K_B, exact) == 0.0
 
 
-def test_estimates_by_shifts_come_with_it_and_those_by_all_lines_hold_it():
+def test_valid_estimates_by_shifts_come_with_it():
     shifts = features(FINDER.shifts(K_B))
     numbers = dict(
         zip(("delta_f1", "delta_f2", "amplitude_ratio"), (shifts.delta_f1, shifts.delta_f2, 1.2), strict=True)
@@ -55,3 +55,11 @@ def test_estimates_by_shifts_come_with_it_and_those_by_all_lines_hold_it():
         **(numbers | {"delta_f2": 60.0}), delta_f1_std=0.01, delta_f2_std=0.03, amplitude_ratio_std=0.01
     )
     assert "workshop_error_of_ln_k_b" not in invalid.best.record()
+
+
+@pytest.mark.parametrize("stds", [(0.0, 0.0), (0.0, 0.03), (0.01, 0.0)])
+def test_shifts_without_an_error_weigh_as_exact_ones(stds):
+    first, second = FINDER.shifts(K_B)
+    exact = workshop_error(RIG, Features(first, second, 1.2, *stds, 0.01), K_B)
+    tiny = Features(first, second, 1.2, *(max(std, 1e-7) for std in stds), 0.01)
+    assert exact == pytest.approx(workshop_error(RIG, tiny, K_B), rel=0.3)

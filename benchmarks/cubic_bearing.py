@@ -20,7 +20,7 @@ from rigtwin.blind.generate.case import Case, Tolerances, measure
 from rigtwin.blind.generate.draw import draw_sized, empty_case
 from rigtwin.blind.generate.folder import write_campaign
 from rigtwin.blind.generate.machine import Workshop
-from rigtwin.blind.generate.rig import REFERENCE, read_rig
+from rigtwin.blind.generate.rig import REFERENCE, Rig, read_rig
 from rigtwin.gap.diagnose import diagnose
 from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.sim.campaign_folder import load_campaign
@@ -74,8 +74,8 @@ def _percent(numbers: Sequence[float]) -> Iterator[str]:
 
 def _measured(conditions: Conditions, rng: np.random.Generator) -> tuple[float, tuple[float, float, float, float]]:
     """k_b of a rig [N/m]; its relative error and its standard error, and those of k_3."""
-    case = _drawn(conditions, rng)
     rig = read_rig(REFERENCE)
+    case = _drawn(rig, conditions, rng)
     runs = measure(rig, case, rig.drive_node, case.levels, rng)
     with tempfile.TemporaryDirectory() as folder:
         write_campaign(Path(folder), rig.name, case, runs, rng)
@@ -87,9 +87,8 @@ def _measured(conditions: Conditions, rng: np.random.Generator) -> tuple[float, 
     return case.k_b, (k_b.value / case.k_b - 1, k_b.std / k_b.value, k_3.value / true - 1, k_3.std / k_3.value)
 
 
-def _drawn(conditions: Conditions, rng: np.random.Generator) -> Case:
+def _drawn(rig: Rig, conditions: Conditions, rng: np.random.Generator) -> Case:
     """A rig that is as drawn but for its law, with a law that shows plainly."""
-    rig = read_rig(REFERENCE)
     case = draw_sized(rig, empty_case(rig, "W1", rng), LAW, "large", rng).case
     known = Tolerances(modulus=0.0, span=0.0, disk_mass=0.0, drift=conditions.drift)
     exact = Workshop(0.0, 0.0, tuple(0.0 for _ in rig.disks))

@@ -44,10 +44,10 @@ COARSE = np.arange(20.0, 400.1, 2.0)  # the paper's raster
 NOISES = (1e-4, 1e-3, 1e-2, 5e-2)
 STIFFNESSES, DAMPINGS = (1e6, 3e6, 1e7, 3e7, 1e8), (0.0, 20.0, 40.0, 60.0)
 CELL_SEED = 20_261
-# By how much ln k_b differs between codes with fine meshes, the aim for an error over its bound, the rotor by whose
-# shifts the bound is found, and a step of ln k_b.
+# By how much ln k_b differs between codes with fine meshes, the aim for an error over its bound, and the rotor by whose
+# shifts the bound is found.
 OF_THE_MODEL, AIM = 2e-4, 1.15
-MODEL, STEP = StiffnessFinder(assemble(load_rig("nit-rourkela"))), 1e-4
+MODEL = StiffnessFinder(assemble(load_rig("nit-rourkela")))
 
 METHODS: dict[Method, str] = {"network": "estimator", "model": "root finding", "responses": "all lines"}
 
@@ -206,9 +206,8 @@ def _by_estimator(number: int) -> FloatArray:
 
 def _bound(features: Features, k_b: float) -> float:
     """Least standard error of ln k_b that an unbiased estimate from both shifts can have."""
-    up, down = (np.array(MODEL.shifts(k_b * math.exp(step))) for step in (STEP, -STEP))
-    slopes, stds = (up - down) / (2 * STEP), np.array([features.delta_f1_std, features.delta_f2_std])
-    return float(np.sum((slopes / stds) ** 2) ** -0.5)
+    stds = np.array([features.delta_f1_std, features.delta_f2_std])
+    return float(np.sum((MODEL.slopes(k_b) / stds) ** 2) ** -0.5)
 
 
 def _run(conditions: Conditions, setting: Setting, made: MadeRig, rng: np.random.Generator) -> Run:

@@ -146,10 +146,13 @@ class StiffnessFinder:
             low = high
         return float("nan")
 
-    def _slope(self, mode: int, log_k: float, step: float = 1e-4) -> float:
-        """d shift / d log k_b [Hz]."""
-        up, down = (self.shifts(float(np.exp(log_k + s)))[mode - 1] for s in (step, -step))
-        return float((up - down) / (2 * step))
+    def slopes(self, k_b: float, step: float = 1e-4) -> np.ndarray:
+        """(2,) derivatives of the shifts by ln k_b [Hz]."""
+        up, down = (self.shifts(float(np.exp(np.log(k_b) + s))) for s in (step, -step))
+        return (up - down) / (2 * step)
+
+    def _slope(self, mode: int, log_k: float) -> float:
+        return float(self.slopes(float(np.exp(log_k)))[mode - 1])
 
     def _frequencies(self, k_b: float = 1e7, rigid: bool = False) -> np.ndarray:
         condition = Condition(k_b, rigid, self._damping.bearing_damping, self._damping.shaft_damping_ratio)

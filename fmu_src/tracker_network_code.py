@@ -10,7 +10,7 @@ import numpy as np
 import onnx
 from onnx import numpy_helper
 
-from rigtwin.estimator.tracking.network import CARD_KEY, MOST_DOUBTED, SAME_STEP, TOO_LONG, UNHEARD, lag_between_forces
+from rigtwin.estimator.tracking.network import CARD_KEY, MOST_DOUBTED, SAME_STEP, TOO_LONG, UNHEARD, lag_of
 from rigtwin.fmu_src.network_code import float_table
 
 # Matrices whose names in C say that they are no sizes.
@@ -55,7 +55,7 @@ def _numbers(arrays: dict[str, np.ndarray], card: dict[str, Any]) -> dict[str, A
         "SAME_STEP": SAME_STEP,
         "UNHEARD": UNHEARD,
         "STEP": card["step"],
-        "LAG": lag_between_forces(card, arrays["places"].shape[1]),
+        "LAG": lag_of(card, arrays["places"].shape[1]),
         "LEAST_K_B": low,
         "MOST_K_B": high,
         "TRAINED_NODE": card["excitation_node"],

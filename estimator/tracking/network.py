@@ -17,7 +17,7 @@ import numpy as np
 
 from rigtwin.estimator.intervals import Z90
 from rigtwin.estimator.onnx_file import CARD_KEY, onnx_session
-from rigtwin.estimator.tracking.tracker import ENRICHED, ORDER, SHARE_OF_PERIOD, Belief, Tracked, is_rich, plain
+from rigtwin.estimator.tracking.tracker import ENRICHED, ORDER, Belief, Tracked, is_rich, lag_between_forces, plain
 from rigtwin.rotor.model.arrays import FloatArray
 
 # Steps that differ from the network's by less than this share are the network's.
@@ -65,10 +65,10 @@ class TrackerNetwork:
         return np.asarray(now), np.asarray(answer)
 
 
-def lag_between_forces(card: dict[str, Any], taps: int) -> int:
-    """Instants between the values of the force that tell whether it is rich, of a network that looks back ``taps``."""
+def lag_of(card: dict[str, Any], taps: int) -> int:
+    """``lag_between_forces`` of a network that looks back ``taps``, in its steps."""
     remembered = (taps - card["block"]) // (ORDER - 1)  # by the printed code, for the first instant of a block
-    return min((taps - 1) // ORDER, remembered, max(1, int(SHARE_OF_PERIOD / card["highest_hz"] / card["step"])))
+    return min(remembered, lag_between_forces(card["highest_hz"], card["step"], taps))
 
 
 @dataclass
@@ -101,7 +101,7 @@ class NetworkTracker:
         self._step, self._block, (self._low, self._high) = card["step"], card["block"], card["k_b"]
         self._enough = network.window - self._block + self._block * (network.blocks + 1)
         signals, energies = np.zeros((network.channels, network.window)), np.zeros((network.blocks, network.size))
-        newest, lag = np.arange(network.window - self._block, network.window), lag_between_forces(card, network.taps)
+        newest, lag = np.arange(network.window - self._block, network.window), lag_of(card, network.taps)
         self._forces = newest[:, None] - lag * np.arange(ORDER)  # (block, ORDER) places of each instant's last values
         nothing = np.zeros(network.channels), np.zeros((ORDER, ORDER))
         self._state = _State(signals, energies, *nothing, math.log(belief.k_b), belief.k_b_std)

@@ -15,12 +15,12 @@ from onnx import TensorProto, helper, numpy_helper
 
 from rigtwin.estimator.onnx_file import CARD_KEY
 from rigtwin.estimator.tracking import TRACKER_CARD
-from rigtwin.estimator.tracking.training import BLOCK, DOUBTS, IN_SINGLE, LEAST_SHARE, SPANS, TAPS, Trained
+from rigtwin.estimator.tracking.training import BLOCK, DOUBTS, IN_SINGLE, LEAST_SHARE, LITTLE, SPANS, TAPS, Trained
 from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.scratch import replacing
 
-# Least energy that has a logarithm, and what is added to what a change of k_b would add.
-TINY, LEAST_GAIN = 1e-300, 1e-9
+# Least energy that others are divided by.
+TINY = 1e-300
 
 _OPSET, _IR = 18, 9
 
@@ -177,7 +177,7 @@ def _look(g: _Graph, products: str, raw: str, cells: int) -> tuple[str, str]:
     left = add(ee, crossed, mul(mul(x, x), kk), mul(mul(y, y), mm))
     log = g.do("Log", add(g.do("Max", left, zero), g.constant("least_share", LEAST_SHARE)))
     share = g.do("Softmax", sub("bias", mul("sharpness", log)), axis=1)
-    little = g.constant("little", LEAST_GAIN)
+    little = g.constant("little", LITTLE)
     told = sub(g.do("Log", add(g.do("Div", alone, b), little)), log)
     sides = g.constant("sides", np.sign(np.arange(cells) - (cells - 1) / 2))
     each = (log, told, add(sides, y), add("ln_k", mul("pitch", x)), mul(x, x))

@@ -157,19 +157,19 @@ def _driven(
 
 def draw_machine(plan: StreamPlan, rng: np.random.Generator) -> dict[str, float]:
     """Values of RotorRig.fmu: dampings and masses."""
-    return {
-        "shaft_damping_ratio": _log_uniform(plan.shaft_damping_ratio, rng),
-        "bearing_damping": float(rng.uniform(*plan.bearing_damping)),
-        "disk_mass.enabled": True,
-        "disk_mass.change": float(rng.uniform(-MASS_OFF, MASS_OFF)),
-    }
+    shaft, bearing = _log_uniform(plan.shaft_damping_ratio, rng), float(rng.uniform(*plan.bearing_damping))
+    return _machine(shaft, bearing, float(rng.uniform(-MASS_OFF, MASS_OFF)))
 
 
 def middle_machine(plan: StreamPlan, mass_off: float) -> dict[str, float]:
     """The same with dampings in the middle, and these masses."""
+    return _machine(float(np.sqrt(np.prod(plan.shaft_damping_ratio))), float(np.mean(plan.bearing_damping)), mass_off)
+
+
+def _machine(shaft_damping_ratio: float, bearing_damping: float, mass_off: float) -> dict[str, float]:
     return {
-        "shaft_damping_ratio": float(np.sqrt(np.prod(plan.shaft_damping_ratio))),
-        "bearing_damping": float(np.mean(plan.bearing_damping)),
+        "shaft_damping_ratio": shaft_damping_ratio,
+        "bearing_damping": bearing_damping,
         "disk_mass.enabled": True,
         "disk_mass.change": mass_off,
     }

@@ -403,7 +403,7 @@ class StiffnessTracker:
     def _listen(self, force: float) -> None:
         """Whether the force is persistently exciting: whether its last values do not foretell each other."""
         o = self._state
-        lag = min((_PAST - 1) // ORDER, max(1, int(SHARE_OF_PERIOD / self._rotor.highest_hz / o.step)))
+        lag = lag_between_forces(float(self._rotor.highest_hz), o.step, _PAST)
         o.newest = (o.newest + 1) % _PAST
         o.past[o.newest] = force
         f = o.past[(o.newest - lag * np.arange(ORDER)) % _PAST]
@@ -464,6 +464,11 @@ class StiffnessTracker:
             return
         if lasted(o.count, o.step, SETTLED) and o.contradiction > 1 + ALARM / math.sqrt(samples * len(read)):
             self._alarm()
+
+
+def lag_between_forces(highest_hz: float, step: float, remembered: int) -> int:
+    """Steps between the values of the force that tell whether it is rich, of so many that are remembered."""
+    return min((remembered - 1) // ORDER, max(1, int(SHARE_OF_PERIOD / highest_hz / step)))
 
 
 def is_rich(likeness: FloatArray) -> bool:

@@ -29,8 +29,9 @@ STIFFNESSES, MASSES = 20, 3
 # predictions are made for.
 NOISE, GAIN, FIRST_NOISE = 0.03, 0.02, 0.015
 
-# Degrees of freedom of the likelihood: nothing can know of a jump at once. Limits of ln sigma; least share of energy.
-FREEDOM, DOUBTS, LEAST_SHARE = 4.0, (-7.0, 2.0), 1e-7
+# Degrees of freedom of the likelihood: nothing can know of a jump at once. Limits of ln sigma; least share of energy,
+# and what is added to what a change of k_b would add, and to the force's share.
+FREEDOM, DOUBTS, LEAST_SHARE, LITTLE = 4.0, (-7.0, 2.0), 1e-7, 1e-9
 
 # Blocks between those that are learned from, epochs, rows of a step, streams that are filtered at once, and the largest
 # rate.
@@ -104,11 +105,11 @@ class ResidueNetwork(nn.Module):
         left = ee + 2 * (x * ek + y * em + x * y * km) + x * x * kk + y * y * mm
         log = (left.clamp(min=0) + LEAST_SHARE).log()
         share = torch.softmax(self.bias - self.sharpness * log, dim=-1)
-        told = (alone / b + 1e-9).log() - log
+        told = (alone / b + LITTLE).log() - log
         sides = torch.sign(torch.arange(len(self.ln_k), device=x.device) - (len(self.ln_k) - 1) / 2)
         each = (log, told, sides + y, self.ln_k + self.pitch * x, x * x)
         means = [(share * value).sum(dim=-1) for value in each]
-        force = (shares[..., -self.channels] + 1e-9).log()
+        force = (shares[..., -self.channels] + LITTLE).log()
         return means[3], torch.cat([log, torch.stack([*means, force], dim=-1)], dim=-1)
 
     def forward(self, shares: Tensor) -> tuple[Tensor, Tensor]:

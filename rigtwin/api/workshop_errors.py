@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from rigtwin.estimator.features import Features
@@ -11,14 +9,10 @@ from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.gap.model.campaign_model import elements_between_nodes
 from rigtwin.gap.model.workshop import Workshop
 from rigtwin.rotor.geometry.rig import Rig
-from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import NominalBelief
 
 # Standard error of ln k_b by one shift below which it counts as exact.
 _EXACT = 1e-9
-
-# Step of ln k_b for a derivative.
-_STEP = 1e-4
 
 
 def workshop_error(rig: Rig, features: Features, k_b: float, belief: NominalBelief | None = None) -> float:
@@ -36,14 +30,9 @@ def workshop_error(rig: Rig, features: Features, k_b: float, belief: NominalBeli
     workshop = Workshop(rig, belief or NominalBelief(), elements, elements)
     solid = [k for k, each in enumerate(workshop.tolerances) if each.change]
     changed = np.diag(workshop.std)[solid]
-
-    def shifts(structure: Structure, k: float) -> np.ndarray:
-        return StiffnessFinder(structure).shifts(k)
-
-    drawn = workshop.structure(np.zeros(len(workshop.std)))
-    up, down = (shifts(drawn, k_b * math.exp(step)) for step in (_STEP, -_STEP))
-    slope = (up - down) / (2 * _STEP)
+    drawn = StiffnessFinder(workshop.structure(np.zeros(len(workshop.std))))
+    shifts, slope = drawn.shifts(k_b), drawn.slopes(k_b)
     stds = np.array([features.delta_f1_std, features.delta_f2_std])
     weights = (slope / np.maximum(stds, _EXACT * np.abs(slope))) ** 2
-    moved = [shifts(workshop.structure(values), k_b) - (up + down) / 2 for values in changed]
+    moved = [StiffnessFinder(workshop.structure(values)).shifts(k_b) - shifts for values in changed]
     return float(np.linalg.norm([np.average(change / slope, weights=weights) for change in moved]))

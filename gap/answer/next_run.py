@@ -65,13 +65,9 @@ class Proposal:
         """The last run as a [[run]] table of a campaign."""
         run = self.runs[-1]
         plane = {"excitation_plane": "z"} if run.excitation_plane == "z" else {}
-        force = run.force_amplitude_N or 1.0
-        return {
-            "support": run.support,
-            "excitation_node": run.excitation_node,
-            **plane,
-            "force_amplitude_N": float(f"{force:.2g}"),
-        }
+        force = float(f"{run.force_amplitude_N or 1.0:.2g}")
+        there = {"support": run.support, "excitation_node": run.excitation_node}
+        return {**there, **plane, "force_amplitude_N": force}
 
 
 @dataclass(frozen=True)
@@ -191,18 +187,9 @@ def _template(runs: Sequence[Run], support: SupportKind, lines: FloatArray) -> R
     """A run as the ones that were measured, on a support, without response."""
     alike = [run for run in runs if run.support == support] or list(runs)
     run = max(alike, key=lambda r: (r.force_amplitude_N or 0.0, len(r.channels)))
+    bare = replace(run, std=None, harmonics={}, swept_hz=None, force_N=None)
     H = _no_response(lines, run.channels)
-    return replace(
-        run,
-        support=support,
-        frequency_hz=lines,
-        H=H,
-        std=None,
-        harmonics={},
-        swept_hz=None,
-        force_N=None,
-        name="proposed",
-    )
+    return replace(bare, support=support, frequency_hz=lines, H=H, name="proposed")
 
 
 def _no_response(lines: FloatArray, channels: Sequence[Channel]) -> ComplexArray:

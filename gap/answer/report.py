@@ -87,7 +87,8 @@ def report(
     named = _name_causes(campaign, answer, findings, exclude)
     joint = _joint(answer, named, exclude, clock)
     curves = _curves(answer, named, joint)
-    where = _where(answer, named, curves, findings, joint, clock)
+    where = _where(answer, named, curves, findings, joint)
+    clock.lap("where")
     diagnosis = Diagnosis(
         title=campaign.title,
         rig=Path(campaign.rig).name,
@@ -158,12 +159,7 @@ def _curves(answer: Answer, named: _Named, joint: UnknownJoint) -> tuple[Curve, 
 
 
 def _where(
-    answer: Answer,
-    named: _Named,
-    curves: Sequence[Curve],
-    findings: Sequence[Finding],
-    joint: UnknownJoint,
-    clock: Clock,
+    answer: Answer, named: _Named, curves: Sequence[Curve], findings: Sequence[Finding], joint: UnknownJoint
 ) -> Where:
     """Where the gap lies, with the bearings' stiffness where that may be the cause; nothing of too few data."""
     if named.verdict == "not_enough_data":
@@ -175,7 +171,6 @@ def _where(
     if _may_be_the_bearings(named.answered):
         best = named.best if named.best is not answer.nominal else None
         where = replace(where, bearings=compare_with_models(answer.all_lines, answer.nominal, best))
-    clock.lap("where")
     return where
 
 

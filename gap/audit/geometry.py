@@ -116,12 +116,8 @@ class Geometry:
 
 
 def _condition(run: Run, k_b: float) -> Condition:
-    return Condition(
-        k_b=k_b,
-        rigid_support=run.support == "rigid",
-        excitation_node=run.excitation_node,
-        excitation_plane="yz".index(run.excitation_plane) + 1,
-    )
+    plane, driven = "yz".index(run.excitation_plane) + 1, run.excitation_node
+    return Condition(k_b=k_b, rigid_support=run.support == "rigid", excitation_node=driven, excitation_plane=plane)
 
 
 def geometry_of(rig: str) -> Geometry:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,9 +11,10 @@ from scipy.linalg import block_diag
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.fitting import curvature
 from rigtwin.gap.inference.observed import derivatives, weights_and_residuals
+from rigtwin.gap.inference.posterior import with_sizes
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.effects import Effect
-from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
+from rigtwin.rotor.model.arrays import BoolArray, ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 
 
@@ -40,6 +41,9 @@ class Score:
     score): right where the fit is good, misleading where it is so bad that its minimum lies elsewhere. A number that
     stands at an end of its range, and would leave it, stays there.
 
+    A repeatability that was learned may have grown to stand in for the effect, and falls back where the effect is
+    added. With ``settled``, an effect counts by the size of it with which both together gain most.
+
     Parameters
     ----------
     problem, fit : where the effect is added
@@ -60,9 +64,11 @@ class Score:
         gradient = self._gradient()
         held = problem.held(fit.u, gradient[: len(fit.u)], problem.ends(fit.hypothesis))
         # Of these slopes, not of those that the fit ended with: a gain is a share of the misfit, whatever was fitted.
-        self._covariance = replace(fit, precision=curvature(parts, len(gradient))).covariance(held=held)
-        self._prior_precision = np.append(np.zeros(len(fit.u)), 1 / fit.prior_std**2)
+        here = replace(fit, precision=curvature(parts, len(gradient)))
+        self._covariance = here.covariance(held=held)
         self._unsettled = gradient if settled else np.zeros(len(gradient))
+        others = _with_less_repeatability(problem, here, held) if settled else ()
+        self._beliefs = [_Belief(self._covariance, fit.prior_std, np.zeros(len(gradient)), 0.0), *others]
 
     @property
     def misfit(self) -> float:
@@ -99,15 +105,25 @@ class Score:
             slope += columns @ residual
             size += np.sum(columns**2, axis=1)
             shared[:, where] += columns @ J.T
-        answer = shared @ self._covariance
-        priors = answer * self._prior_precision
+        found = [self._believing(belief, slope, size, shared) for belief in self._beliefs]
+        gains, scales, moves = (np.array(parts) for parts in zip(*found, strict=True))
+        best = np.abs(gains).argmax(axis=0), np.arange(k)
+        return gains[best], scales[best], moves[best]
+
+    def _believing(
+        self, belief: _Belief, slope: FloatArray, size: FloatArray, shared: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``gains`` from slopes (k,) and curvatures (k,) by the changes, and what the fit's numbers share (k, n)."""
+        step, answer = belief.covariance @ (self._unsettled + belief.pull), shared @ belief.covariance
+        priors = answer * np.append(np.zeros(len(self.fit.u)), 1 / belief.prior_std**2)
         own, by_priors = size - np.sum(shared * answer, axis=1), np.sum(priors * answer, axis=1)
-        slope -= answer @ self._unsettled
+        slope = slope - shared @ step
         alike = own - by_priors <= DISTINCT.parallel * size
-        own[alike], slope[alike] = by_priors[alike], priors[alike] @ np.append(self.fit.u, self.fit.nu)
+        own[alike], slope[alike] = by_priors[alike], priors[alike] @ (np.append(self.fit.u, self.fit.nu) + step)
         own[own <= DISTINCT.none * size] = np.inf
         scale = slope / own
-        return scale * np.abs(slope), scale, -scale[:, None] * answer
+        gain = np.maximum(np.abs(scale * slope) - belief.less, 0.0)
+        return np.copysign(gain, scale), scale, step - scale[:, None] * answer
 
     def _gradient(self) -> FloatArray:
         """-gradient/2 of misfit and penalty by (u, nu): not zero where the fit stopped short of its minimum."""
@@ -161,6 +177,29 @@ class Score:
             parts = modal.as_linear.of_resonances(*own)[:inside]
             freed = np.concatenate([freed, _each_channel(parts)])
         return np.concatenate([freed, 1j * freed]) * problem.nuisances.gains(fit.nu, r, modal)
+
+
+@dataclass(frozen=True)
+class _Belief:
+    """How the priors of the nuisances hold a fit's numbers (u, nu)."""
+
+    covariance: FloatArray  # (n, n)
+    prior_std: FloatArray  # (n_nuisances,)
+    pull: FloatArray  # (n,) slopes that these priors add to those of the fit's own
+    less: float  # misfit that makes as much less probable as these priors
+
+
+def _with_less_repeatability(problem: Problem, fit: Fit, held: BoolArray) -> Iterator[_Belief]:
+    """Beliefs with one of the learned repeatabilities halved again and again, down to what is usual."""
+    learned = problem.nuisances.learned
+    best = [each.of(fit.prior_std) for each in learned]
+    for k, each in enumerate(learned):
+        for size in best[k] / 2.0 ** np.arange(1, np.log2(max(best[k] / each.median, 1.0)) + 1):
+            std, sizes = fit.prior_std.copy(), [*best[:k], size, *best[k + 1 :]]
+            std[each.places] = size
+            less = with_sizes(fit, learned, best, 1.0)[0] - with_sizes(fit, learned, sizes, 1.0)[0]
+            pull = np.append(np.zeros(len(fit.u)), (1 / fit.prior_std**2 - 1 / std**2) * fit.nu)
+            yield _Belief(replace(fit, prior_std=std).covariance(held=held), std, pull, 2 * less)
 
 
 def _gain(slope: FloatArray, told: FloatArray, size: FloatArray) -> tuple[float, int]:

@@ -239,16 +239,8 @@ class Forward:
             columns = np.array([c for c, channel in enumerate(run.channels) if channel.node in group.nodes])
             made, sensitivity = self._group(mesh, run, omega, condition, group.effects, columns, bends)
             groups.append(made)
-        return Modal(
-            run,
-            omega,
-            tuple(groups),
-            tuple(effects),
-            sensitivity,
-            self.anchor.values,
-            over_receptance(run),
-            self.manner.images,
-        )
+        exact, scale, images = self.anchor.values, over_receptance(run), self.manner.images
+        return Modal(run, omega, tuple(groups), tuple(effects), sensitivity, exact, scale, images)
 
     def _nonlinear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> RunModel:
         effects, manner, anchor = tuple(effects), self.manner, self.anchor.values

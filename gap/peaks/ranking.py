@@ -203,12 +203,8 @@ def rank(lists: Lists, exclude: Sequence[str] = ()) -> Ranking:
         best.setdefault(s.hypothesis.ids[0], s)
         total[s.hypothesis.ids[0]] = total.get(s.hypothesis.ids[0], 0.0) + float(share)
     names = sorted(total, key=lambda name: -total[name])
-    return Ranking(
-        polish(lists, nominal),
-        tuple(polish(lists, best[name]) for name in names),
-        tuple(total[name] for name in names),
-        float(shares[-1]),
-    )
+    polished, chances = tuple(polish(lists, best[name]) for name in names), tuple(total[name] for name in names)
+    return Ranking(polish(lists, nominal), polished, chances, float(shares[-1]))
 
 
 def _reach(distance: FloatArray, weight: FloatArray, half: float) -> float:

@@ -65,12 +65,14 @@ def pursued(
 
     At a leader's own minimum, with the tolerances as they act there, the score tells nearly what a fit would gain.
     """
-    starts: list[Start] = []
+    found: list[Fit] = []
     for leader in polish_all(problem, leaders):
-        promised = promised_beside(Score(problem, leader, settled=True), hypotheses)
+        there = problem.around(leader)
+        promised = promised_beside(Score(there, leader, settled=True), hypotheses)
         limit = worth_from(promised[0].gain) if promised else 0.0
-        starts += _some([promise for promise in promised if promise.gain >= limit], len(leaders))
-    return race(problem, starts, FAR, progress)
+        starts = _some([promise for promise in promised if promise.gain >= limit], len(leaders))
+        found += race(there, starts, FAR, progress)
+    return best_first(found)
 
 
 def pairs(

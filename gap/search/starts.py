@@ -19,7 +19,8 @@ from rigtwin.rotor.model.condition import Condition
 class WeakEffect:
     """Where an effect that hardly acts is started from."""
 
-    share: float = 0.02  # of its range, away from nothing
+    share: float = 0.02  # of its range, away from an end of it,
+    beside: float = 1e-4  # or from a value inside: slopes are steep where a small change shows
     positions: int = 7  # along the shaft
 
 
@@ -121,7 +122,8 @@ def _weakly(free: Free, null: float | None) -> float:
         return high - WEAK.share * (high - low)
     if free.log:
         null = float(np.log(null)) if null > 0 else low
-    return float(np.clip(null + WEAK.share * (high - low), low, high))
+    share = WEAK.beside if low < null < high else WEAK.share
+    return float(np.clip(null + share * (high - low), low, high))
 
 
 def _null(term: Term, free: Free, condition: Condition) -> float | None:
@@ -142,7 +144,9 @@ def _scaled(term: Term, point: FloatArray, scale: float, condition: Condition) -
         return None
     at = point.copy()
     for k, null in known.items():
-        at[k] = _stronger(term.free[k], at[k], null, scale)
+        replaced = isinstance(term.effect.parameters()[term.free[k].name].null, str)
+        # A number that replaces one that is believed begins where the tolerance of that one has come to.
+        at[k] = _stronger(term.free[k], at[k], null, 0.0 if replaced else scale)
     return at
 
 

@@ -29,11 +29,12 @@ from rigtwin.gap.search.pairs import (
     pair_starts,
     paired,
     pairs,
+    pursued,
     straightened,
     without_one,
 )
 from rigtwin.gap.search.race import FAR, RACE, Search, _of_each, polish, polish_all, race
-from rigtwin.gap.search.starts import Promise, Start
+from rigtwin.gap.search.starts import Promise, Start, promises
 from rigtwin.gap.search.strategies.dwell import _gains
 from rigtwin.gap.search.strategies.registry import Dwells
 from rigtwin.gap.verdict.adequacy import judge
@@ -197,6 +198,50 @@ def test_slopes_that_are_a_little_off_give_an_effect_that_a_tolerance_makes_as_w
         J[where == place] += 0.004 * np.linalg.norm(slope) / np.linalg.norm(residual) * residual
     score._unsettled = score._gradient()
     assert_allclose(score.gain(step)[0], exact, atol=0.1 * nominal.penalty)
+
+
+def believing(runs, **belief):
+    """The problem of runs whose workshop knows less."""
+    return Problem(Forward(workshop(replace(BELIEF, **belief))), [observe(run, run.std) for run in runs])
+
+
+def test_a_damping_far_beyond_its_tolerance_promises_what_its_prior_costs():
+    """The tolerance has taken the damping there: all that the effect can gain is that it comes back."""
+    runs = both_supports(BearingDamping(damping=467.0))
+    problem = believing(runs, bearing_damping_tolerance=0.7)
+    nominal, (damping,) = recalibrate(problem), of(runs, "bearing_damping")
+    (promise,) = promises(Score(problem, nominal, settled=True), damping)
+    assert_allclose(promise.gain, (np.log(467 / 20) / 0.7) ** 2, rtol=0.1)
+    assert_allclose(np.exp(promise.start.u[1]), 467.0, rtol=0.02)
+    assert problem.cost(damping, promise.start.u, promise.start.nu) < nominal.cost - 0.5 * promise.gain
+
+
+def test_a_repeatability_that_has_grown_for_one_sensor_falls_back_where_that_sensor_is_blamed():
+    """By the size that was learned without it, a gain that is 10 % off promises a quarter of what its fit gains."""
+    runs = both_supports(SensorGain(gain=0.9, node=1))
+    problem = believing(runs, gain_repeatability=None)
+    nominal, gain = recalibrate(problem), candidate(runs, "sensor_gain", 1)
+    (promise,) = promises(Score(problem, nominal, settled=True), gain)
+    found = problem.fit(gain, promise.start.u, promise.start.nu)
+    (learned,) = problem.nuisances.learned
+    assert learned.of(found.prior_std) < learned.median < 0.1 * learned.of(nominal.prior_std)
+    assert_allclose(promise.gain, 2 * (found.log_evidence() - nominal.log_evidence()), rtol=0.2)
+    assert promise.gain > 3 * nominal.cost - 3 * found.cost
+
+
+def test_seconds_are_tried_on_a_rig_that_has_its_leaders_tolerances(monkeypatch):
+    """A shaft eight times as damped as believed: slopes from the drawing would lead starts anywhere."""
+    tried = []
+    monkeypatch.setattr(pair_search, "race", lambda problem, starts, *_: tried.append((problem, starts)) or [])
+    runs = both_supports(AttachedMass(mass=0.3, node=3), ShaftDamping(damping_ratio=0.024), SensorDelay(2e-5, 3))
+    problem = believing(runs, shaft_damping_tolerance=0.7)
+    mass, nominal = candidate(runs, "attached_mass", 3), recalibrate(problem)
+    leader = problem.fit(mass, np.append(nominal.u, np.log(0.3)), nominal.nu, steps=40)
+    pursued(problem, [leader], of(runs, "sensor_delay"))
+    ((there, starts),) = tried
+    late, *_ = (start for start in starts if dict(start.hypothesis.terms[1].fixed) == {"node": 3})
+    assert there.cost(late.hypothesis, late.u, late.nu) < leader.cost - 500
+    assert_allclose(there.forward.anchor.values[-1], np.log(0.024 / 0.003), rtol=0.01)
 
 
 def test_an_effect_on_the_wrong_side_gains_nothing():

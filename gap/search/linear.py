@@ -174,7 +174,7 @@ def _starts_on_grids(problem: Problem, hypotheses: Sequence[Hypothesis], nominal
     few, there = problem.thinned(FAR_SEARCH.every), problem.at_fit(nominal)
     starts: list[Start] = []
     for h in hypotheses:
-        starts += [promise.start for promise in strategy_of(h).scan(there, h, nominal)]
+        starts += [promise.start for promise in strategy_of(h).scan(there, h, nominal, quiet=False)]
         starts += strategy_of(h).grid_starts(few, h, nominal, FAR[0].added)
     return starts
 
@@ -246,8 +246,9 @@ def weak_starts(
     for number, hypothesis in enumerate(hypotheses):
         if progress:
             progress(number, 2 * len(hypotheses), str(hypothesis))
-        strategy = Strategy() if quiet else strategy_of(hypothesis)
-        tried = strategy.scan(problem, hypothesis, nominal) or strategy.promise(problem, score, hypothesis)
+        strategy = strategy_of(hypothesis)
+        scanned = strategy.scan(problem, hypothesis, nominal, quiet)
+        tried = scanned or (Strategy() if quiet else strategy).promise(problem, score, hypothesis)
         if tried:  # else the time is up
             found.append((tried[0].gain, [promise.start for promise in tried[: RACE.rivals]]))
     found.sort(key=lambda entry: entry[0], reverse=True)

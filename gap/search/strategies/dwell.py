@@ -53,7 +53,8 @@ class WeakTransients:
     even_from: float = 21.0  # from here on the steps are even
     even_step: float = 0.25  # between the longer dwells
     longest: float = 320.0  # beyond, next to nothing is left of any transient
-    kept: int = 4  # dwells that go on, with finer steps
+    kept: int = 4  # dwells that go on, with finer steps,
+    least: float = 16.0  # if they take away so much misfit: chance gives the best of a thousand dwells 10
     fine_step: float = 0.02
     to_either_side: int = 12  # fine steps
 
@@ -123,7 +124,7 @@ STRONG = StrongTransients()
 REFINED = Refinement()
 
 
-def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fit]:
+def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit, quiet: bool) -> list[Fit]:
     """Fits of a fast sweep from the most likely dwells, best first.
 
     Parameters
@@ -131,9 +132,10 @@ def dwell_fits(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[F
     problem : the runs
     hypothesis : the fast sweep, its dwell the only number
     nominal : the recalibrated nominal model
+    quiet : whether it leaves what noise may leave: strong transients would be seen
     """
     smooth = problem.made(images=False)
-    fits = [*_fit_strong(smooth, hypothesis, nominal), *_fit_weak(smooth, hypothesis, nominal)]
+    fits = [*([] if quiet else _fit_strong(smooth, hypothesis, nominal)), *_fit_weak(smooth, hypothesis, nominal)]
     fits.sort(key=lambda fit: fit.cost)
     if fits:
         gain = nominal.cost - problem.cost(hypothesis, fits[0].u, fits[0].nu)
@@ -159,8 +161,8 @@ def _fit_weak(problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Fi
     fits = []
     for dwell, *_ in coarse:
         near = np.maximum(dwell + around, scale.shortest)
-        _, u, nu = _most_promising(problem, hypothesis, nominal, near)[0]
-        fits += _fit(problem, hypothesis, u, nu, (REFINED.error,))
+        for _, u, nu in _most_promising(problem, hypothesis, nominal, near)[:1]:
+            fits += _fit(problem, hypothesis, u, nu, (REFINED.error,))
     return fits
 
 
@@ -177,11 +179,11 @@ def _gains(problem: Problem, score: Score, dwells: FloatArray) -> tuple[FloatArr
 def _most_promising(
     problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray
 ) -> list[tuple[float, FloatArray, FloatArray]]:
-    """The dwells that promise most, each with the coordinates and the nuisances that go with it; best first."""
+    """The dwells that promise most, beyond chance, each with the coordinates and nuisances that go with it; best first."""
     found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, REFINED.dwells_at_once))
     gain, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
     apart = 1.5 * WEAK.even_step * SweepScale.of(hypothesis).shortest
-    chosen = _minima(dwells, (-gain).tolist(), apart, WEAK.kept)
+    chosen = [k for k in _minima(dwells, (-gain).tolist(), apart, WEAK.kept) if gain[k] > WEAK.least]
     places = [np.split(np.concatenate([nominal.u, nominal.nu]) + moved[k], [1]) for k in chosen]
     return [
         (float(dwells[k]), hypothesis.clipped(np.array([u[0], np.log(dwells[k])])), nu)

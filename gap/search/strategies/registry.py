@@ -20,9 +20,9 @@ from rigtwin.gap.search.strategies.two_planes import TwoPlanes
 class Dwells(Strategy):
     """A sweep that is too fast: its misfit has thousands of minima along the dwell."""
 
-    def scan(self, problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Promise]:
+    def scan(self, problem: Problem, hypothesis: Hypothesis, nominal: Fit, quiet: bool) -> list[Promise]:
         """The best dwells; see ``dwell``."""
-        fits = dwell_fits(problem, hypothesis, nominal)[: RACE.rivals]
+        fits = dwell_fits(problem, hypothesis, nominal, quiet)[: RACE.rivals]
         return gains_of(problem, [Start(hypothesis, fit.u, fit.nu) for fit in fits], nominal)
 
 

@@ -23,9 +23,9 @@ class Strategy:
         """Starts that only a grid of its own finds, far from the nominal model, with a relative error added."""
         return []
 
-    def scan(self, problem: Problem, hypothesis: Hypothesis, nominal: Fit) -> list[Promise]:
+    def scan(self, problem: Problem, hypothesis: Hypothesis, nominal: Fit, quiet: bool) -> list[Promise]:
         """Starts by a grid where misfit has so many minima that neither descents nor first-order steps find the right
-        one; best first, empty where they do."""
+        one; best first, empty where they do. ``quiet``: whether the nominal model leaves what noise may leave."""
         return []
 
     def promise(self, problem: Problem, score: Score, hypothesis: Hypothesis) -> list[Promise]:

@@ -79,8 +79,7 @@ def report(
 
     Parameters
     ----------
-    findings : of the audit
-    exclude : ids of effects that were withheld
+    findings, exclude : those of the audit, and ids of effects that were withheld
     confirm : measures the corrected rotor on the virtual rig; None: the model's figure stands
     """
     findings = (*findings, *_form_finding(answer))

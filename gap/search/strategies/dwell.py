@@ -179,7 +179,7 @@ def _gains(problem: Problem, score: Score, dwells: FloatArray) -> tuple[FloatArr
 def _most_promising(
     problem: Problem, hypothesis: Hypothesis, nominal: Fit, dwells: FloatArray
 ) -> list[tuple[float, FloatArray, FloatArray]]:
-    """The dwells that promise most, beyond chance, each with the coordinates and nuisances that go with it; best first."""
+    """The dwells that promise most, beyond chance, each with its coordinates and nuisances; best first."""
     found = each(partial(_gains, problem, Score(problem, nominal)), _in_blocks(dwells, REFINED.dwells_at_once))
     gain, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
     apart = 1.5 * WEAK.even_step * SweepScale.of(hypothesis).shortest

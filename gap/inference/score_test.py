@@ -80,6 +80,11 @@ class Score:
         """What the nominal model believes."""
         return self._problem.forward.condition(self._problem.runs[0], self.fit.k_b)
 
+    def tolerances_of(self, change: FloatArray) -> dict[str, float]:
+        """Of a change of the fit's (u, nu), what the workshop's tolerances have of it, by their names."""
+        nuisances, names = self._problem.nuisances, self._problem.forward.workshop.names
+        return dict(zip(names, change[len(self.fit.u) :][nuisances.tolerance].tolist(), strict=True))
+
     def gain(self, effects: Sequence[Effect]) -> tuple[float, float, FloatArray]:
         """To first order, the misfit that these small effects take away once they are scaled.
 

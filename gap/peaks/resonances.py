@@ -92,13 +92,8 @@ class Rotor:
         return self._solve_batch(low, high, k_b)
 
     def _system(self, k_b: float, rigid: bool, effects: Sequence[Effect]) -> LinearSystem:
-        condition = Condition(
-            k_b=k_b,
-            rigid_support=rigid,
-            bearing_damping=self.belief.bearing_damping_Ns_per_m,
-            shaft_damping_ratio=self.belief.shaft_damping_ratio,
-            excitation_node=self.node,
-        )
+        c, zeta = self.belief.bearing_damping_Ns_per_m, self.belief.shaft_damping_ratio
+        condition = Condition(k_b, rigid, bearing_damping=c, shaft_damping_ratio=zeta, excitation_node=self.node)
         system = build_system(self.structure, condition, effects)
         return system if system.couples_planes() else system.in_plane(1)
 

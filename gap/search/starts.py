@@ -65,7 +65,7 @@ def promises(score: Score, hypothesis: Hypothesis, pair: Hypothesis | None = Non
     found = []
     for point in _from_nominal(fit, hypothesis, score.condition):
         gain, scale, moved = score.gain(hypothesis.effects(point[1:]))
-        stronger = _scaled(term, point[1:], scale, score.condition)
+        stronger = _scaled(score, term, point[1:], scale, moved)
         u = fit.u if stronger is None else fit.hypothesis.clipped(fit.u + moved[: len(fit.u)])
         nu = fit.nu if stronger is None else fit.nu + moved[len(fit.u) :]
         start = Start(pair or hypothesis, np.concatenate([u, point[1:] if stronger is None else stronger]), nu)
@@ -132,32 +132,32 @@ def _null(term: Term, free: Free, condition: Condition) -> float | None:
     return float(getattr(condition, null)) if isinstance(null, str) else null
 
 
-def _scaled(term: Term, point: FloatArray, scale: float, condition: Condition) -> FloatArray | None:
+def _scaled(score: Score, term: Term, point: FloatArray, scale: float, moved: FloatArray) -> FloatArray | None:
     """A weak effect made so many times stronger; None where its range is on the other side of nothing.
 
-    Numbers of which not one alone decides whether the effect does something stay as they are.
+    Numbers of which not one alone decides whether the effect does something stay as they are. One that replaces a
+    number of the workshop takes over what the tolerance of that one gives up as the fit has ``moved``.
     """
-    nulls = {k: _null(term, free, condition) for k, free in enumerate(term.free) if not free.along_shaft}
+    nulls = {k: _null(term, free, score.condition) for k, free in enumerate(term.free) if not free.along_shaft}
     known = {k: null for k, null in nulls.items() if null is not None}
     both_ways = known and all(term.free[k].low < null < term.free[k].high for k, null in known.items())
     if scale <= 0 and not both_ways:
         return None
-    at = point.copy()
+    at, taken = point.copy(), score.tolerances_of(moved)
     for k, null in known.items():
-        replaced = isinstance(term.effect.parameters()[term.free[k].name].null, str)
-        # A number that replaces one that is believed begins where the tolerance of that one has come to.
-        at[k] = _stronger(term.free[k], at[k], null, 0.0 if replaced else scale)
+        replaced = str(term.effect.parameters()[term.free[k].name].null)
+        at[k] = _stronger(term.free[k], at[k], null, scale, taken.get(replaced, 0.0))
     return at
 
 
-def _stronger(free: Free, u: float, null: float, scale: float) -> float:
-    """A coordinate so many times as far from the value at which its number does nothing."""
+def _stronger(free: Free, u: float, null: float, scale: float, taken: float) -> float:
+    """A coordinate so many times as far from the value at which its number does nothing, of which a share is taken."""
     if np.isinf(null):
         moved = u - np.log(scale)
     elif free.log and null == 0:
         moved = u + np.log(scale)
     elif free.log:
-        moved = np.log(max(null + scale * (np.exp(u) - null), free.low))
+        moved = np.log(max(null * (1 + taken) + scale * (np.exp(u) - null), free.low))
     else:
         moved = null + scale * (u - null)
     return float(np.clip(moved, *free.ends))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -67,8 +68,12 @@ class Score:
         here = replace(fit, precision=curvature(parts, len(gradient)))
         self._covariance = here.covariance(held=held)
         self._unsettled = gradient if settled else np.zeros(len(gradient))
-        others = _with_less_repeatability(problem, here, held) if settled else ()
-        self._beliefs = [_Belief(self._covariance, fit.prior_std, np.zeros(len(gradient)), 0.0), *others]
+        self._others = partial(_with_less_repeatability, problem, here, held) if settled else tuple
+
+    @cached_property
+    def _beliefs(self) -> list[_Belief]:
+        """The fit's own belief first."""
+        return [_Belief(self._covariance, self.fit.prior_std, np.zeros(len(self._covariance)), 0.0), *self._others()]
 
     @property
     def misfit(self) -> float:
@@ -198,13 +203,14 @@ def _with_less_repeatability(problem: Problem, fit: Fit, held: BoolArray) -> Ite
     """Beliefs with one of the learned repeatabilities halved again and again, down to what is usual."""
     learned = problem.nuisances.learned
     best = [each.of(fit.prior_std) for each in learned]
+    probable = with_sizes(fit, learned, best, 1.0)[0]
     for k, each in enumerate(learned):
         for size in best[k] / 2.0 ** np.arange(1, np.log2(max(best[k] / each.median, 1.0)) + 1):
             std, sizes = fit.prior_std.copy(), [*best[:k], size, *best[k + 1 :]]
             std[each.places] = size
-            less = with_sizes(fit, learned, best, 1.0)[0] - with_sizes(fit, learned, sizes, 1.0)[0]
+            less = 2 * (probable - with_sizes(fit, learned, sizes, 1.0)[0])
             pull = np.append(np.zeros(len(fit.u)), (1 / fit.prior_std**2 - 1 / std**2) * fit.nu)
-            yield _Belief(replace(fit, prior_std=std).covariance(held=held), std, pull, 2 * less)
+            yield _Belief(replace(fit, prior_std=std).covariance(held=held), std, pull, less)
 
 
 def _gain(slope: FloatArray, told: FloatArray, size: FloatArray) -> tuple[float, int]:

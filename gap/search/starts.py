@@ -122,8 +122,7 @@ def _weakly(free: Free, null: float | None) -> float:
         return high - WEAK.share * (high - low)
     if free.log:
         null = float(np.log(null)) if null > 0 else low
-    share = WEAK.beside if low < null < high else WEAK.share
-    return float(np.clip(null + share * (high - low), low, high))
+    return float(np.clip(null + (WEAK.beside if low < null < high else WEAK.share) * (high - low), low, high))
 
 
 def _null(term: Term, free: Free, condition: Condition) -> float | None:

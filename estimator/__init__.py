@@ -8,7 +8,7 @@ module                  what it holds                                           
 ``dataset``             rigs measured through the FMU                            ``measure_rigs``
 ``network``             the network (torch)                                      ``StiffnessNetwork``
 ``training``            fit, calibrate, export to ONNX                           ``train``
-``intervals``           the width of a 90 % interval                             ``Z90``
+``intervals``           the width of a 90 % interval                             ``Z90``, ``BETWEEN_CODES``
 ``onnx_file``           ONNX files in use                                        ``onnx_session``
 ``runtime``             the ONNX file in use: numpy and onnxruntime only         ``StiffnessEstimator``
 ``validity``            why an estimate is not valid, in sentences              ``objections``

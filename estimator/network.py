@@ -17,12 +17,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from rigtwin.estimator.intervals import BETWEEN_CODES
+
 # What the network's own log k_b is relative to [N/m].
 K_REF = 1e7
 
-# Logarithms of the least and the largest error that a curve may have of its own. By what two codes with fine meshes
-# make of the same rig, k_b differs by 0.01 %, whatever the calibration rigs say.
-_OWN_ERROR = (math.log(1.2e-4), 0.0)
+# Logarithms of the least and the largest error that a curve may have of its own, whatever the calibration rigs say.
+_OWN_ERROR = (math.log(BETWEEN_CODES), 0.0)
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class StiffnessFinder:
     ):
         self._structure, self._range, self._node = structure, k_b, node
         self._damping = condition or Condition()
-        self._rigid = self._frequencies(rigid=True)
+        self.rigid = self._frequencies(rigid=True)  # (2,) first two frequencies on rigid supports [Hz]
 
     def shifts(self, k_b: float) -> np.ndarray:
         """(2,) shifts of modes 1 and 2, rigid minus bearing support [Hz].
@@ -56,7 +56,7 @@ class StiffnessFinder:
         >>> StiffnessFinder(assemble(load_rig("nit-rourkela"))).shifts(k_b=1e7).round(1)
         array([ 4., 26.])
         """
-        return self._rigid - self._frequencies(k_b=k_b)
+        return self.rigid - self._frequencies(k_b=k_b)
 
     def from_shift(self, mode: int, shift_hz: float) -> float:
         """k_b at which one mode has this shift [N/m]; nan where none in the range has."""

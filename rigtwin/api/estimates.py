@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,10 +12,10 @@ from typing import Any, Literal, TypeGuard
 from rigtwin.api.fmus import SHIPPED_RIG, open_estimator, trained_rig
 from rigtwin.api.responses import fit_responses
 from rigtwin.api.rigs import as_rig, refuse_tables
-from rigtwin.api.workshop_errors import workshop_error
+from rigtwin.api.workshop_errors import Asked, as_the_workshop_knows, workshop_error
 from rigtwin.errors import UserError, existing, for_users
 from rigtwin.estimator.features import FEATURE_NAMES, Features, features_of_peaks, features_of_runs
-from rigtwin.estimator.intervals import Z90
+from rigtwin.estimator.intervals import BETWEEN_CODES, Z90
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import Estimate
 from rigtwin.estimator.validity import objections
@@ -74,7 +74,7 @@ class Answer:
     estimate: Estimate
     objections: list[str]  # why it is not valid
     method: Method = "network"
-    workshop_error: float = math.nan  # standard error of ln k_b by what is usually off in a rig, beside the interval
+    workshop_error: float = math.nan  # standard error of ln k_b by what is usually off in a rig, where no campaign says
 
     def record(self) -> dict[str, Any]:
         """For a machine."""
@@ -215,7 +215,8 @@ def answer_tests(
             tests, remarks = _tests(sources, numbers, settings, asked)
             if known is None and sources:
                 _check_resonances(sources, settings, asked)
-            return Answers(tuple(asked.answer(test) for test in tests), tuple(remarks))
+            belief = next((s.nominal for s in sources if isinstance(s, Campaign)), None)
+            return Answers(tuple(asked.answer(test, belief) for test in tests), tuple(remarks))
     except CoarseRasterError as error:
         if method or estimator:
             raise
@@ -227,7 +228,7 @@ def answers_of_runs(runs: Sequence[Run], rig: str, estimator: Path | None, *, tr
     """Answer every rigid and bearing pair among some runs."""
     with _asked(rig, estimator, trust) as asked:
         pairs, remarks = _pairs(runs, asked.node)
-        return Answers(tuple(asked.answer(pair) for pair in pairs), tuple(remarks))
+        return Answers(tuple(asked.answer(pair, None) for pair in pairs), tuple(remarks))
 
 
 # -- who answers -----------------------------------------------------------------------------------------
@@ -250,10 +251,13 @@ class _Asked:
     rig: str
     node: int | None  # where the force has to act; None: anywhere
     model: Rig | None  # where its file is known
-    ask: Callable[[Features], tuple[Estimate, list[str]]]
+    ask: Asked
 
-    def answer(self, test: _Test) -> Answer:
-        """Of one test."""
+    def answer(self, test: _Test, belief: NominalBelief | None) -> Answer:
+        """Of one test of a rig that is known as a campaign says, or of one that nobody says anything of."""
+        if belief and self.model:
+            found = as_the_workshop_knows(self.ask, self.model, belief, test.features)
+            return Answer(test.name, test.features, *found, self.name)
         estimate, against = self.ask(test.features)
         beside = workshop_error(self.model, test.features, estimate.k_b) if self.model and estimate.valid else math.nan
         return Answer(test.name, test.features, estimate, against, self.name, beside)
@@ -317,7 +321,8 @@ def _by_responses(campaign: Campaign, features: Features | None = None) -> Answe
     refuse_tables(rig, "an estimate of k_b")
     limits = rig.k_b
     found = fit_responses(campaign)
-    low, high = (found.k_b * math.exp(z * found.log_std) for z in (-Z90, Z90))
+    log_std = math.hypot(found.log_std, BETWEEN_CODES)
+    low, high = (found.k_b * math.exp(z * log_std) for z in (-Z90, Z90))
     against = []
     if not found.explained:
         against.append(
@@ -331,7 +336,7 @@ def _by_responses(campaign: Campaign, features: Features | None = None) -> Answe
         )
     if not limits.min_N_per_m < found.k_b < limits.max_N_per_m:
         against.append(f"k_b = {found.k_b:.4g} N/m is at the end of the range that the rig file gives")
-    estimate = Estimate(found.k_b, found.k_b * found.log_std, low, high, valid=not against)
+    estimate = Estimate(found.k_b, found.k_b * log_std, low, high, valid=not against)
     features = features or Features(*[math.nan] * len(FEATURE_NAMES))
     return Answer(" / ".join(run.name for run in campaign.runs), features, estimate, against, "responses")
 

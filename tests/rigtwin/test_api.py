@@ -123,7 +123,8 @@ def test_runs_estimate_as_their_files_do(swept):
     assert found.k_b == told["k_b"] != 0
     assert (found.best.method, found.best.estimate.valid) == ("network", True)
     asked = rigtwin.estimate(rigtwin.Campaign("", "nit-rourkela", runs), method="network")
-    assert asked.k_b == found.k_b
+    assert_allclose(asked.k_b, found.k_b, rtol=1e-4)  # the two shifts weigh by what the rig may be off as well
+    assert asked.best.estimate.k_b_std > 5 * found.best.estimate.k_b_std
 
 
 # -- k_b of another rig ------------------------------------------------------------------------------------
@@ -147,7 +148,7 @@ def test_another_rig_is_estimated_on_its_model(own_runs):
     assert found.best.estimate.valid
     assert_allclose(found.k_b, 3.4e6, rtol=1e-4)
     campaign = rigtwin.Campaign("", str(OWN_ROTOR), own_runs)
-    assert rigtwin.estimate(campaign, method="model").k_b == found.k_b
+    assert_allclose(rigtwin.estimate(campaign, method="model").k_b, found.k_b, rtol=1e-6)
     by_lines = rigtwin.estimate(campaign).best
     assert (by_lines.method, by_lines.features) == ("responses", found.best.features)
     assert by_lines.estimate.k_b_low < 3.4e6 < by_lines.estimate.k_b_high

@@ -75,14 +75,17 @@ def test_too_few_lines_for_shifts_are_all_lines_together(tmp_path, shipped):
 
 @pytest.mark.parametrize(("name", "holds"), [("ross_nothing", True), ("ross_pedestals", False)])
 def test_a_campaign_is_answered_by_all_lines_as_its_workshop_knows_the_rig(name, holds):
-    """Of rotors that another code has computed; the shifts alone are surer than they may be."""
+    """Of rotors that another code has computed; of two files alone, the shifts are surer than they may be."""
     stored = ROOT / "benchmarks" / "stored_campaigns" / name
     true = json.loads((stored / "truth" / "label.json").read_text(encoding="utf-8"))["k_b"]
     (told,) = run_json("estimate", stored / "measured")["estimates"]
     assert (told["method"], told["valid"], told["delta_f1"] > 0) == ("responses", holds, True)
     assert (told["k_b_low"] < true < told["k_b_high"]) == holds
     (shifts,) = run_json("estimate", stored / "measured", "--method", "network")["estimates"]
-    assert not shifts["k_b_low"] < true < shifts["k_b_high"]
+    assert (shifts["k_b_low"] < true < shifts["k_b_high"]) == holds
+    files = stored / "measured" / "run01_rigid_1N.csv", stored / "measured" / "run02_bearing_1N.csv"
+    (as_drawn,) = run_json("estimate", *files, "--method", "network")["estimates"]
+    assert not as_drawn["k_b_low"] < true < as_drawn["k_b_high"]
 
 
 def test_drifts_that_would_hide_a_gap_are_an_objection(shipped):

@@ -114,6 +114,11 @@ class Run:
                 wrong = f"node {node} does not exist, the rig has {n_nodes}"
                 raise MeasurementError(f"run {self.name!r}, {label}: {wrong}; correct one of them")
 
+    def at_order(self, order: int) -> Run:
+        """The same run at ``order`` times its frequencies, where its harmonics of this order are, and with none."""
+        swept = None if self.swept_hz is None else order * self.swept_hz
+        return replace(self, frequency_hz=order * self.frequency_hz, swept_hz=swept, harmonics={})
+
     def on_lines(self, lines: NDArray[np.bool_] | slice) -> Run:
         """The same run with some of its lines; ``swept_hz`` keeps all lines that were swept."""
         return replace(

@@ -44,8 +44,7 @@ def _of_each(problem: Problem, fit: Fit) -> Iterator[float]:
         observed, run, gains = problem.observed[r], problem.runs[r], problem.nuisances.gains(fit.nu, r, modal)
         for order, measured in {} if run.magnitude_only else run.harmonics.items():
             left = measured - gains * modal.harmonic(order, *problem.nuisances.of_run(fit.nu, r, modal))
-            there = replace(run, frequency_hz=order * run.frequency_hz, harmonics={})
-            plain = problem.forward.modal(there, fit.k_b, acting(linear, run.support))
+            plain = problem.forward.modal(run.at_order(order), fit.k_b, acting(linear, run.support))
             by_exciter = gains * plain.response(*problem.nuisances.of_run(fit.nu, r, plain))
             variance = observed.std**2 + (_ERRORS.sensor * np.abs(run.H)) ** 2
             variance = variance + (_ERRORS.model * np.abs(measured - left)) ** 2

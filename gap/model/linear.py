@@ -170,10 +170,7 @@ class Modal(RunModel):
     @cached_property
     def _towards_damping(self) -> ComplexArray:
         """(MODES,) ``towards_damping`` of each resonance."""
-        found, group = np.zeros(MODES, dtype=complex), self.groups[0]
-        upper = np.flatnonzero((group.mode >= 0) & (group.poles.imag > 0))
-        found[group.mode[upper]] = towards_damping(group.poles[upper])
-        return found
+        return of_resonances_towards_damping(self.groups[0].poles, self.groups[0].mode)
 
     def _motion(self, group: Group, shares: ComplexArray, factors: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """(n_freq, n_channels + 1) receptance and the residues that it is made of."""
@@ -313,6 +310,13 @@ def _heights(group: Group, drift: ComplexArray | None) -> FloatArray:
 def towards_damping(poles: ComplexArray) -> ComplexArray:
     """(n,) relative shift of poles when their dampings grow by one of themselves: i zeta, -i zeta of the conjugates."""
     return -1j * np.sign(poles.imag) * poles.real / np.maximum(np.abs(poles), 1e-300)
+
+
+def of_resonances_towards_damping(poles: ComplexArray, mode: IntArray) -> ComplexArray:
+    """(MODES,) ``towards_damping`` of each resonance; 0 where there is none."""
+    found, upper = np.zeros(MODES, dtype=complex), np.flatnonzero((mode >= 0) & (poles.imag > 0))
+    found[mode[upper]] = towards_damping(poles[upper])
+    return found
 
 
 def holds(columns: IntArray, others: IntArray) -> bool:

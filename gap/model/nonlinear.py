@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from rigtwin.gap.model.branch import Branch, Known
-from rigtwin.gap.model.linear import chain_factors, towards_damping
+from rigtwin.gap.model.linear import chain_factors, of_resonances_towards_damping, towards_damping
 from rigtwin.gap.model.motion_slopes import MotionSlopes
 from rigtwin.gap.model.motions import Drive, Resolution, Solved
 from rigtwin.gap.model.run_model import RunModel
@@ -79,7 +79,7 @@ class NonlinearModal(RunModel):
             ]
             by_tolerance = slopes.by_rotors(near, _TOLERANCE_STEP)
         else:
-            by_tolerance = np.tensordot(self.sensitivity.T, D[:most], axes=1)
+            by_tolerance = np.tensordot(self._of_drifts.T, D, axes=1)
         every = np.concatenate([D, by_tolerance, slopes.by_level()])
         return solved.H, np.where(solved.tells[:, None], every, 0.0)
 
@@ -105,6 +105,16 @@ class NonlinearModal(RunModel):
             self._driven[level] = replace(self, level=float(level), _solved={}, _driven={})
         return self._driven[level]
 
+    @cached_property
+    def _of_drifts(self) -> FloatArray:
+        """(2 MODES, n_tolerances) drifts, of frequency and of damping, that do to the resonances what tolerances do.
+
+        Under a force law a response is no analytic function of the poles: the two parts act each in its own way.
+        """
+        zeta = of_resonances_towards_damping(self.balance.values, self.mode).imag[:, None]
+        damped = np.where(zeta > 0, self.sensitivity.imag / np.where(zeta > 0, zeta, 1.0), 0.0)
+        return np.concatenate([self.sensitivity.real, damped])
+
     @property
     def frequencies_hz(self) -> FloatArray:
         """Resonances of the linear part that may drift, lowest first [Hz]."""
@@ -123,7 +133,7 @@ class NonlinearModal(RunModel):
         if order > self.resolution.harmonics:
             return super().harmonic(order, drift, tolerance, level)
         solved = self.at_level(level).motions(drift, tolerance)
-        there = replace(self.run, frequency_hz=order * self.run.frequency_hz, harmonics={})
+        there = self.run.at_order(order)
         chain = chain_factors(self.effects, there, np.arange(len(there.channels)))
         drive = Drive(there, level, chain)
         sensors = drive.by_force(solved.balance)[0][:, :, :-1]

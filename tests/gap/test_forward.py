@@ -271,12 +271,18 @@ def test_a_tolerance_acts_beside_an_effect(tolerance, support, drive):
 def test_a_tolerance_acts_as_it_does_under_the_effect(tolerance, effect):
     size, support = 1e-3, "rigid" if effect.location == "rigid_support" else "bearing"
     run = blank(support, lines(support, [effect]))
-    model = Forward(WORKSHOP)
-    model.bend(run, K_B, [effect])
+    model = Forward(WORKSHOP).at(np.zeros(len(WORKSHOP.tolerances)), K_B, [effect])
     structure = assemble(rebuilt(tolerance, size), elements_between_nodes=ELEMENTS)
     expected = measured_response(structure, condition(support), [effect], run.frequency_hz)
     given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index(tolerance)])
     assert np.abs(given - expected).max() < 0.01 * np.abs(expected - truth(run, [effect])).max()
+
+
+def test_tolerances_act_alike_whatever_was_asked_before():
+    run, tolerance = blank("bearing", lines("bearing")), np.full(len(TOLERANCES), 1e-3)
+    first, other = Forward(WORKSHOP), Forward(WORKSHOP)
+    other.modal(run, 8 * K_B).response(None, tolerance)
+    assert np.array_equal(*(each.modal(run, K_B).response(None, tolerance) for each in (first, other)))
 
 
 @pytest.mark.parametrize("tolerance", TOLERANCES)
@@ -284,7 +290,7 @@ def test_a_tolerance_changes_how_much_the_bearings_damp(tolerance):
     """A stiffer shaft moves more in its bearings: by as much the dashpots there take from each mode."""
     size, here = 1e-4, condition("bearing")
     run = blank("bearing", lines("bearing"))
-    model = Forward(WORKSHOP)
+    model = Forward(WORKSHOP).at(np.zeros(len(TOLERANCES)), K_B)
     structure = assemble(rebuilt(tolerance, size), elements_between_nodes=ELEMENTS)
     before, after = (damped_modes(build_system(each, here, ())).damping_ratio[:4:2] for each in (STRUCTURE, structure))
     relative = model.modal(run, K_B).sensitivity[:2, TOLERANCES.index(tolerance)] * size
@@ -302,8 +308,7 @@ def test_tolerances_let_the_exciter_reach_a_mode_that_it_hardly_reached():
     expected, plain = (
         measured_response(each, condition("bearing"), [effect], run.frequency_hz) for each in (structure, STRUCTURE)
     )
-    model = Forward(WORKSHOP)
-    model.bend(run, K_B, [effect])
+    model = Forward(WORKSHOP).at(np.zeros(len(WORKSHOP.tolerances)), K_B, [effect])
     given = model.modal(run, K_B, [effect]).response(None, size * np.eye(len(TOLERANCES))[TOLERANCES.index("span")])
     assert np.abs(given - expected).max() < 0.02 * np.abs(expected - plain).max()
 

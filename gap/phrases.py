@@ -51,7 +51,7 @@ def part(value: float) -> str:
         return "unknown"
     if value > 0.999:
         return "over 99.9 %"
-    if 0 <= value < 1e-3:
+    if abs(value) < 1e-3:
         return "under 0.1 %"
     decimals = 1 if 0 < value < 0.0995 or value > 0.99 else 0
     return f"{100 * value:.{decimals}f} %".replace("-", "−")

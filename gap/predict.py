@@ -68,7 +68,7 @@ class _Models:
 def _models(diagnosis: Diagnosis) -> _Models:
     effects, k_b = corrected_rotor(diagnosis)
     nominal = diagnosis.nominal.get("calibration", Calibration())
-    calibration = diagnosis.calibration if diagnosis.names_a_cause else nominal
+    calibration = diagnosis.calibration if diagnosis.names_a_cause else replace(nominal, sensor_gain={})
     if diagnosis.correction:
         calibration = diagnosis.correction.calibration
     return _Models(

@@ -145,7 +145,7 @@ def proposals(problem: Problem, fits: Sequence[Fit]) -> list[Proposal]:
     for support in ("bearing", "rigid"):
         run = _template(problem.runs, support, lines)
         made += _driven(problem.runs, run, structure, run.support in {r.support for r in problem.runs})
-    run = _template(problem.runs, "bearing", lines)
+    run = _template(problem.runs, "bearing" if problem.with_k_b else "rigid", lines)
     here = f"on {supports(run.support)} at node {run.excitation_node}"
     if any(nonlinear(fit.effects) for fit in fits):
         levels = tuple(run.at_force(factor) for factor in PROPOSED.levels)

@@ -51,7 +51,7 @@ class Answer:
     whole: Problem  # of all lines
     problem: Problem  # that the fits belong to
     fitted: Fit  # the recalibrated nominal model by the data's own errors
-    nominal: Fit  # the same, as it is reported; see ``matched``
+    nominal: Fit  # the same, as it is reported; see ``fit_lines_alike``
     ranked: Ranked
     standing: Standing
     verdict: Verdict
@@ -93,7 +93,7 @@ def report(
         rig=Path(campaign.rig).name,
         verdict=named.verdict,
         sentence="",
-        nominal=_nominal_figures(campaign, answer, curves),
+        nominal=_nominal_figures(answer, curves),
         where=where,
         causes=named.causes,
         equivalent=named.equivalent,
@@ -197,7 +197,7 @@ def _doubt(standing: Standing) -> float:
     return standing.excess**2 / (1 + standing.excess**2)
 
 
-def _nominal_figures(campaign: Campaign, answer: Answer, curves: Sequence[Curve]) -> dict[str, Any]:
+def _nominal_figures(answer: Answer, curves: Sequence[Curve]) -> dict[str, Any]:
     """What the diagnosis says about the recalibrated nominal model."""
     problem, nominal = answer.problem, answer.nominal
     return {

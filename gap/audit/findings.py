@@ -90,7 +90,7 @@ def _drop_dead_channels(p: CheckedRun, geometry: Geometry) -> CheckedRun | None:
 
 def _drop_findings_of_wrong_names(findings: Sequence[Finding], named: Sequence[Finding]) -> Iterator[Finding]:
     """Leave out findings on delay, sign and units of runs with wrong labels: these look like such faults."""
-    wrong = {f.run for f in named if f.severity == "error"}
+    wrong = {label for f in named if f.severity == "error" for label in f.run.split(", ")}
     return (f for f in findings if f.run not in wrong or f.check not in _OF_RIGHT_NAMES)
 
 

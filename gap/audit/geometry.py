@@ -11,7 +11,7 @@ import numpy as np
 from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.rotor.frequency.modal import natural_frequencies_hz
 from rigtwin.rotor.geometry.assembly import assemble
-from rigtwin.rotor.geometry.rig import load_rig
+from rigtwin.rotor.geometry.rig import Rig, load_rig
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
@@ -30,6 +30,7 @@ class Geometry:
     bearings: frozenset[int] = frozenset()  # nodes of supports with the stiffness k_b
     fixed: frozenset[int] = frozenset()  # nodes that are held in every run
     structure: Structure | None = None
+    rig: Rig | None = None
 
     def held_nodes(self, run: Run) -> frozenset[int]:
         """Nodes that cannot move in a run."""
@@ -59,9 +60,10 @@ class Geometry:
 
     @cached_property
     def _k_b(self) -> tuple[float, float]:
-        """That range."""
+        """That range, no further than the rig's file allows."""
         assert self.structure is not None
-        return scale_of(self.structure).k_b
+        assert self.rig is not None
+        return self.rig.k_b.limit(*scale_of(self.structure).k_b)
 
     def low_response(self, run: Run) -> tuple[FloatArray, FloatArray] | None:
         """Sign of the receptance below the first resonance, and the first resonance at the stiffest.
@@ -126,6 +128,6 @@ def geometry_of(rig: str) -> Geometry:
         table = load_rig(rig)
         structure = assemble(table)
         fixed = frozenset(s.node for s in table.support if s.stiffness == "rigid")
-        return Geometry(frozenset(structure.bearing_nodes), fixed, structure)
+        return Geometry(frozenset(structure.bearing_nodes), fixed, structure, table)
     except (ValueError, OSError, ArithmeticError):
         return Geometry()

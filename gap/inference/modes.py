@@ -92,7 +92,7 @@ def resonance_residual(modal: Modal, measured: Sequence[MeasuredMode], tolerance
     poles = np.full(len(measured), np.nan, dtype=complex)
     residues = np.zeros((len(measured), n_channels), dtype=complex)
     moved = np.zeros(len(measured), dtype=complex)
-    extra = np.zeros(MODES)
+    unmatched = []
     for group in modal.groups:
         upper = np.flatnonzero((group.mode >= 0) & (group.poles.imag > 0))
         pairs = _counterparts(group, upper, measured)
@@ -102,10 +102,11 @@ def resonance_residual(modal: Modal, measured: Sequence[MeasuredMode], tolerance
             poles[k], residues[k, group.columns] = group.poles[j], group.residues[:-1, j] * group.chain[line]
             spread = modal.sensitivity[group.mode[j]] * tolerance_std
             moved[k] = np.linalg.norm(spread.real) + 1j * np.linalg.norm(spread.imag)
-        others = np.setdiff1d(upper, upper[[place for place, _ in pairs]])
-        extra[group.mode[others]] = _seen(modal, group, others, measured)
-    if modal.run.quantity == "acceleration":
-        residues *= _unit(residues, measured)
+        unmatched.append((group, np.setdiff1d(upper, upper[[place for place, _ in pairs]])))
+    unit = _unit(residues, measured) if modal.run.quantity == "acceleration" else 1.0
+    residues, extra = unit * residues, np.zeros(MODES)
+    for group, others in unmatched:
+        extra[group.mode[others]] = _seen(modal, group, others, measured, unit)
     parts = [_of_mode(mode, *found) for mode, *found in zip(measured, poles, residues, moved, strict=True)]
     return np.concatenate([*parts, extra / TEMPERED.shape])
 
@@ -131,11 +132,13 @@ def _of_mode(mode: MeasuredMode, pole: Any, residues: ComplexArray, moved: Any) 
     return np.concatenate([there, shape.real, shape.imag])
 
 
-def _seen(modal: Modal, group: Group, others: IntArray, measured: Sequence[MeasuredMode]) -> FloatArray:
+def _seen(modal: Modal, group: Group, others: IntArray, measured: Sequence[MeasuredMode], unit: float) -> FloatArray:
     """(n_others,) heights of resonances that were not measured, over the smallest one that was, at most 1."""
     smallest = min((np.linalg.norm(m.residues[group.columns]) / -m.pole.real for m in measured), default=np.inf)
-    heights = np.linalg.norm(group.residues[:-1, others], axis=0) / np.maximum(
-        -group.poles[others].real, 1e-12 * np.abs(group.poles[others])
+    heights = (
+        unit
+        * np.linalg.norm(group.residues[:-1, others], axis=0)
+        / np.maximum(-group.poles[others].real, 1e-12 * np.abs(group.poles[others]))
     )
     inside = (group.poles[others].imag > modal.omega[0]) & (group.poles[others].imag < modal.omega[-1])
     return np.where(inside, np.minimum(heights / max(smallest, np.finfo(float).tiny), 1.0), 0.0)

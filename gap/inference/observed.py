@@ -59,7 +59,8 @@ class Observed:
         std = None if self.run.std is None else self.run.std / factor
         harmonics = {order: values / factor for order, values in self.run.harmonics.items()}
         run = replace(self.run, H=self.run.H / factor, std=std, harmonics=harmonics)
-        return replace(self, run=run, std=self.std / factor)
+        resonances = tuple(replace(mode, residues=mode.residues / factor) for mode in self.resonances)
+        return replace(self, run=run, std=self.std / factor, resonances=resonances)
 
     @property
     def parts(self) -> int:

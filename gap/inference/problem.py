@@ -220,9 +220,10 @@ class Problem:
         return self._like(observed=tuple(observed), runs=tuple(o.run for o in observed))
 
     def loosened(self, factor: float) -> Problem:
-        """The same with priors of the nuisances wider by a factor."""
+        """The same with priors of the nuisances wider by a factor, and none that is learned."""
         made = Problem(self.forward, self.observed, self.model_error)
         made.nuisances.std *= factor
+        made.nuisances.learned = ()
         return made
 
     def at_believed_levels(self) -> Problem:

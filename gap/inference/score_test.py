@@ -205,7 +205,7 @@ def _with_less_repeatability(problem: Problem, fit: Fit, held: BoolArray) -> Ite
     best = [each.of(fit.prior_std) for each in learned]
     probable = with_sizes(fit, learned, best, 1.0)[0]
     for k, each in enumerate(learned):
-        for size in best[k] / 2.0 ** np.arange(1, np.log2(max(best[k] / each.median, 1.0)) + 1):
+        for size in best[k] / 2.0 ** np.arange(1, int(np.log2(max(best[k] / each.median, 1.0))) + 1):
             std, sizes = fit.prior_std.copy(), [*best[:k], size, *best[k + 1 :]]
             std[each.places] = size
             less = 2 * (probable - with_sizes(fit, learned, sizes, 1.0)[0])

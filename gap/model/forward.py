@@ -254,7 +254,7 @@ class Forward:
             return made, resonance_numbers(made.values, top)
 
         numbers = np.array([k_b, *(getattr(e, name) for e in effects for name in e.parameters())])
-        mode, key = resonance_numbers(plain.values, top), (self.anchor.key, condition, effects)
+        mode, key = resonance_numbers(plain.values, top), (self.anchor.key, condition, mounted, effects)
         sensitivity = _remember(self._sensitivities, key, lambda: self._sensitivity(plain.system, effects))
         known, finely = self._known, manner.resolution
         return NonlinearModal(

@@ -67,8 +67,9 @@ class Lists:
     def __init__(self, campaign: Campaign, reading: Reading | None = None):
         self.campaign, self.lists, self.reading = campaign, campaign.peaks, reading or Reading()
         self.structure = structure_of(campaign.rig, 1)  # a list of peaks is far coarser than any mesh
-        self._ln_k_b = np.log(scale_of(self.structure).k_b)
-        self.rotor = Rotor(self.structure, campaign.nominal, load_rig(campaign.rig).excitation_node)
+        rig = load_rig(campaign.rig)
+        self._ln_k_b = np.log(rig.k_b.limit(*scale_of(self.structure).k_b))
+        self.rotor = Rotor(self.structure, campaign.nominal, rig.excitation_node)
         self.with_k_b = any(peaks.support == "bearing" for peaks in self.lists)
         every = np.concatenate([peaks.frequencies_hz for peaks in self.lists])
         self.tested_hz = (float(every.min()) / 2, float(every.max()))

@@ -192,7 +192,9 @@ def polish(lists: Lists, scored: Scored) -> Scored:
 
 def rank(lists: Lists, exclude: Sequence[str] = ()) -> Ranking:
     """Every effect at its best place, with the probability of all its places."""
-    every = [score(lists, h) for h in lists.hypotheses if h.ids[0] not in exclude]
+    possible = [h for h in lists.hypotheses if h.ids[0] not in exclude]
+    whole = sum(h.prior for h in possible)
+    every = [score(lists, replace(h, prior=h.prior / whole)) for h in possible]
     nominal = score(lists, Hypothesis())
     weights = np.array([s.log_evidence + np.log(s.hypothesis.prior * (1 - PRIORS.no_gap)) for s in every])
     own = nominal.log_evidence + np.log(PRIORS.no_gap)

@@ -11,6 +11,5 @@ module          what it holds                                         start here
 ``joint``       an unknown mechanism at one node, as a passive law    ``find_joint``
 ``strategies``  how the fits of an effect begin, where it is special  ``strategy_of``
 ``laws``        nonlinear effects                                     ``search_laws``
-``workers``     fits that are shared with other processes             ``helped_by``
 ==============  ====================================================  ====================
 """

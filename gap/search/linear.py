@@ -229,9 +229,9 @@ def _best(found: list[tuple[FloatArray, float]]) -> list[tuple[FloatArray, float
 
 def nothing_shows(problem: Problem, nominal: Fit) -> bool:
     """Whether the nominal model leaves no more than noise, also where each resonance of each run is set free."""
-    score, n = Score(problem, nominal, settled=True), nominal.n_data
-    if nominal.chi2 > chi2.isf(NEAR_SEARCH.chance, n):
+    if nominal.chi2 > chi2.isf(NEAR_SEARCH.chance, nominal.n_data):
         return False
+    score = Score(problem, nominal, settled=True)
     apart = (score.apart(range(len(problem.runs)), shapes=shapes) for shapes in (False, True))
     return all(gain <= chi2.isf(NEAR_SEARCH.chance, numbers) for gain, numbers in apart if numbers)
 

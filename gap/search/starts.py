@@ -91,9 +91,7 @@ def several(hypothesis: Hypothesis) -> bool:
 
 def _from_nominal(nominal: Fit, hypothesis: Hypothesis, condition: Condition) -> list[FloatArray]:
     """A start next to the nominal model: each number at the end of its range that changes less, where there is one."""
-    if len(hypothesis.terms) != 1:
-        return []
-    term = hypothesis.terms[0]
+    (term,) = hypothesis.terms
     if any(free.along_shaft for free in term.free):
         return [np.concatenate([nominal.u[:1], point]) for point in along_the_shaft(term, WEAK.positions, 0.05)]
     point = [_weakly(free, _null(term, free, condition)) for free in term.free]

@@ -14,7 +14,7 @@ from rigtwin.gap.model.motions import FINAL
 from rigtwin.gap.search.laws.robust import robust_fit
 from rigtwin.gap.search.nominal import recalibrate
 from rigtwin.rotor.effects import BearingHertz
-from tests.gap.conftest import BELIEF, CUBIC, K_B, RIG, WORKSHOP, blank, measure, problem_of, truth
+from tests.gap.conftest import BELIEF, CUBIC, K_B, RIG, WORKSHOP, blank, measure, of, problem_of, truth
 from tests.gap.test_laws_beside import library
 from tests.gap.test_nonlinear import swept
 
@@ -83,6 +83,15 @@ def test_harmonics_of_the_exciter_are_no_law():
     none = with_harmonics(problem_of(noisy(run, 0 * run.H)), recalibrate(problem))
     strange = with_harmonics(problem_of(noisy(run, 0.3 * np.abs(run.H))), recalibrate(problem))
     assert none.harmonics > nominal.harmonics > strange.harmonics
+
+
+def test_harmonics_of_some_lines_of_a_fast_sweep_are_read():
+    run = measure("bearing", force_amplitude_N=0.8, sweep="up")
+    few = noisy(run, 0.03 * at_third_harmonic(run)).on_lines(slice(None, None, 3))
+    assert np.array_equal(few.at_order(3).swept_hz, 3 * run.frequency_hz)
+    problem = problem_of(few)
+    (hypothesis,) = of((few,), "fast_sweep")
+    assert np.isfinite(with_harmonics(problem, problem.fit(hypothesis, np.log([K_B, 3.0]))).harmonics)
 
 
 def test_runs_without_harmonics_say_nothing_by_them():

@@ -191,6 +191,8 @@ def test_runs_in_another_unit_are_brought_to_si():
     again, fit = problem.in_si(recalibrate(problem))
     assert_allclose(np.abs(again.runs[0].H), np.abs(runs[0].H), rtol=0.1)
     assert_allclose(again.observed[0].std * np.abs(far[0].H), problem.observed[0].std * np.abs(again.runs[0].H))
+    (mode, *_), (before, *_) = again.observed[0].resonances, problem.observed[0].resonances
+    assert_allclose(mode.residues * np.abs(far[0].H[0, 1]), before.residues * np.abs(again.runs[0].H[0, 1]))
     assert again.runs[1] is problem.runs[1]
     assert_allclose(fit.nu[again.nuisances.gain], 0.0, atol=0.1)
 
@@ -262,6 +264,17 @@ def test_a_drift_that_nobody_states_is_learned(true):
     learned = fit.prior_std[problem.nuisances.drift[0].start]
     assert 0.3 < learned / true < 3
     assert judge(problem, fit).misfit < 1.1
+
+
+def test_loosened_drifts_are_free_whether_they_are_stated_or_learned():
+    for stated in (1e-4, None):
+        problem = Problem(
+            Forward(workshop(replace(BELIEF, frequency_drift=stated))), problem_of(measure("rigid")).observed
+        )
+        loose, nu = problem.loosened(1e6), np.zeros(problem.nuisances.n)
+        nu[problem.nuisances.drift[0]] = 6e-3
+        assert problem.nuisances.penalty(nu) > 10
+        assert loose.nuisances.penalty(nu) < 1e-6
 
 
 def test_what_a_workshop_does_not_know_is_calibrated():

@@ -58,7 +58,9 @@ def test_a_resonance_that_the_model_lacks_or_has_alone_counts():
 def test_the_unit_of_a_run_in_an_arbitrary_unit_does_not_count():
     problem = problem_of(*both_supports(quantity="acceleration"))
     louder = [replace(o.run, H=7 * o.run.H, std=7 * o.run.std) for o in problem.observed]
-    assert misfit(problem_of(*louder), K_B) == pytest.approx(misfit(problem, K_B), abs=1e-6)
+    for effects in ((), (PedestalFlexibility(stiffness=1.02e7, mass=4.2, damping=140.0),)):  # and its own resonances
+        expected = misfit(problem, K_B, *effects)
+        assert misfit(problem_of(*louder), K_B, *effects) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize("asymmetry", [0.45, pytest.param(0.3, marks=pytest.mark.long)])

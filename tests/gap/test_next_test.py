@@ -105,6 +105,13 @@ def test_the_support_that_is_missing_is_among_the_proposals(rivals):
     assert bearing.settings["excitation_node"] == 2
 
 
+def test_a_run_is_repeated_on_the_supports_that_there_are(rivals):
+    problem, fits = rivals
+    repeated = [p for p in proposals(problem, fits) if "every node" in p.words or p.added]
+    assert len(repeated) > 1
+    assert all("on rigid supports" in p.words and p.settings["support"] == "rigid" for p in repeated)
+
+
 def test_force_levels_are_for_nonlinear_members(rivals):
     problem, fits = rivals
     cubic = replace(fits[0], hypothesis=Fixed(BearingCubic(stiffness=1e12)), u=fits[0].u[:1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import rigtwin.gap.peaks.ranking
+import rigtwin.rotor.geometry.rig
+from rigtwin.gap.audit.geometry import geometry_of
 from rigtwin.gap.inference.hypotheses import Hypothesis
 from rigtwin.gap.peaks.diagnosis import diagnose_peaks
 from rigtwin.gap.peaks.lists import Lists, Reading
@@ -237,6 +240,23 @@ def test_rigid_supports_alone_have_no_bearing_stiffness():
 def test_an_excluded_effect_is_no_candidate():
     names = {cause.effects[0] for cause in diagnose_peaks(both_lists(), FEW, ()).causes}
     assert names == {"disk_mass", "shaft_modulus", "axial_load"}
+
+
+def test_what_is_excluded_leaves_its_probability_to_the_other_effects(monkeypatch):
+    asked = []
+    monkeypatch.setattr(rigtwin.gap.peaks.ranking, "score", lambda lists, h: asked.append(h) or score(lists, h))
+    rank(Lists(both_lists()), FEW)
+    assert sum(h.prior for h in asked if h.terms) == pytest.approx(1.0)
+
+
+def test_stiffnesses_end_where_the_rigs_file_ends_them(tmp_path):
+    table = (Path(rigtwin.rotor.geometry.rig.__file__).parents[1] / "rigs" / f"{RIG}.toml").read_text(encoding="utf-8")
+    ends = "[k_b]\nstart_N_per_m = 2e6\nmin_N_per_m = 1.5e6\nmax_N_per_m = 4e6\n"
+    (tmp_path / "rig.toml").write_text(re.sub(r"\[k_b\][^\[]*", ends, table), encoding="utf-8")
+    lists = Lists(replace(both_lists(), rig=str(tmp_path / "rig.toml")))
+    assert_allclose(np.exp(lists.ends(Hypothesis())[0]), [1.5e6, 4e6])
+    geometry = geometry_of(str(tmp_path / "rig.toml"))
+    assert_allclose(geometry.stiffnesses(2), [1.5e6, 4e6])
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,7 @@ from rigtwin.gap.phrases import effects_at, listed, part, place
         (4e-4, "under 0.1 %"),
         (0.0, "under 0.1 %"),
         (-0.2, "−20 %"),
+        (-1e-4, "under 0.1 %"),
         (math.nan, "unknown"),
     ],
 )

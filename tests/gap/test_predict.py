@@ -122,7 +122,9 @@ def test_without_a_cause_nothing_is_corrected(verdict):
 @pytest.mark.parametrize("verdict", ["no_gap", "unknown"])
 def test_without_a_cause_gains_that_were_fitted_are_no_correction(verdict):
     strained = {"sensor_gain": {"node4": 1.1}, "tolerance": {"modulus": 1e-3}}
-    (predicted,) = predict(by_hand(verdict, calibration=strained), campaign_of(elsewhere()))
+    document = by_hand(verdict, calibration=strained)
+    document["nominal"]["calibration"] = strained
+    (predicted,) = predict(document, campaign_of(elsewhere()))
     assert np.array_equal(predicted.corrected.H, predicted.nominal.H)
 
 

@@ -401,13 +401,11 @@ def _few_of_each(starts: Sequence[Start]) -> list[Start]:
 
 
 def at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:
-    """The runs at the lowest or the highest level (``min`` or ``max``)."""
-    levels = {o.run.force_amplitude_N or 0.0 for o in problem.observed if o.run.support == "bearing"}
-    kept = [
-        o
-        for o in problem.observed
-        if o.run.support == "rigid" or (o.run.force_amplitude_N or 0.0) == chosen(levels, default=0.0)
-    ]
+    """The runs at the lowest or the highest level of their support (``min`` or ``max``)."""
+    levels: dict[str, set[float]] = {}
+    for run in problem.runs:
+        levels.setdefault(run.support, set()).add(run.force_amplitude_N or 0.0)
+    kept = [o for o in problem.observed if (o.run.force_amplitude_N or 0.0) == chosen(levels[o.run.support])]
     return Problem(problem.forward, kept, problem.model_error)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -26,7 +25,7 @@ from pydantic import (
     with_config,
 )
 
-from rigtwin.parsing import parse_toml
+from rigtwin.parsing import parse_toml, toml_lines
 from rigtwin.rotor.geometry.rig import Rig, load_rig, shipped_rigs
 from rigtwin.scratch import replacing
 from rigtwin.sim.campaign import (
@@ -321,18 +320,13 @@ def _rig_to_save(folder: Path, rig: str) -> str:
 
 def _toml(tables: Mapping[str, Any]) -> str:
     """campaign.toml: top-level keys, [nominal], then each [[run]] and [[peaks]]."""
-    lines = [_toml_line(key, tables[key]) for key in ("title", "rig")]
-    lines += ["", "[nominal]", *(_toml_line(key, value) for key, value in tables["nominal"].items())]
+    lines = [
+        *toml_lines({key: tables[key] for key in ("title", "rig")}),
+        "",
+        "[nominal]",
+        *toml_lines(tables["nominal"]),
+    ]
     for kind in ("run", "peaks"):
         for entry in tables[kind]:
-            lines += ["", f"[[{kind}]]", *(_toml_line(key, value) for key, value in entry.items())]
+            lines += ["", f"[[{kind}]]", *toml_lines(entry)]
     return "\n".join(lines) + "\n"
-
-
-def _toml_line(key: str, value: str | int | float | list[float]) -> str:
-    if isinstance(value, str):
-        # A JSON string is a TOML string, but for DEL, which TOML wants escaped.
-        return f"{key} = " + json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, list):
-        return f"{key} = [{', '.join(repr(float(number)) for number in value)}]"
-    return f"{key} = {value if isinstance(value, int) else repr(float(value))}"

@@ -27,7 +27,7 @@ from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.campaign import UNKNOWN_DAMPING, Campaign, MeasurementError, NominalBelief, Quantity, Run, SupportKind
 from rigtwin.sim.campaign_folder import load_campaign
-from rigtwin.sim.formats import read_run
+from rigtwin.sim.formats import read_run, said_of
 from rigtwin.sim.modal_fit import CoarseRasterError, fit_modes
 from rigtwin.wording import interval, stiffness_with_error, with_error, yes_no
 
@@ -253,6 +253,11 @@ class _Asked:
     model: Rig | None  # where its file is known
     ask: Asked
 
+    @property
+    def usual_node(self) -> int:
+        """Where the force acts if neither files nor settings say it."""
+        return self.model.excitation_node if self.model else self.node or Run.excitation_node
+
     def answer(self, test: _Test, belief: NominalBelief | None) -> Answer:
         """Of one test of a rig that is known as a campaign says, or of one that nobody says anything of."""
         if belief and self.model:
@@ -352,7 +357,9 @@ def _all_runs(
     if len(sources) != 2:
         raise UserError("give a rigid and a bearing run, or one campaign folder: k_b is looked for in all their lines")
     belief = NominalBelief(shaft_damping_tolerance=UNKNOWN_DAMPING, bearing_damping_tolerance=UNKNOWN_DAMPING)
-    return Campaign("two runs", _named(rig or SHIPPED_RIG), tuple(_read_pair(sources, settings)), nominal=belief)
+    named = _named(rig or SHIPPED_RIG)
+    runs = _read_pair(sources, settings, as_rig(named).excitation_node)
+    return Campaign("two runs", named, tuple(runs), nominal=belief)
 
 
 def _named(rig: Rig | str | Path) -> str:
@@ -365,8 +372,9 @@ def _check_resonances(sources: Sequence[Run | Campaign | Path], settings: dict[s
     """Refuse files of another rig than the shipped network's: its resonances on rigid supports are elsewhere."""
     if asked.rig != SHIPPED_RIG:
         return
-    rigid, _ = _read_pair(sources, settings)
-    structure = assemble(as_rig(SHIPPED_RIG))
+    shipped = as_rig(SHIPPED_RIG)
+    rigid, _ = _read_pair(sources, settings, shipped.excitation_node)
+    structure = assemble(shipped)
     expected = natural_frequencies_hz(build_system(structure, Condition(rigid_support=True)), plane=1)[:2]
     found = [mode.frequency_hz for mode in fit_modes(rigid, 2)]
     if max(abs(f / e - 1) for f, e in zip(found, expected, strict=True)) > _ANOTHER_RIG:
@@ -385,7 +393,7 @@ def _tests(
     """The tests, and what was left out or assumed."""
     if len(sources) == 2:
         _refuse(numbers)
-        return _pairs(_read_pair(sources, settings), asked.node)
+        return _pairs(_read_pair(sources, settings, asked.usual_node), asked.node)
     if len(sources) == 1:
         campaign = sources[0]
         if not isinstance(campaign, Campaign):
@@ -410,26 +418,24 @@ def _refuse_settings(settings: dict[str, Any]) -> None:
         raise UserError(f"{option(min(settings))}: the campaign says that of its runs; change its campaign.toml")
 
 
-def _read_pair(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any]) -> list[Run]:
+def _read_pair(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any], node: int) -> list[Run]:
+    """The two runs; the force is at ``node`` where neither files nor settings say it."""
     supports: tuple[SupportKind, SupportKind] = ("rigid", "bearing")
     for source in sources:
         if isinstance(source, Campaign) or (isinstance(source, Path) and source.is_dir()):
             name = source.title if isinstance(source, Campaign) else source
             raise UserError(f"{name}: a folder; give two run files, or one campaign folder alone")
-    return [_read(source, support, settings) for source, support in zip(sources, supports, strict=True)]
+    return [_read(source, support, settings, node) for source, support in zip(sources, supports, strict=True)]
 
 
-def _read(source: Run | Campaign | Path, support: SupportKind, settings: dict[str, Any]) -> Run:
+def _read(source: Run | Campaign | Path, support: SupportKind, settings: dict[str, Any], node: int) -> Run:
     """A run on this support; one that says another support is refused, for the two may be mixed up."""
     if isinstance(source, Run):
         said, run = source.support, replace(source, **settings)
     else:
         path = existing(Path(str(source)))
-        try:
-            said = read_run(path, **settings).support
-        except MeasurementError:  # it says none, as no CSV does, or it is wrong and the next line says how
-            said = support
-        run = read_run(path, support=support, **settings)
+        said = said_of(path, **settings).get("support", support)  # no CSV says it
+        run = read_run(path, node, support=support, **settings)
     if said != support:
         name = source.name if isinstance(source, Run) else source
         raise UserError(f"{name}: a run on {said} support; give first the run on rigid supports, then that on bearings")

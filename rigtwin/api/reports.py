@@ -121,14 +121,15 @@ def _read(
         return whole[0] if isinstance(whole[0], Campaign) else load_campaign(whole[0])
     if not sources and not told:
         raise UserError("nothing to report: give a campaign folder, or run files")
-    runs = [s if isinstance(s, Run) else _read_run(Path(s), {}) for s in sources if not isinstance(s, Campaign)]
-    runs += [_read_run(path, {"support": support}) for path, support in told]
+    node = as_rig(rig or SHIPPED_RIG).excitation_node
+    runs = [s if isinstance(s, Run) else _read_run(Path(s), node, {}) for s in sources if not isinstance(s, Campaign)]
+    runs += [_read_run(path, node, {"support": support}) for path, support in told]
     return Campaign("", SHIPPED_RIG if rig is None else str(rig), tuple(runs))
 
 
-def _read_run(path: Path, settings: dict[str, Any]) -> Run:
+def _read_run(path: Path, node: int, settings: dict[str, Any]) -> Run:
     try:
-        return read_run(existing(path), **settings)
+        return read_run(existing(path), node, **settings)
     except UnknownSupportError as error:
         raise UserError(f"{path}: does not say its support; give it with --rigid or --bearing") from error
 

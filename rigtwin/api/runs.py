@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.api.rigs import as_rig
 from rigtwin.errors import for_users
+from rigtwin.rotor.geometry.rig import Rig
 from rigtwin.rotor.model import html
 from rigtwin.sim import campaign_folder
 from rigtwin.sim.campaign import Campaign, Run
@@ -19,11 +21,12 @@ from rigtwin.wording import with_error
 
 
 @for_users
-def load_run(path: str | Path, **settings: Any) -> Run:
+def load_run(path: str | Path, rig: Rig | str | Path | None = None, **settings: Any) -> Run:
     """One measured run from a .csv, .uff, .unv, .h5 or .mat file.
 
     Parameters
     ----------
+    rig : that was measured: its file says where the exciter is, if neither the run's file nor the settings do
     settings : how the run was measured, where the file does not say it: the keys of a ``[[run]]`` in campaign.toml,
         such as ``support="rigid"``, ``excitation_node=2``, ``force_amplitude_N=1.0`` or ``unit="g/N"``. A CSV file
         does not say its support.
@@ -42,7 +45,7 @@ def load_run(path: str | Path, **settings: Any) -> Run:
         ...
     rigtwin.errors.UserError: missing.csv: no such file; check its name and folder
     """
-    return read_run(path, **settings)
+    return read_run(path, as_rig(rig).excitation_node if rig else Run.excitation_node, **settings)
 
 
 @for_users

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -14,11 +13,12 @@ import numpy as np
 
 from rigtwin.console import print_json, say
 from rigtwin.errors import UserError
-from rigtwin.parsing import parse_toml
+from rigtwin.parsing import parse_toml, toml_lines
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
+from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Campaign, Run
-from rigtwin.sim.formats import RunSettings, read_run, write_run
-from rigtwin.sim.formats.settings import SETTING_NAMES, UnknownSupportError
+from rigtwin.sim.formats import RunSettings, read_run, said_of, write_run
+from rigtwin.sim.formats.settings import SETTING_NAMES, UNKNOWN
 from rigtwin.sim.formats.variables import UNITS
 from rigtwin.wording import counted
 
@@ -32,8 +32,8 @@ def inspect_file(path: Path, told: Sequence[str], rig: str | None, *, as_json: b
     Raises MeasurementError where it cannot be read, UserError for a setting that is none.
     """
     settings = told_settings(told)
-    run, said, heard = _read(path, settings)
-    record = _record(path, run, settings, said=said)
+    run, said, heard = _read(path, settings, rig)
+    record = _record(path, run, settings, said)
     record["odd"] = [*heard, *_odd(run, rig)]
     if as_json:
         print_json(record)
@@ -63,7 +63,7 @@ def convert_file(source: Path, target: Path, told: Sequence[str], quantity: str 
     if target.exists() and target.samefile(source):
         raise UserError(f"{target}: is the file that is read; give another name")
     run, said, heard = _read(source, told_settings(told))
-    if not said:
+    if "support" not in said:
         raise UserError(f"{source}: does not say what held the rotor; add --set support=rigid or --set support=bearing")
     for words in heard:
         say(words)
@@ -107,8 +107,8 @@ def told_settings(told: Sequence[str]) -> RunSettings:
     return RunSettings(**settings)  # type: ignore[typeddict-item] - checked where they are used
 
 
-def _read(path: Path, settings: RunSettings) -> tuple[Run, bool, list[str]]:
-    """A run, whether file or settings say what held the rotor, and the warnings of the reader."""
+def _read(path: Path, settings: RunSettings, rig: str | None = None) -> tuple[Run, RunSettings, list[str]]:
+    """A run, what file and settings say of it, and the warnings of the reader; the rest is as usual for the rig."""
     heard: list[str] = []
     handler = logging.Handler()
     handler.emit = lambda record: heard.append(record.getMessage().removeprefix(f"{path}: "))  # type: ignore[method-assign]
@@ -116,16 +116,17 @@ def _read(path: Path, settings: RunSettings) -> tuple[Run, bool, list[str]]:
     logger.addHandler(handler)
     passed_on, logger.propagate = logger.propagate, False
     try:
-        return read_run(path, **settings), True, heard
-    except UnknownSupportError:
+        said = said_of(path, **settings)
         heard.clear()
-        return read_run(path, **{**settings, "support": "bearing"}), False, heard
+        node = load_rig(rig).excitation_node if rig else Run.excitation_node
+        support: RunSettings = {} if "support" in said else {"support": "bearing"}
+        return read_run(path, node, **{**settings, **support}), said, heard
     finally:
         logger.removeHandler(handler)
         logger.propagate = passed_on
 
 
-def _record(path: Path, run: Run, settings: RunSettings, *, said: bool) -> dict[str, Any]:
+def _record(path: Path, run: Run, settings: RunSettings, said: Collection[str]) -> dict[str, Any]:
     """All there is to say about a run, in JSON types."""
     steps = np.diff(run.frequency_hz) if len(run.frequency_hz) > 1 else np.zeros(1)
     return {
@@ -144,32 +145,25 @@ def _record(path: Path, run: Run, settings: RunSettings, *, said: bool) -> dict[
         "force_amplitude_N": run.force_amplitude_N,
         "excitation_node": int(run.excitation_node),
         "excitation_plane": run.excitation_plane,
-        "support": run.support if said else None,
-        "campaign_toml": run_table(path, run, settings, said=said),
+        "support": run.support if "support" in said else None,
+        "campaign_toml": run_table(path, run, settings, said),
     }
 
 
-def run_table(path: Path, run: Run, settings: RunSettings, *, said: bool) -> str:
-    """The table of a run in ``campaign.toml``."""
-    lines = ["[[run]]", f"file = {json.dumps(path.name)}"]
-    lines.append(
-        f'support = "{run.support}"' if said else 'support = "bearing"      # or "rigid": the file does not say it'
-    )
-    lines.append(f"excitation_node = {run.excitation_node}")
+def run_table(path: Path, run: Run, settings: RunSettings, said: Collection[str]) -> str:
+    """The table of a run in ``campaign.toml``, with a remark on each key that nobody has ``said``."""
+    table: dict[str, Any] = {"file": path.name, "support": run.support, "excitation_node": int(run.excitation_node)}
     if run.excitation_plane != "y":
-        lines.append(f'excitation_plane = "{run.excitation_plane}"')
-    if run.force_N is None and run.force_amplitude_N is not None:
-        lines.append(f"force_amplitude_N = {run.force_amplitude_N!r}")
-    lines.append(f'quantity = "{run.quantity}"')
-    written = ("support", "excitation_node", "excitation_plane", "force_amplitude_N", "quantity")
-    lines += [f"{key} = {_toml_value(value)}" for key, value in settings.items() if key not in written]
-    return "\n".join(lines)
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml_value(each)}" for key, each in value.items()) + "}"
-    return json.dumps(value)
+        table["excitation_plane"] = run.excitation_plane
+    if run.force_N is None:
+        table["force_amplitude_N"] = UNKNOWN if run.force_amplitude_N is None else run.force_amplitude_N
+    table["quantity"] = run.quantity
+    lines = toml_lines(table | {key: value for key, value in settings.items() if key not in table})
+    for place, key in enumerate(table):
+        if key != "file" and key not in said:
+            other = ' or "rigid":' if key == "support" else ""
+            lines[place] = f"{lines[place]:<25}#{other} the file does not say it"
+    return "\n".join(["[[run]]", *lines])
 
 
 def _force(run: Run) -> str:

@@ -59,7 +59,7 @@ def run_reduce(request: ReduceRequest) -> None:
     result = reduce_records(request)
     run = replace(result.run, **settings)
     write_run(run, request.out)
-    table = run_table(request.out, run, settings, said="support" in settings)
+    table = run_table(request.out, run, settings, {"quantity", *settings})
     if request.as_json:
         print_json(_record(request, run, result) | {"campaign_toml": table})
         return

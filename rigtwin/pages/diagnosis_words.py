@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from rigtwin.estimator.intervals import Z90
 from rigtwin.gap.document import Calibrated, Cause, Diagnosis, Estimate, Shrink
 from rigtwin.gap.phrases import listed, place, ten_to
+from rigtwin.parsing import toml_lines
 from rigtwin.rotor.effects import EFFECTS
 from rigtwin.wording import interval, number, stiffness_with_error, unit, with_error
 
@@ -203,14 +203,4 @@ def _signed(value: float) -> str:
 
 def run_toml(run: Mapping[str, Any]) -> str:
     """Settings of a run as a [[run]] table for campaign.toml."""
-    return "\n".join(["[[run]]", *(f"{key} = {text}" for key, text in _toml_values(run))])
-
-
-def _toml_values(run: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Keys with their values in TOML; what is None is left out, TOML has no null."""
-    for key, value in run.items():
-        if value is None:
-            continue
-        plain = value.item() if hasattr(value, "item") else value
-        # A JSON string, list or truth value is one of TOML too, but for DEL, which TOML wants escaped.
-        yield key, json.dumps(plain, ensure_ascii=False, default=str).replace("\x7f", "\\u007f")
+    return "\n".join(["[[run]]", *toml_lines(run)])

@@ -504,8 +504,10 @@ def load_rig(source: str | Path) -> Rig:
     try:
         rig = parse_rig(Path(source).read_text(encoding="utf-8-sig"), str(source))
     except (OSError, UnicodeDecodeError) as error:
-        known = ", ".join(shipped_rigs())
-        raise RigError(f"{source}: cannot be read ({error}); give a rig TOML or one of: {known}") from error
+        known, why = shipped_rigs(), error.strerror if isinstance(error, OSError) else error
+        hint = "".join(f"did you mean {name}? " for name in get_close_matches(str(source), known, n=1))
+        said = f"{hint}give a rig TOML or one of: {', '.join(known)}"
+        raise RigError(f"{source}: cannot be read ({why}); {said}") from error
     if rig.name in shipped_rigs() and not rig.same_rotor(load_rig(rig.name)):
         raise RigError(f"{source}: name: {rig.name} is a shipped rig of other dimensions; give this one another name")
     for words in _implausible(rig):

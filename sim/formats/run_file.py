@@ -53,16 +53,30 @@ def read_run(path: str | Path, usual_node: int = Run.excitation_node, **settings
     """
     path = Path(path)
     given = check_settings(settings, path)
+    return _as_run(path, _recording(path, given), given, usual_node)
+
+
+def _recording(path: Path, given: RunSettings) -> Recording:
+    """What a file holds. Raises MeasurementError."""
     reader = _format_of(path).read
     if "channels" in given and reader not in (csv_file.read, uff.read):
         raise MeasurementError(f"{path}: channels: is for CSV and universal files; rename the variables in the file")
     if not path.is_file():
         raise MeasurementError(f"{path}: no such file; check its name and folder")
     try:
-        recording = reader(path, given)
+        return reader(path, given)
     except OSError as error:
         raise MeasurementError(f"{path}: cannot be read ({error.strerror or error})") from error
-    return _as_run(path, recording, given, usual_node)
+
+
+def said_of(path: str | Path, **settings: Unpack[RunSettings]) -> RunSettings:
+    """What a file, or else the settings, say of a run: keys that are absent take their defaults.
+
+    Raises MeasurementError as ``read_run``.
+    """
+    path = Path(path)
+    given = check_settings(settings, path)
+    return {**_recording(path, given).settings, **given}
 
 
 def _as_run(path: Path, recording: Recording, given: RunSettings, usual_node: int) -> Run:

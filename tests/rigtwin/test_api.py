@@ -142,13 +142,17 @@ def own_runs() -> tuple[rigtwin.Run, rigtwin.Run]:
     return runs[0], runs[1]
 
 
-def test_another_rig_is_estimated_on_its_model(own_runs):
+def test_another_rig_is_estimated_on_its_model(own_runs, tmp_path):
     found = rigtwin.estimate(*own_runs, rig=OWN_ROTOR)
     assert found.best.method == "model"
     assert found.best.estimate.valid
     assert_allclose(found.k_b, 3.4e6, rtol=1e-4)
     campaign = rigtwin.Campaign("", str(OWN_ROTOR), own_runs)
     assert_allclose(rigtwin.estimate(campaign, method="model").k_b, found.k_b, rtol=1e-6)
+    files = [rigtwin.save_run(run, tmp_path / f"{run.support}.csv") for run in own_runs]  # which do not say the node
+    for method in ("model", "responses"):
+        assert_allclose(rigtwin.estimate(*files, rig=OWN_ROTOR, method=method).k_b, 3.4e6, rtol=1e-3)
+    assert rigtwin.load_run(files[0], OWN_ROTOR, support="rigid").excitation_node == own_runs[0].excitation_node == 4
     by_lines = rigtwin.estimate(campaign).best
     assert (by_lines.method, by_lines.features) == ("responses", found.best.features)
     assert by_lines.estimate.k_b_low < 3.4e6 < by_lines.estimate.k_b_high

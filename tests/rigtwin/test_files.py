@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,6 +39,27 @@ def test_what_a_file_does_not_say_is_said_and_what_was_told_is_kept(tmp_path):
     assert any("values in g are turned into SI" in words for words in found["odd"])
     assert "the file does not say it" in found["campaign_toml"]
     assert tomllib.loads(found["campaign_toml"])["run"][0]["channels"] == {"Acc 1": "node3"}
+
+
+def test_the_rig_says_where_the_exciter_is_where_the_file_does_not(tmp_path):
+    write_run(a_run(support="rigid"), tmp_path / "run.csv")
+    rig = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
+    alone, with_rig, told = (
+        run_json("inspect", tmp_path / "run.csv", *more)
+        for more in ([], ["--rig", rig], ["--rig", rig, "--set", "excitation_node=3", "--set", "quantity=mobility"])
+    )
+    assert [found["excitation_node"] for found in (alone, with_rig, told)] == [2, 4, 3]
+    assert "excitation_node = 4      # the file does not say it" in with_rig["campaign_toml"]
+    assert told["campaign_toml"].count("the file does not say it") == 2  # support and force
+    assert tomllib.loads(told["campaign_toml"])["run"][0]["excitation_node"] == 3
+
+
+def test_an_unknown_force_and_a_strange_name_are_written_as_they_are(tmp_path):
+    path = tmp_path / "run ⚙\U0001f600.csv"
+    write_run(a_run(support="rigid", force_amplitude_N=None), path)
+    found = run_json("inspect", path, "--set", "force_amplitude_N=unknown")
+    (table,) = tomllib.loads(found["campaign_toml"])["run"]
+    assert (table["file"], table["force_amplitude_N"]) == (path.name, "unknown")
 
 
 def test_what_the_audit_finds_in_a_run_is_odd(tmp_path):

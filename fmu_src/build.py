@@ -140,9 +140,10 @@ def build_rotor_fmu(
         script="rigtwin.fmu_src.rotor_slave",
         modules=(*_SLAVE_MODULES, "rigtwin.fmu_src.rotor_variables", *modules_of(_ROTOR_PACKAGES)),
         data={"structure.npz": _npz(to_arrays(structure)), "rig.json": rig_json(rig)},
+        facts={"facts": asdict(facts), "rig": rig.name},
     )
     files = rotor_pages(rig, facts) | _beside_python(("numpy", "scipy")) | _rotor_extra(rig, structure, facts)
-    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / ROTOR_FMU)
+    return _build(bundle, files, folder / ROTOR_FMU)
 
 
 def _beside_python(packages: Sequence[str]) -> dict[str, bytes]:
@@ -256,7 +257,7 @@ def build_estimator_fmu(folder: Path, model: Path | None = None) -> Path:
         data={"estimator.onnx": model.read_bytes()},
     )
     files = estimator_pages(model) | _beside_python(("numpy", "onnxruntime")) | _estimator_extra(model)
-    return _build(bundle, {}, files, folder / ESTIMATOR_FMU)
+    return _build(bundle, files, folder / ESTIMATOR_FMU)
 
 
 def reduced_rotor(rig: Rig, structure: Structure) -> ReducedRotor:
@@ -356,7 +357,7 @@ def _tracker_card(path: Path) -> dict:
             return card
         why = f"it is a {card['name']}"
     except Exception as error:  # onnxruntime has no common base class
-        why = str(error).splitlines()[0]
+        why = str(error).partition("\n")[0]
     raise BuildError(f"{path}: holds no network of rigtwin train --tracker ({why})")
 
 
@@ -376,12 +377,13 @@ def build_listener_fmu(
         script=listener.script,
         modules=(*_SLAVE_MODULES, *listener.modules),
         data={"reduced.npz": _npz(to_reduced_arrays(rotor)), "rig.json": rig_json(rig), **data},
+        facts={"facts": asdict(facts), "rig": rig.name},
     )
     packages = ("numpy", "scipy", *(("onnxruntime",) if data else ()))
     files = _listener_pages(listener, rig, facts, rotor, needs_python=True, network=bool(data))
     files |= _beside_python(packages)
     files |= _listener_extra(listener, rig, rotor, facts)
-    return _build(bundle, {"facts": asdict(facts), "rig": rig.name}, files, folder / f"{listener.name}.fmu")
+    return _build(bundle, files, folder / f"{listener.name}.fmu")
 
 
 def build_native_listener_fmu(
@@ -602,9 +604,9 @@ def _write_all(folder: Path, contents: dict[str, bytes]) -> None:
         path.write_bytes(content)
 
 
-def _build(bundle: Bundle, facts: dict, pages: dict[str, bytes], target: Path) -> Path:
+def _build(bundle: Bundle, pages: dict[str, bytes], target: Path) -> Path:
     """Stage, build, complete, validate, put in place."""
-    manifest = json.dumps({"guid": bundle.guid, "version": version("rigtwin"), **facts}, indent=1)
+    manifest = json.dumps({"guid": bundle.guid, "version": version("rigtwin"), **bundle.facts}, indent=1)
     with scratch_folder("build_") as scratch:
         stock = _run_pythonfmu(stage(bundle, manifest, _folder(scratch, "stage")), scratch)
         unpacked = scratch / "fmu"

@@ -34,8 +34,9 @@ class GapMonitor(ListeningSlave):
 
     def compute_outputs(self) -> list[float | bool | int]:
         """Evidence, whether it is an alarm, what has changed, and k_b."""
-        watched = self._monitor.watched
-        return [watched.drift, watched.alarm, CAUSES.index(watched.cause), watched.k_b]
+        watched, begun = self._monitor.watched, self._monitor.has_begun
+        k_b = watched.k_b if begun else self.value("k_b")
+        return [watched.drift, watched.alarm, CAUSES.index(watched.cause), k_b]
 
     def save_state(self) -> Any:
         """All that the monitor remembers."""
@@ -43,8 +44,9 @@ class GapMonitor(ListeningSlave):
 
     def load_state(self, state: Any) -> None:
         """Go back; the variables' values have been restored already."""
-        self._monitor = self._new()
-        self._monitor.restore(self._belief(), state)
+        monitor = self._new()
+        monitor.restore(self._belief(), state)
+        self._monitor = monitor
 
     def _new(self) -> Monitor:
         return Monitor(self._rotor, self._nodes, self._belief(), self._watching())

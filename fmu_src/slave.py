@@ -31,6 +31,8 @@ _SET_UP, _RUNNING, _ENDED = "before the simulation", "during the simulation", "a
 # Largest excess of a step's end over the stop time: in steps, and relative to the time.
 _SAME_STEP, _SAME_STOP = 1e-6, 1e-9
 
+_FOREIGN_STATE = "this is not a state that this FMU saved"
+
 _KINDS = ("Real", "Integer", "Boolean", "String")
 
 # What pythonfmu's glue calls on an instance.
@@ -253,23 +255,26 @@ class TableSlave(Fmi2Slave):
 
     def _set_fmu_state(self, state: dict[str, Any] | None) -> None:
         if state is None or state.get("guid") != str(self.guid):
-            self.refuse("this is not a state that this FMU saved")
+            self.refuse(_FOREIGN_STATE)
         before = self._values
-        self._values = list(state["values"])
         try:
+            phase, self._values = state["phase"], list(state["values"])
+            if len(self._values) != len(before):
+                self.refuse(_FOREIGN_STATE)
             self.load_state(state["state"])
-        except BaseException:
+        except BaseException as error:
             self._values = before
+            if isinstance(error, (LookupError, TypeError, AttributeError)):
+                self.refuse(_FOREIGN_STATE)
             raise
-        self._phase = state["phase"]
-        self._stale = True
+        self._phase, self._stale = phase, True
 
     @staticmethod
     def _fmu_state_from_bytes(state: bytes) -> dict[str, Any] | None:
         """None for what cannot be read: only setting the state can refuse it without harm to the instance."""
         try:
             content = json.loads(state)
-        except ValueError:
+        except (ValueError, RecursionError):
             return None
         return content if isinstance(content, dict) else None
 

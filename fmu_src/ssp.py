@@ -66,7 +66,7 @@ def write_system(name: str, components: Sequence[Component], links: Sequence[Lin
 
     Raises
     ------
-    ValueError : a link names no component, or a variable that it does not have
+    ValueError : a link names no component, or a variable that it does not have; two FMUs have one file name
     """
     for each, namespace in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
         register_namespace(each, namespace)
@@ -83,9 +83,12 @@ def write_system(name: str, components: Sequence[Component], links: Sequence[Lin
     for link in links:
         SubElement(connections, f"{{{_SSD}}}Connection", _attributes(link))
     indent(root)
+    fmus = list(dict.fromkeys(component.fmu for component in components))
+    if len({fmu.name for fmu in fmus}) < len(fmus):
+        raise ValueError("two FMUs of the system have the same file name; rename one of them")
     with replacing(target) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("SystemStructure.ssd", tostring(root, encoding="UTF-8", xml_declaration=True))
-        for fmu in dict.fromkeys(component.fmu for component in components):
+        for fmu in fmus:
             archive.write(fmu, f"resources/{fmu.name}")
     return target
 

@@ -8,15 +8,17 @@ carries a hash of all that is in the FMU, and only the import lines are rewritte
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import Any
 from uuid import UUID, uuid5
 
 # Any fixed UUID: it keeps rigtwin's GUIDs apart from other tools' version-5 UUIDs.
@@ -37,12 +39,13 @@ class Bundle:
     """What goes into one FMU.
 
     ``script`` is the slave's module, ``modules`` the modules it needs ("rigtwin.rotor.model.system"), ``data``
-    the resource files by name.
+    the resource files by name, ``facts`` what the slave is told in its manifest.
     """
 
     script: str
     modules: Sequence[str]
     data: Mapping[str, bytes]
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def digest(self) -> str:
@@ -52,6 +55,7 @@ class Bundle:
             h.update(name.encode() + _source(name).encode())
         for name in sorted(self.data):
             h.update(name.encode() + self.data[name])
+        h.update(json.dumps(self.facts).encode())
         return h.hexdigest()
 
     @property

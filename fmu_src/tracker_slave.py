@@ -61,8 +61,9 @@ class StiffnessTracker(ListeningSlave):
 
     def load_state(self, state: Any) -> None:
         """Go back; the variables' values have been restored already, method among them."""
-        self._tracker = self._begun()
-        self._tracker.restore(self._belief(), state)
+        tracker = self._begun()
+        tracker.restore(self._belief(), state)
+        self._tracker = tracker
 
     def _begun(self) -> Any:
         """What ``method`` says, with nothing heard yet."""

@@ -166,6 +166,7 @@ class _State:
     step: float = 0.0
     before: FloatArray = field(default_factory=lambda: np.zeros(3))
     loud: float = 0.0  # mean square of the force
+    heard: float = 0.0  # mean square of the accelerations that the machine was learned from
     point: FloatArray = field(default_factory=lambda: np.zeros(_N))  # the machine as it was learned
     noise: float = 0.0
     x: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -226,7 +227,7 @@ class GapMonitor:
         k_b : that is believed [N/m]; after an alarm, one that was found is taken for known
         """
         o = self._state
-        if not o.phase and not o.instants:
+        if not self.has_begun:
             self._begin(replace(self._belief, k_b=k_b))
             o = self._state
             o.before[:] = force
@@ -248,6 +249,11 @@ class GapMonitor:
         o = self._state
         k_b = o.found if o.phase else self._tracker.tracked.k_b
         return Watched(o.drift / _LOG_10, o.phase == 2, CAUSES[o.cause], k_b)
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether it has taken up an instant; until then it believes any k_b."""
+        return bool(self._state.phase or self._state.instants)
 
     @property
     def can_change(self) -> list[tuple[int, int]]:
@@ -295,13 +301,13 @@ class GapMonitor:
         if learned and lasted(self._state.instants, h, self._watching.learning):
             o, n = self._state, 2 * self._rotor.r
             o.x, o.P, o.power, o.point = learned.x.copy(), learned.P[:n, :n].copy(), learned.power.copy(), learned.point
-            o.noise, o.loud = learned.noise, learned.loud_force
-            self._start_watch(LEARNED * learned.P[n:, n:], learned.loud)
+            o.noise, o.loud, o.heard = learned.noise, learned.loud_force, learned.loud
+            self._start_watch(LEARNED * learned.P[n:, n:])
 
-    def _start_watch(self, C: FloatArray, loud: float) -> None:
+    def _start_watch(self, C: FloatArray) -> None:
         """Watch a machine that is known but for the covariance of its numbers."""
         o, apart = self._state, (len(self._nodes) - 1, len(self._nodes))
-        rest = [GAINS_APART**2] * apart[0] + [AT_REST**2 * loud] * apart[1]
+        rest = [GAINS_APART**2] * apart[0] + [AT_REST**2 * o.heard] * apart[1]
         o.C = np.diag([*np.zeros(_N), *rest])
         o.C[:_N, :_N] = C + np.diag(np.square(LEAST_DOUBT))
         o.off, o.D = np.zeros(len(self._base)), np.zeros((2 * self._rotor.r, 1 + self._at_rest[-1]))
@@ -554,7 +560,7 @@ class GapMonitor:
         C = o.C[:_N, :_N].copy()
         C[STIFFNESS, STIFFNESS] += LEARNED * best.P[n, n]
         o.point[:_N] += np.array([0.0, *o.off[1:_N]])
-        self._start_watch(C, float(o.C[-1, -1]) / AT_REST**2)
+        self._start_watch(C)
 
 
 def _restored(now: Any, saved: Any) -> Any:

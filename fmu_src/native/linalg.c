@@ -217,7 +217,7 @@ void la_exponential(int n, const double *A, double *E, double *work, int *rows)
     double *X = work, *X2 = X + nn, *X4 = X2 + nn, *X6 = X4 + nn, *U = X6 + nn, *W = U + nn, *V = E;
     int squarings = 0;
     double norm = norm_1(n, A);
-    if (norm > 5.371920351148152)
+    if (norm > 5.371920351148152 && isfinite(norm))
         squarings = (int)ceil(log2(norm / 5.371920351148152));
     for (int i = 0; i < nn; i++)
         X[i] = ldexp(A[i], -squarings);

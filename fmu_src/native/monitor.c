@@ -56,7 +56,7 @@ typedef struct {
 typedef struct {
     double k_b;             /* that was believed when it began */
     double phase, instants; /* 0 listens, 1 watches, 2 has raised the alarm; instants of this phase */
-    double step, before[3], loud, point[N_PARAMETERS], noise;
+    double step, before[3], loud, heard, point[N_PARAMETERS], noise; /* mean squares: of the force, of accelerations */
     double x[STATES], P[STATES * STATES], power[STATES], D[COLUMNS * STATES]; /* D: derivatives of x, by columns */
     double off[BASE], C[BASE * BASE], rough, size, worth;
     double G[BASE * N_NUMBERS], told[N_NUMBERS], tells[N_NUMBERS], bets[N_NUMBERS + 1];
@@ -174,7 +174,7 @@ static double precision(int which)
 }
 
 /* Watch a machine that is known but for the covariance of its numbers, in C already. */
-static void start_watch(Monitor *s, double loud)
+static void start_watch(Monitor *s)
 {
     static const double least[N_PARAMETERS] = LEAST_DOUBT;
     State *o = &s->now;
@@ -183,7 +183,7 @@ static void start_watch(Monitor *s, double loud)
     for (int i = N_PARAMETERS; i < BASE; i++) {
         for (int j = 0; j < BASE; j++)
             o->C[i * BASE + j] = o->C[j * BASE + i] = 0;
-        o->C[i * (BASE + 1)] = base_column(i) < RESTS ? GAINS_APART * GAINS_APART : AT_REST * AT_REST * loud;
+        o->C[i * (BASE + 1)] = base_column(i) < RESTS ? GAINS_APART * GAINS_APART : AT_REST * AT_REST * o->heard;
     }
     memset(o->off, 0, sizeof o->off);
     memset(o->D, 0, sizeof o->D);
@@ -223,7 +223,8 @@ static void hear(Monitor *s, double force, const double *read)
             o->C[i * BASE + j] = LEARNED * learned.P[(n + i) * all + n + j];
     o->noise = learned.noise;
     o->loud = learned.loud_force;
-    start_watch(s, learned.loud);
+    o->heard = learned.loud;
+    start_watch(s);
 }
 
 /* What is left of an innovation without what is not known of the machine. */
@@ -582,7 +583,6 @@ static void take_for_known(Monitor *s)
     State *o = &s->now;
     const Guess *best = o->guesses + most_likely(o);
     const int n = 2 * s->rotor.r, one_more = n + 1;
-    const double loud = o->C[BASE * BASE - 1] / (AT_REST * AT_REST);
     o->point[STIFFNESS] = best->value;
     for (int i = STIFFNESS + 1; i < N_PARAMETERS; i++)
         o->point[i] += o->off[i];
@@ -590,7 +590,7 @@ static void take_for_known(Monitor *s)
     for (int i = 0; i < n; i++)
         memcpy(o->P + i * n, best->P + i * one_more, (size_t)n * sizeof *o->P);
     o->C[STIFFNESS * (BASE + 1)] += LEARNED * best->P[one_more * one_more - 1];
-    start_watch(s, loud);
+    start_watch(s);
 }
 
 /* -- from outside ------------------------------------------------------------------------------------------------ */
@@ -645,10 +645,15 @@ void monitor_start(Monitor *s, const Belief *belief, double alarm_every, double 
     believe(s, s->now.k_b);
 }
 
+static int has_begun(const Monitor *s)
+{
+    return s->now.phase > 0 || s->now.instants > 0;
+}
+
 void monitor_step(Monitor *s, double step, double force, const double *read, double k_b)
 {
     State *o = &s->now;
-    if (!o->phase && !o->instants) {
+    if (!has_begun(s)) {
         o->k_b = k_b;
         believe(s, k_b);
         o->before[0] = o->before[1] = o->before[2] = force;
@@ -694,8 +699,10 @@ int monitor_cause(const Monitor *s)
     return (int)s->now.cause;
 }
 
-double monitor_stiffness(const Monitor *s)
+double monitor_stiffness(const Monitor *s, double k_b)
 {
+    if (!has_begun(s)) /* it believes any */
+        return k_b;
     return s->now.phase > 0 ? s->now.found : tracker_stiffness(s->tracker);
 }
 

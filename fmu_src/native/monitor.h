@@ -24,7 +24,7 @@ void monitor_step(Monitor *monitor, double step, double force, const double *acc
 double monitor_drift(const Monitor *monitor);
 int monitor_alarm(const Monitor *monitor);
 int monitor_cause(const Monitor *monitor);
-double monitor_stiffness(const Monitor *monitor);
+double monitor_stiffness(const Monitor *monitor, double k_b); /* that was found; before the first step k_b itself */
 
 /* What it remembers, as doubles. Restoring takes the belief and settings that it was saved under, and returns 1 where
    these doubles are no state. */

@@ -98,7 +98,7 @@ void model_outputs(const Model *model, double *outputs)
     outputs[0] = monitor_drift(model->monitor);
     outputs[1] = monitor_alarm(model->monitor);
     outputs[2] = monitor_cause(model->monitor);
-    outputs[3] = monitor_stiffness(model->monitor);
+    outputs[3] = monitor_stiffness(model->monitor, model->k_b);
 }
 
 int model_state_size(const Model *model)

@@ -37,6 +37,9 @@ _SHAPE_WEIGHT = 0.5
 # No difference is known better than the arithmetic of a fit knows it: a share of the value.
 _ARITHMETIC = 1e-9
 
+# Forces that were measured are of one level where they differ by no more than this factor.
+_SAME_LEVEL = 1.1
+
 
 @dataclass(frozen=True)
 class Change:
@@ -211,7 +214,8 @@ def _pairs(a: Campaign, b: Campaign) -> tuple[list[tuple[Run, Run]], list[str]]:
     left = list(b.runs)
     pairs, alone = [], []
     for run in a.runs:
-        other = next((each for each in left if _settings(each) == _settings(run)), None)
+        alike = (each for each in left if _settings(each) == _settings(run) and _same_force(each, run))
+        other = next(alike, None)
         if other is None or not set(run.channels) & set(other.channels):
             alone.append(f"{run.name} of A")
             continue
@@ -225,7 +229,15 @@ def _pairs(a: Campaign, b: Campaign) -> tuple[list[tuple[Run, Run]], list[str]]:
 def _settings(run: Run) -> tuple[object, ...]:
     """What two runs must have in common to be compared."""
     place = run.excitation_node, run.excitation_plane
-    return run.support, place, run.quantity, run.force_amplitude_N, run.sweep, run.spin_rpm, run.magnitude_only
+    return run.support, place, run.quantity, run.sweep, run.spin_rpm, run.magnitude_only
+
+
+def _same_force(one: Run, other: Run) -> bool:
+    """Whether two runs are of one level; forces that were measured differ a little."""
+    a, b = one.force_amplitude_N, other.force_amplitude_N
+    if a is None or b is None or (one.force_N is None and other.force_N is None):
+        return a == b
+    return max(a, b) <= _SAME_LEVEL * min(a, b)
 
 
 def _on_common_channels(a: Run, b: Run) -> tuple[Run, Run]:

@@ -322,7 +322,7 @@ def _network(path: Path, named: Path) -> StiffnessEstimator:
         network = StiffnessEstimator(path)
         network.card  # noqa: B018 - a network without a card is not ours
     except Exception as error:  # onnxruntime has no common base class
-        raise UserError(f"{named}: holds no network of rigtwin train ({str(error).splitlines()[0]})") from error
+        raise UserError(f"{named}: holds no network of rigtwin train ({str(error).partition(chr(10))[0]})") from error
     return network
 
 

@@ -10,6 +10,10 @@ def as_kind(name: str, value: float | int | bool | str, kind: str) -> float | in
 
     >>> as_kind("rigid_support", "true", "Boolean"), as_kind("excitation_node", "3", "Integer")
     (True, 3)
+    >>> as_kind("excitation_node", float("inf"), "Integer")
+    Traceback (most recent call last):
+        ...
+    rigtwin.errors.UserError: excitation_node=inf: 'inf' is not a whole number
     """
     words = {"true": True, "false": False}
     try:
@@ -18,6 +22,6 @@ def as_kind(name: str, value: float | int | bool | str, kind: str) -> float | in
         if kind == "Integer":
             return int(value) if isinstance(value, str) or int(value) == value else int(str(value))
         return float(value)
-    except (KeyError, ValueError):
+    except (KeyError, ValueError, OverflowError):
         wanted = {"Boolean": "true or false", "Integer": "a whole number"}.get(kind, "a number")
         raise UserError(f"{name}={value}: {str(value)!r} is not {wanted}") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import lzma
 import stat
 import zipfile
 import zlib
@@ -72,7 +73,7 @@ def _unpack_archive(name: str, content: bytes, folder: Path, budget: _Budget) ->
             for entry in _files_of(name, archive):
                 with archive.open(entry) as source:
                     _write(source, folder, _plain(entry.filename), budget)
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, OSError, RuntimeError, EOFError, ValueError) as error:
         raise UserError(f"{name}: not an archive that can be read ({error}); pack the folder again") from error
 
 
@@ -99,8 +100,12 @@ def _write(source: IO[bytes], folder: Path, name: PurePosixPath, budget: _Budget
     if name.suffix.lower() not in SUFFIXES or name.name.startswith("."):
         return
     target = folder / name
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with target.open("wb") as file:
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        file = target.open("xb")
+    except OSError as error:
+        raise UserError(f"{str(name)[:60]}: cannot be stored ({error.strerror}); rename it") from error
+    with file:
         while chunk := source.read(_CHUNK):
             budget.take(len(chunk))
             file.write(chunk)

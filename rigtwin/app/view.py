@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import shutil
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -48,13 +49,19 @@ class Bench:
     def start(self, sent: Sequence[tuple[str, bytes]]) -> None:
         """Diagnose what was sent; a diagnosis that still runs is ended. Raises UserError."""
         with self._lock:
-            self.cancel()
-            self._count += 1
-            folder = self._scratch.path / str(self._count)
+            before = self._scratch.path / str(self._count)
+            folder = self._scratch.path / str(self._count + 1)
             uploaded, out, temporary = (folder / name for name in ("uploaded", "out", "temporary"))
             for each in (uploaded, out, temporary):
                 each.mkdir(parents=True)
-            campaign = unpack(sent, uploaded)
+            try:
+                campaign = unpack(sent, uploaded)
+            except UserError:
+                shutil.rmtree(folder, ignore_errors=True)
+                raise
+            self.cancel()
+            shutil.rmtree(before, ignore_errors=True)
+            self._count += 1
             name = campaign.name if campaign != uploaded else ", ".join(name for name, _ in sent)
             self.job = Job(name, campaign, out, temporary, self._worker)
 

@@ -29,6 +29,9 @@ _NOTABLE = 1.5
 # Periods over which the vibration is averaged.
 _WINDOW = 5.0
 
+# Windows that a run has at least.
+_LEAST = 20
+
 
 @dataclass(frozen=True)
 class SystemRequest:
@@ -49,6 +52,17 @@ class Judged:
     last_speed: float  # [rad/s]
 
 
+def _plan(request: SystemRequest, facts: MachineFacts) -> MachinePlan:
+    """How long it runs. Raises UserError where that is too short to see anything."""
+    plan = MachinePlan(request.seconds or facts.seconds, facts.step, _WINDOW * facts.period)
+    if plan.stop < _LEAST * plan.window:
+        raise UserError(
+            f"--seconds {plan.stop:g}: vibration is an rms over {plan.window:.2g} s, and this rotor needs at least "
+            f"{_LEAST * plan.window:.2g} s"
+        )
+    return plan
+
+
 def run_system(request: SystemRequest) -> None:
     """Build, run with and without supervisor, draw, print."""
     page = request.out / "system.html"
@@ -56,10 +70,10 @@ def run_system(request: SystemRequest) -> None:
     rig = load_rig(request.rig)
     try:
         facts = machine_facts(rig)
+        plan = _plan(request, facts)
         system = build_machine(rig, facts, request.out, targets=[this_machine()])
     except (BuildError, CompileError) as error:
         raise UserError(str(error)) from error
-    plan = MachinePlan(request.seconds or facts.seconds, facts.step, _WINDOW * facts.period)
     runs = _run(system, plan)
     judged = tuple(_judge(run) for run in runs)
     record = _record(runs[0], judged)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from rigtwin.parsing import parse_toml
 from rigtwin.sim.campaign import Channel, MeasurementError
 from rigtwin.sim.formats.csv_header import channel_of
 from rigtwin.sim.formats.settings import Band, Positive, explain
@@ -199,13 +199,13 @@ def read_plan(path: Path | None, told: dict[str, Any], channels: Sequence[str]) 
 
 def _tables(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return parse_toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise MeasurementError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise MeasurementError(f"{path}: not a text file in UTF-8 ({error.reason}); save it as UTF-8") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise MeasurementError(f"{path}: not valid TOML: {error}") from error
+    except ValueError as error:
+        raise MeasurementError(f"{path}: {error}") from error
 
 
 def _told_channel(words: str) -> tuple[str, dict[str, str]]:

@@ -49,6 +49,17 @@ def test_another_rig_gives_another_guid(rotor_fmu, larger_disks_fmu):
     assert guid(rotor_fmu) != guid(larger_disks_fmu)
 
 
+def test_another_description_has_another_guid(monkeypatch, tmp_path):
+    staged = []
+    monkeypatch.setattr(build, "_build", lambda bundle, *rest: staged.append(bundle))
+    rig = load_rig("nit-rourkela")
+    for k_b_input in (False, True):
+        build.build_rotor_fmu(rig, tmp_path, k_b_input=k_b_input)
+    for nodes in ((2,), (3, 4)):
+        build.build_listener_fmu(build.MONITOR, rig, tmp_path, nodes)
+    assert len({bundle.guid for bundle in staged}) == 4
+
+
 def test_rotor_and_estimator_have_different_guids(rotor_fmu, estimator_fmu):
     assert guid(rotor_fmu) != guid(estimator_fmu)
 

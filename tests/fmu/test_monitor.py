@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from benchmarks.monitor import Machine
 from benchmarks.tracker import FASTER, NODE, TRUE, band_noise, sine
-from rigtwin.estimator.tracking.monitor import CAUSES, GapMonitor, Watching
+from rigtwin.estimator.tracking.monitor import AT_REST, CAUSES, GapMonitor, Watching, _Guess
 from rigtwin.estimator.tracking.reduced_rotor import ReducedRotor
 from rigtwin.estimator.tracking.tracker import Belief
 from rigtwin.fmu_src.build import MONITOR, build_listener_fmu, build_native_listener_fmu, reduced_rotor
@@ -20,7 +21,7 @@ from rigtwin.rotor.effects import AttachedMass
 from rigtwin.rotor.geometry.assembly import assemble
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.rotor.model.rotor_model import build_system
-from rigtwin.sim.session import FmuSession
+from rigtwin.sim.session import FmuError, FmuSession
 
 RIG = load_rig("nit-rourkela")
 STEP, LEARNED, HEARD = 1e-4, 15_000, 3_000
@@ -173,6 +174,41 @@ def test_the_pythonfmu_flavour_is_the_monitor(force, early, tmp_path):
         first = said(session, driven[1], read[1])
         session.restore_state(state)
         assert said(session, driven[1], read[1]) == first
+
+
+def test_before_the_first_step_k_b_is_what_is_believed(compiled, tmp_path):
+    for fmu in (compiled, build_listener_fmu(MONITOR, RIG, tmp_path)):
+        with FmuSession(fmu) as session:
+            session.start(BELIEF | {"k_b": 2e6})
+            assert session.get(("k_b_found",)) == [2e6]
+
+
+def test_a_state_of_another_shape_is_refused_and_leaves_everything_as_it_was(tmp_path):
+    python = build_listener_fmu(MONITOR, RIG, tmp_path)
+    with FmuSession(python) as session:
+        session.start(BELIEF)
+        said(session, 1.0, 0.5)
+        state = session.save_state()
+        content = json.loads(state.content)
+        first = said(session, 2.0, 0.7)
+        session.restore_state(state)
+        for damage in ({"state": {}}, {"state": None}, {"values": [1.0]}, {"values": 3}):
+            with pytest.raises(FmuError, match="not a state that this FMU saved"):
+                session.restore_state(replace(state, content=json.dumps(content | damage).encode()))
+        assert said(session, 2.0, 0.7) == first
+
+
+def test_a_new_k_b_begins_with_what_the_sensors_may_show_at_rest():
+    """However much has been learned of it since."""
+    monitor = GapMonitor(reduced_rotor(RIG, assemble(RIG)), (NODE,), Belief(3e6, 20.0, 0.005, walk=0.0))
+    state, n = monitor._state, 2 * monitor._rotor.r
+    state.heard, state.x, state.P = 4.0, np.zeros(n), np.eye(n)
+    monitor._start_watch(np.eye(5))
+    prior = state.C[-1, -1]
+    state.C[-1, -1] *= 1e-4
+    state.guesses = [_Guess(0, np.log(3e6), np.log(3e6), np.zeros(n), np.eye(n + 1), 0.0)]
+    monitor._take_for_known()
+    assert state.C[-1, -1] == prior == AT_REST**2 * 4.0
 
 
 def test_another_importer_sees_the_same(compiled, force, early):

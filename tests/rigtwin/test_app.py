@@ -124,12 +124,27 @@ def test_too_many_files_and_too_large_ones_are_refused(tmp_path, monkeypatch):
         unpack(campaign_files("a"), tmp_path)
 
 
+def damaged(compression: int) -> bytes:
+    """An archive whose file cannot be unpacked."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", compression) as archive:
+        archive.writestr("campaign.toml", b"title = 'a'\n" * 1000)
+    content = bytearray(made.getvalue())
+    start = 30 + len("campaign.toml")
+    content[start + 8 : start + 40] = b"\xff" * 32
+    return bytes(content)
+
+
 @pytest.mark.parametrize(
     ("sent", "words"),
     [
         ([("run.csv", b"")], "there is no campaign.toml among the files"),
         ([("a.zip", b"PK no archive")], "not an archive that can be read"),
         ([("a.zip", zipped(("a/campaign.toml", b""), ("b/campaign.toml", b"")))], "there are 2 campaigns"),
+        ([("a.zip", zipped(("campaign.toml", b""), ("campaign.toml/x.csv", b"")))], "cannot be stored"),
+        ([("a" * 300 + ".csv", b"")], "cannot be stored"),
+        ([("a.zip", damaged(zipfile.ZIP_LZMA))], "not an archive that can be read"),
+        ([("a.zip", damaged(zipfile.ZIP_BZIP2))], "not an archive that can be read"),
     ],
 )
 def test_what_is_no_campaign_is_refused_in_a_sentence(tmp_path, sent, words):

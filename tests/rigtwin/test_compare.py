@@ -121,6 +121,18 @@ def test_what_has_no_counterpart_is_named_and_nothing_in_common_is_refused():
         rigtwin.compare(replace(a, runs=a.runs[:1]), replace(a, runs=a.runs[1:]))
 
 
+def test_runs_of_forces_that_were_measured_are_of_one_level():
+    a, b = campaign(5e6, 1), campaign(5e6, 11)
+
+    def driven(runs, level):
+        return tuple(replace(r, force_amplitude_N=level, force_N=np.full(len(r.frequency_hz), level)) for r in runs)
+
+    first = replace(a, runs=driven(a.runs, 1.0234))
+    assert len(rigtwin.compare(first, replace(b, runs=driven(b.runs, 1.0235))).pairs) == 2
+    with pytest.raises(rigtwin.UserError, match="nothing in campaign A"):
+        rigtwin.compare(first, replace(b, runs=driven(b.runs, 1.5)))
+
+
 def test_magnitudes_are_compared_line_by_line():
     a = campaign(5e6, 1)
     silent = replace(a, runs=tuple(replace(r, H=np.abs(r.H).astype(complex), magnitude_only=True) for r in a.runs))

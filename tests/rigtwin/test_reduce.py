@@ -65,6 +65,12 @@ def test_a_plan_says_the_same_and_the_command_line_wins(records, tmp_path):
     assert 'support = "bearing"      # or "rigid"' in told["campaign_toml"]
 
 
+def test_a_number_of_thousands_of_digits_in_a_plan_is_told(records, tmp_path, refused):
+    (tmp_path / "plan.toml").write_text(f"sample_rate_Hz = {'9' * 5000}\n")
+    words = refused("reduce", records, "--out", tmp_path / "a.csv", "--plan", tmp_path / "plan.toml", *CHANNELS)
+    assert "plan.toml: not valid TOML: a whole number in it has thousands of digits" in words
+
+
 def test_amplitudes_alone_make_a_run_of_accelerations(records, tmp_path):
     told = run_json("reduce", records, "--out", tmp_path / "a.csv", *CHANNELS[2:])
     assert told["magnitude_only"]

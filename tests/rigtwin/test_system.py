@@ -34,6 +34,13 @@ def test_a_rig_whose_bearings_have_no_k_b_is_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_run_too_short_to_see_vibration_is_refused_before_anything_is_built(tmp_path):
+    result = run("system", "--out", tmp_path, "--seconds", "0.1")
+    assert result.exit_code == 2
+    assert "--seconds 0.1: vibration is an rms over" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.long
 def test_the_supervisor_keeps_away_from_the_resonance_that_comes_down(tmp_path):
     found = run_json("system", "--out", tmp_path)

@@ -154,6 +154,12 @@ def test_arrays_of_different_lengths_are_refused(tmp_path):
         read_record(tmp_path / "r.mat")
 
 
+def test_an_empty_wav_is_told(tmp_path):
+    scipy.io.wavfile.write(tmp_path / "r.wav", 1000, np.zeros((0, 2), dtype=np.int16))
+    with pytest.raises(MeasurementError, match=r"r\.wav: 0 samples"):
+        read_record(tmp_path / "r.wav")
+
+
 def test_a_damaged_wav_is_told(tmp_path):
     (tmp_path / "r.wav").write_bytes(b"RIFF\x10\x00\x00\x00WAVEjunk")
     with pytest.raises(MeasurementError, match=r"r\.wav: cannot be read as WAV"):

@@ -40,6 +40,15 @@ def test_a_link_to_nothing_is_refused_and_nothing_is_written(rotor_fmu, tmp_path
     assert not list(tmp_path.iterdir())
 
 
+def test_two_fmus_of_one_file_name_are_refused(rotor_fmu, tmp_path):
+    other = tmp_path / rotor_fmu.name
+    other.write_bytes(rotor_fmu.read_bytes())
+    components = [Component("first", rotor_fmu), Component("second", other)]
+    with pytest.raises(ValueError, match="the same file name"):
+        write_system("system", components, [], tmp_path / "system.ssp")
+    assert not (tmp_path / "system.ssp").exists()
+
+
 @pytest.mark.long
 def test_a_hammer_blow_on_both_rotors_brings_k_b_out_of_the_estimator(ssp):
     assert ssp_hammer_test.measure(ssp) == pytest.approx(ssp_hammer_test.TRUE_K_B, rel=5e-3)

@@ -243,8 +243,7 @@ rest. The rig waits {PLAN.settle_time:g} s of simulated time before each window 
 {bar("sweep on both supports", one, at_most=0.7, unit="s")}
 {bar("this time divided by that of a sampled sine for each line", one / sampled, at_most=1 / 2000)}
 The time for the sampled sine is an estimate: three lines of {DURATION:g} s of simulated time were timed, each took
-{timings.sampled_line:.2f} s, and this was multiplied by the number of lines. Such a force is constant between two
-samples, so its result also has a phase error of half a sample or more (see the FMU's documentation).
+{timings.sampled_line:.2f} s, and this was multiplied by the number of lines.
 
 Each hammer blow is followed by {DURATION:g} s in which the rotor rings down. It gives the whole frequency band at once,
 in lines {1 / DURATION:.4g} Hz apart. Its errors reach {100 * timings.blow_error:.1f} % of the largest value of a

@@ -67,7 +67,8 @@ def features_of_runs(rigid: Run, bearing: Run) -> Features:
         raise MeasurementError(
             f"{rigid.name} resonates at {r1.frequency_hz:.4g} and {r2.frequency_hz:.4g} Hz, {bearing.name} at "
             f"{b1.frequency_hz:.4g} and {b2.frequency_hz:.4g} Hz: no rotor is stiffer on bearings than on rigid "
-            "supports, so the two seem to be exchanged; give the run on rigid supports first"
+            "supports, so the two seem to be exchanged; give the run on rigid supports first, or correct support in "
+            "campaign.toml"
         )
     return Features(
         delta_f1=shifts[0],

@@ -33,7 +33,7 @@ class CommandGroup(TyperGroup):
         try:
             code = super().main(args, *other, standalone_mode=False, **extra)
         except TyperException as error:
-            code = complain(error.format_message() + " See rigtwin COMMAND --help.", error.exit_code)
+            code = complain(f"{error.format_message().removesuffix('.')}. See rigtwin COMMAND --help.", error.exit_code)
         except (Abort, KeyboardInterrupt):
             code = INTERRUPTED
         except (OSError, *wrong_input()) as error:

@@ -234,6 +234,11 @@ class Campaign:
     peaks: tuple[PeakList, ...] = ()
     nominal: NominalBelief = NominalBelief()
 
+    def check_nodes(self, n_nodes: int) -> None:
+        """Raise MeasurementError where a run has a node that a rig of so many lacks."""
+        for run in self.runs:
+            run.check_nodes(n_nodes)
+
     def _repr_html_(self) -> str:
         """Its runs and lists of resonances, for notebooks."""
         runs = [[value for _, value in run._facts()] for run in self.runs]

@@ -31,6 +31,8 @@ _PART, _THIRDS = 1, 6
 
 # A frequency in a file's name is believed to this share, and to half of its last digit.
 _NAMED_EXACTLY = 1e-3
+# From so many records, all misnamed by one factor within this share, the sampling rate may be wrong.
+_MANY, _ALL_ALIKE = 4, 0.02
 _NAME = re.compile(r"(\d+)(?:[.,p](\d+))?[ _]?(k?)hz", re.IGNORECASE)
 
 
@@ -46,7 +48,7 @@ class RecordedLine:
     force_N: float  # peak; nan without a force channel
     periods: float
     change: float  # from the first to the last part of the record beyond noise, largest over channels, relative
-    remarks: tuple[str, ...]  # what is odd, each a sentence without the record's name
+    remarks: tuple[str, ...]  # what is odd, each a sentence without the record's name, which may say another frequency
     usable: bool = True
 
 
@@ -80,7 +82,7 @@ def line_of(signals: Signals, largest_change: float) -> RecordedLine:
     if not _has_lead(signals):
         response = np.abs(response).astype(complex)
     clipped = _clipped(signals)
-    remarks = [*clipped, *_misnamed(signals.name, frequency)]
+    remarks = [*clipped]
     if unsettled.any():
         words = f"the response still changes by {100 * change:.2g} % from the first to the last part"
         used = "the standard error holds the change" if change <= largest_change else "the line is left out"
@@ -99,6 +101,20 @@ def line_of(signals: Signals, largest_change: float) -> RecordedLine:
         remarks=tuple(remarks),
         usable=not clipped and change <= largest_change,
     )
+
+
+def remarks_of(lines: Sequence[RecordedLine]) -> list[str]:
+    """What is odd about each record, and about names of files that say other frequencies than their samples."""
+    misnamed = [(line, said) for line in lines if (said := _named_otherwise(line)) is not None]
+    factors = [said / line.frequency_hz for line, said in misnamed]
+    told = [f"{line.record}: {words}" for line in lines for words in line.remarks]
+    if len(factors) >= _MANY and max(factors) < (1 + _ALL_ALIKE) * min(factors):
+        words = f"the names of {len(factors)} records say {np.median(factors):.3g} times the frequency of their samples"
+        return [f"{words}: is the sampling rate right? The samples are believed", *told]
+    for line, said in misnamed:
+        words = f"its name says {said:g} Hz, its samples {line.frequency_hz:.6g} Hz; the samples are believed"
+        told.append(f"{line.record}: {words}")
+    return told
 
 
 def run_of_lines(lines: Sequence[RecordedLine], channels: Sequence[Channel], lead: str | None) -> Run:
@@ -213,18 +229,12 @@ def _clipped(signals: Signals) -> list[str]:
     return [f"clipped: {', '.join(found)} at the end of the range"] if found else []
 
 
-def _misnamed(name: str, frequency_hz: float) -> list[str]:
-    """A sentence where the file's name says another frequency than its samples.
-
-    >>> _misnamed("095.5Hz.csv", 191.0)
-    ['its name says 95.5 Hz, its samples 191 Hz; the samples are believed']
-    """
-    match = _NAME.search(name)
+def _named_otherwise(line: RecordedLine) -> float | None:
+    """The frequency that the file's name says [Hz], where it is another than that of its samples."""
+    match = _NAME.search(line.record)
     if match is None:
-        return []
+        return None
     scale = 1e3 if match[3] else 1.0
     said = float(f"{match[1]}.{match[2] or 0}") * scale
     rounding = 0.5 * 10.0 ** -len(match[2] or "") * scale
-    if abs(frequency_hz - said) <= _NAMED_EXACTLY * said + rounding:
-        return []
-    return [f"its name says {said:g} Hz, its samples {frequency_hz:.6g} Hz; the samples are believed"]
+    return said if said and abs(line.frequency_hz - said) > _NAMED_EXACTLY * said + rounding else None

@@ -67,6 +67,5 @@ def forward_of(campaign: Campaign) -> Forward:
     Raises MeasurementError where a run has a node that the rig lacks.
     """
     forward = Forward(workshop_of(campaign))
-    for run in campaign.runs:
-        run.check_nodes(forward.structure.n_nodes)
+    campaign.check_nodes(forward.structure.n_nodes)
     return forward

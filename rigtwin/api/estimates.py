@@ -203,6 +203,9 @@ def answer_tests(
     if len(sources) == 1 and isinstance(sources[0], Path) and not sources[0].is_file():
         sources = [load_campaign(sources[0])]
     known = rig if rig is not None else next((s.rig for s in sources if isinstance(s, Campaign)), None)
+    for source in sources:
+        if isinstance(source, Campaign):
+            source.check_nodes(len(as_rig(known or source.rig).nodes_m))
     if estimator and method not in (None, "network"):
         raise UserError(f"--estimator: the method {method} asks no network; leave one of the two out")
     if method == "responses":
@@ -435,7 +438,7 @@ def _read(source: Run | Campaign | Path, support: SupportKind, settings: dict[st
     else:
         path = existing(Path(str(source)))
         said = said_of(path, **settings).get("support", support)  # no CSV says it
-        run = read_run(path, node, support=support, **settings)
+        run = read_run(path, node, support=said, **settings)
     if said != support:
         name = source.name if isinstance(source, Run) else source
         raise UserError(f"{name}: a run on {said} support; give first the run on rigid supports, then that on bearings")
@@ -500,7 +503,10 @@ def _features(numbers: Numbers, asked: _Asked) -> Features:
         )
         raise UserError(f"{', '.join(missing)} missing; {needed} are needed")
     said = {name for name, value in asdict(numbers).items() if value is not None}
-    return Features(**{name: _finite(option(name), v) if name in said else v for name, v in given.items()})
+    for name, value in given.items():
+        if name in said and _finite(option(name), value) < 0 and name.endswith("_std"):
+            raise UserError(f"{option(name)} {value}: a standard error is 0 or more")
+    return Features(**given)
 
 
 def option(name: str) -> str:

@@ -125,6 +125,10 @@ def check_native(native: bool, array_output: bool, targets: Sequence[str]) -> No
         raise UserError("--array-output: only the FMI 3.0 FMU of --native can have an array; add --native")
     if targets and not native:
         raise UserError("--target: the FMUs on Python run on every platform; add --native")
+    try:
+        targets_named(targets)
+    except CompileError as error:
+        raise UserError(f"--target: {error}") from error
 
 
 def build_compiled(

@@ -80,8 +80,7 @@ def report(
 def _write(campaign: Campaign, out: Path, estimator: Path | None, trust: bool) -> str:
     """Fit, estimate, write the page; returns its result in a sentence."""
     rig = as_rig(campaign.rig)
-    for run in campaign.runs:
-        run.check_nodes(len(rig.nodes_m))
+    campaign.check_nodes(len(rig.nodes_m))
     modes, unfitted = _modes(campaign.runs)
     answers, why_none = _estimate(campaign, estimator, trust)
     write_page(

@@ -21,7 +21,7 @@ from rigtwin.sim.formats.settings import READING, check_settings
 from rigtwin.sim.formats.variables import UNITS
 from rigtwin.sim.signals import Signals, signals_of
 from rigtwin.sim.spectra import reduce_spectra
-from rigtwin.sim.stepped_records import line_of, run_of_lines
+from rigtwin.sim.stepped_records import line_of, remarks_of, run_of_lines
 
 # Remarks that are printed; the others are counted.
 _REMARKS = 10
@@ -116,8 +116,7 @@ def _of_lines(paths: Sequence[Path], plan: ReductionPlan) -> Reduced:
         "fewest_periods": min(line.periods for line in lines),
         "median_relative_error": float(relative),
     }
-    remarks = [f"{line.record}: {words}" for line in lines for words in line.remarks]
-    return Reduced(run, len(paths), remarks, how)
+    return Reduced(run, len(paths), remarks_of(lines), how)
 
 
 def _of_spectra(paths: Sequence[Path], plan: ReductionPlan) -> Reduced:

@@ -515,6 +515,11 @@ def load_rig(source: str | Path) -> Rig:
     return rig
 
 
+# Modulus of the softest shaft [Pa]: less is most likely written in another unit, such as GPa or N/mm^2. Densities that
+# are most likely written in g/cm^3; a shaft without mass has less.
+_SOFTEST, _IN_GRAMS = 1e8, (0.5, 30.0)
+
+
 @cache
 def _say_once(words: str) -> None:
     """A command loads a rig several times."""
@@ -531,6 +536,13 @@ def _implausible(rig: Rig) -> Iterator[str]:
                     f"{kind} {number}: diameter_m = {part.diameter_m:g} is much for a shaft of {rig.length:g} m; "
                     "lengths are in metres"
                 )
+    for number, segment in enumerate(rig.segment, start=1):
+        if segment.youngs_modulus_Pa < _SOFTEST:
+            yield f"segment {number}: youngs_modulus_Pa = {segment.youngs_modulus_Pa:g} is little; steel has 2.1e11 Pa"
+    for kind, each in parts.items():
+        for number, part in enumerate(each, start=1):
+            if part.density_kg_per_m3 and _IN_GRAMS[0] <= part.density_kg_per_m3 <= _IN_GRAMS[1]:
+                yield f"{kind} {number}: density_kg_per_m3 = {part.density_kg_per_m3:g} is little; steel has 7850 kg/m³"
 
 
 def parse_rig(text: str, where: str = "rig") -> Rig:
@@ -562,6 +574,8 @@ def _in_words(kind: str, message: str, location: tuple[int | str, ...]) -> str:
         ]
         close = get_close_matches(str(location[-1]), known, n=1)
         return f"unknown key; did you mean {close[0]}?" if close else "unknown key; check its spelling or remove it"
+    if kind == "string_pattern_mismatch":
+        return "without blanks: write letters, digits, '.', '_' and '-', beginning with a letter or a digit"
     return "is missing; write it" if kind == "missing" else message.removeprefix("Value error, ")
 
 

@@ -33,6 +33,11 @@ _KNOWN = (
     "node2_h3_re … for the third harmonic, with any node from 1"
 )
 
+_OTHERWISE = (
+    "of a file with other names, channels in campaign.toml says what they mean (--set 'channels={node2_re = \"Re\"}'), "
+    "and rigtwin reduce reads records over time"
+)
+
 
 @dataclass(frozen=True)
 class Column:
@@ -123,7 +128,7 @@ def _is_number(text: str) -> bool:
 def _column(place: str, number: int, name: str) -> Column:
     match = _COLUMN.fullmatch(name)
     if match is None or (match[4] and match[5] in _ONCE):
-        raise MeasurementError(f"{place}, column {number} {name!r}: unknown column; {_KNOWN}")
+        raise MeasurementError(f"{place}, column {number} {name!r}: unknown column; {_KNOWN}; {_OTHERWISE}")
     channel = Channel(int(match[1]), "z" if match[3] else "y", match[2])
     return Column(channel, match[5], int(match[4] or 1))  # type: ignore[arg-type]
 

@@ -175,13 +175,20 @@ def _labels(table: _Table) -> tuple[list[str], list[str]]:
     row = _labelled(above, table.columns)
     if row is not None and len(above) > row and _are_units(above[row], table.columns):
         units = [_bare(_cell(above[row], k)) for k in table.columns]
-        row = _labelled(above[:row], table.columns)
+        row = _names_above(above, row, table.columns)
     names = [_cell(above[row], k) if row is not None else "" for k in table.columns]
     split = [_IN_NAME.fullmatch(name) for name in names]
     for k, match in enumerate(split):
         if match and (kind_of(match[2] or match[4]) or (match[2] or match[4]).lower() in _SECONDS):
             names[k], units[k] = (match[1] or match[3]).strip(), units[k] or (match[2] or match[4])
     return [name or str(column + 1) for name, column in zip(names, table.columns, strict=True)], units
+
+
+def _names_above(above: list[list[str]], units: int, columns: list[int]) -> int | None:
+    """Place of the names that stand above a line of units; channels may be called by numbers there."""
+    cells = [_cell(above[units - 1], k) for k in columns] if units else []
+    numbered = all(cells) and not _is_number(cells[0])
+    return units - 1 if cells and numbered else _labelled(above[:units], columns)
 
 
 def _labelled(above: list[list[str]], columns: list[int]) -> int | None:

@@ -35,10 +35,10 @@ def read_record(path: str | Path, sample_rate_hz: float | None = None) -> Record
     MeasurementError : the file cannot be used; names it, what is wrong and what to do
     """
     path = Path(path)
+    if not path.is_file():
+        raise MeasurementError(f"{path}: no such file or folder; check its name")
     if path.suffix.lower() not in _READERS:
         raise MeasurementError(f"{path}: unknown kind of file; a record is one of {', '.join(RECORD_SUFFIXES)}")
-    if not path.is_file():
-        raise MeasurementError(f"{path}: no such file; check its name and folder")
     try:
         return _READERS[path.suffix.lower()](path, sample_rate_hz)
     except OSError as error:

@@ -90,6 +90,17 @@ class ReductionPlan(BaseModel):
             raise ValueError(f"channels: {self.method} records need a force; add the channel force")
         return self
 
+    @model_validator(mode="after")
+    def _each_column_once(self) -> ReductionPlan:
+        named: dict[str, str] = {}
+        for name, table in self.channels.items():
+            other = named.setdefault(str(table.column).lower(), name)
+            if other != name:
+                raise ValueError(
+                    f"channels: {other} and {name} are both the column {table.column}; correct one of them"
+                )
+        return self
+
     @property
     def sources(self) -> tuple[Source, ...]:
         """The responses in the plan's order, and last the force or the reference, if there is one."""
@@ -194,7 +205,8 @@ def read_plan(path: Path | None, told: dict[str, Any], channels: Sequence[str]) 
     try:
         return ReductionPlan.model_validate(tables)
     except ValidationError as error:
-        raise MeasurementError(f"{where}: {explain(error, _KEYS)}") from error
+        here = "the command line" if error.errors()[0]["loc"][:1] in [(key,) for key in told] else where
+        raise MeasurementError(f"{here}: {explain(error, _KEYS)}") from error
 
 
 def _tables(path: Path) -> dict[str, Any]:

@@ -58,6 +58,8 @@ def read_run(path: str | Path, usual_node: int = Run.excitation_node, **settings
 
 def _recording(path: Path, given: RunSettings) -> Recording:
     """What a file holds. Raises MeasurementError."""
+    if path.is_dir():
+        raise MeasurementError(f"{path}: a folder; give one file of a run (rigtwin report and diagnose take campaigns)")
     reader = _format_of(path).read
     if "channels" in given and reader not in (csv_file.read, uff.read):
         raise MeasurementError(f"{path}: channels: is for CSV and universal files; rename the variables in the file")

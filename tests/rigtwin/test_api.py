@@ -6,6 +6,7 @@ import ast
 import inspect
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -125,6 +126,24 @@ def test_runs_estimate_as_their_files_do(swept):
     asked = rigtwin.estimate(rigtwin.Campaign("", "nit-rourkela", runs), method="network")
     assert_allclose(asked.k_b, found.k_b, rtol=1e-4)  # the two shifts weigh by what the rig may be off as well
     assert asked.best.estimate.k_b_std > 5 * found.best.estimate.k_b_std
+
+
+def test_a_node_that_the_rig_lacks_is_named(swept):
+    runs = read_run(swept.rigid, support="rigid"), replace(read_run(swept.bearing), excitation_node=9)
+    with pytest.raises(rigtwin.UserError, match="excitation_node: node 9 does not exist, the rig has 7"):
+        rigtwin.estimate(rigtwin.Campaign("", "nit-rourkela", runs))
+
+
+def test_a_negative_standard_error_is_refused():
+    numbers = {
+        "delta_f1": 4.0,
+        "delta_f2": 26.0,
+        "amplitude_ratio": 1.2,
+        "delta_f2_std": 0.1,
+        "amplitude_ratio_std": 0.1,
+    }
+    with pytest.raises(rigtwin.UserError, match="--delta-f1-std -1: a standard error is 0 or more"):
+        rigtwin.estimate(**numbers, delta_f1_std=-1)
 
 
 # -- k_b of another rig ------------------------------------------------------------------------------------

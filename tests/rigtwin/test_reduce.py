@@ -71,6 +71,21 @@ def test_a_number_of_thousands_of_digits_in_a_plan_is_told(records, tmp_path, re
     assert "plan.toml: not valid TOML: a whole number in it has thousands of digits" in words
 
 
+def test_a_column_is_one_channel(records, tmp_path, refused):
+    words = refused(
+        "reduce", records, "--out", tmp_path / "a.csv", "--channel", "force=CH1, N", "--channel", "node2=ch1, g"
+    )
+    assert "channels: force and node2 are both the column ch1; correct one of them" in words
+
+
+def test_an_option_that_is_wrong_is_named_and_so_is_a_folder_that_is_not_there(records, tmp_path, refused):
+    (tmp_path / "plan.toml").write_text("largest_change = 0.1\n")
+    told = "--out", tmp_path / "a.csv", "--plan", tmp_path / "plan.toml", *CHANNELS
+    assert "the command line: sample_rate_Hz" in refused("reduce", records, *told, "--sample-rate", "-1")
+    assert "none: no such file or folder" in refused("reduce", tmp_path / "none", *told)
+    assert "a folder; give one file of a run" in refused("inspect", records)
+
+
 def test_amplitudes_alone_make_a_run_of_accelerations(records, tmp_path):
     told = run_json("reduce", records, "--out", tmp_path / "a.csv", *CHANNELS[2:])
     assert told["magnitude_only"]

@@ -2,6 +2,7 @@
 
 import copy
 import math
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -59,7 +60,7 @@ GOOD = {
 
 # What is written wrongly, the key the message must name, and a word of what it says about it.
 WRONG = [
-    ({"name": "my rig"}, "name", "pattern"),
+    ({"name": "my rig"}, "name", "blanks"),
     ({"nodes": "[0.0, 0.7, 0.5]"}, "nodes_m", "increase"),
     ({"nodes": "[0.0, 0.5, 0.9]"}, "nodes_m", "0.9"),
     ({"nodes": "[0.1, 0.5, 1.0]"}, "nodes_m", "0.1"),
@@ -382,3 +383,20 @@ def test_a_diameter_in_another_unit_is_remarked_upon(tmp_path, caplog, diameter,
     load_rig(file)  # said once
     words = "segment 1: diameter_m = 25 is much for a shaft of 0.34 m; lengths are in metres"
     assert caplog.text.count(words) == said
+
+
+@pytest.mark.parametrize(
+    ("key", "wrong", "words"),
+    [
+        ("youngs_modulus_Pa", "210", "segment 1: youngs_modulus_Pa = 210 is little; steel has 2.1e11 Pa"),
+        ("youngs_modulus_Pa", "69e9", None),
+        ("density_kg_per_m3", "7.85", "segment 1: density_kg_per_m3 = 7.85 is little; steel has 7850 kg/m³"),
+        ("density_kg_per_m3", "1e-3", None),  # a shaft whose mass stands as lumped masses
+    ],
+)
+def test_a_material_in_another_unit_is_remarked_upon(tmp_path, caplog, key, wrong, words):
+    own = Path(__file__).resolve().parents[2] / "examples" / "own_rotor.toml"
+    text = re.sub(rf"{key} = \S+", f"{key} = {wrong}", own.read_text(encoding="utf-8"))
+    (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+    load_rig(tmp_path / "rig.toml")
+    assert (words in caplog.text) if words else ("is little" not in caplog.text)

@@ -154,6 +154,15 @@ def test_arrays_of_different_lengths_are_refused(tmp_path):
         read_record(tmp_path / "r.mat")
 
 
+def test_channels_that_are_called_by_numbers_are_those_of_the_header(tmp_path):
+    """As some oscilloscopes write them, with the channels that were on."""
+    rows = [f"{1e-3 * k},{10 + k % 3},{30 + k}" for k in range(20)]
+    (tmp_path / "r.csv").write_text("\n".join(["x-axis,1,3", "second,Volt,Volt", *rows]))
+    record = read_record(tmp_path / "r.csv")
+    assert (record.names, record.units) == (("1", "3"), ("Volt", "Volt"))
+    assert record.samples[:, record.names.index("3")].tolist() == list(range(30, 50))
+
+
 def test_an_empty_wav_is_told(tmp_path):
     scipy.io.wavfile.write(tmp_path / "r.wav", 1000, np.zeros((0, 2), dtype=np.int16))
     with pytest.raises(MeasurementError, match=r"r\.wav: 0 samples"):

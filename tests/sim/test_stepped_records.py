@@ -16,7 +16,7 @@ from rigtwin.sim.detection import NoSineError, detect, detect_at, find_frequency
 from rigtwin.sim.formats.record import Record
 from rigtwin.sim.formats.reduction_plan import ReductionPlan
 from rigtwin.sim.signals import Signals, clipped_share, signals_of
-from rigtwin.sim.stepped_records import line_of, run_of_lines
+from rigtwin.sim.stepped_records import line_of, remarks_of, run_of_lines
 from tests.sim.test_detection import REJECTED
 from tests.tolerances import ROUND_OFF
 
@@ -169,10 +169,20 @@ def test_the_papers_procedure_reads_amplitudes_of_one_accelerometer():
 
 def test_a_file_that_is_named_after_another_frequency_is_told_and_its_samples_believed():
     line = line_of(signals(settled(0.05), name="line_096.5Hz.csv"), 0.05)
-    assert re.fullmatch(r"its name says 96.5 Hz, its samples 95\.48\d+ Hz; the samples are believed", line.remarks[0])
+    (words,) = remarks_of([line])
+    expected = r"line_096\.5Hz\.csv: its name says 96.5 Hz, its samples 95\.48\d+ Hz; the samples are believed"
+    assert re.fullmatch(expected, words)
     assert line.usable
     for name in ("95.5Hz.csv", "95Hz.csv", "95,48 Hz.csv", "0.0955kHz.csv", "record17.csv"):
-        assert line_of(signals(settled(0.05), name=name), 0.05).remarks == ()
+        assert remarks_of([line_of(signals(settled(0.05), name=name), 0.05)]) == []
+
+
+def test_a_wrong_sampling_rate_is_told_once():
+    line = line_of(signals(settled(0.05), name="955Hz.csv"), 0.05)
+    lines = [replace(line, record=f"{955 + k}Hz.csv", frequency_hz=95.5 + k / 10) for k in range(30)]
+    (words,) = remarks_of(lines)
+    assert words.startswith("the names of 30 records say 10 times the frequency of their samples: is the sampling rate")
+    assert len(remarks_of(lines[:3])) == 3
 
 
 def transient(share: float, decay: float = 8.0) -> np.ndarray:

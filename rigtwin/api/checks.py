@@ -33,7 +33,7 @@ from rigtwin.sim.stepped_sine import NotSettledError, Rig, sweep
 from rigtwin.wording import percent, stiffness
 from rigtwin.workers import Pool, worker_pool
 
-ROTOR, ESTIMATOR = "RotorRig", "StiffnessEstimator"
+ROTOR = "RotorRig"
 
 # What sets each kind of FMU in motion; other FMUs are stepped with their start values.
 _DRIVE = {"force_amplitude": 1.0, "force_frequency": 90.0}

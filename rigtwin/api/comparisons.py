@@ -143,6 +143,10 @@ class Comparison:
         """Write the page with tables and responses, and return its path. Raises UserError."""
         return _save(self, Path(page))
 
+    def __str__(self) -> str:
+        """The result in a sentence."""
+        return self.sentence
+
     def _repr_html_(self) -> str:
         drawn = [_drawing(a, b) for a, b in self.pairs[:2]]
         tables = html.table(COMPARISON_HEADER, self.rows()) + html.table(RUN_HEADER, self.run_rows())

@@ -86,6 +86,10 @@ class Diagnosed:
         """Write diagnosis.json and report.html into a folder, both or neither; returns the page. Raises UserError."""
         return _save(self, Path(folder))
 
+    def __str__(self) -> str:
+        """The verdict in a sentence."""
+        return self.sentence
+
     def _repr_html_(self) -> str:
         drawn = _drawing(self.curves[-1]) if self.curves else ""
         table = html.table(CAUSE_HEADER, [cause_row(cause) for cause in self.causes[:FOREMOST]])

@@ -83,6 +83,12 @@ class Answer:
             said["workshop_error_of_ln_k_b"] = self.workshop_error
         return {"test": self.test, **asdict(self.features), **asdict(self.estimate), **said}
 
+    def __str__(self) -> str:
+        """Its stiffness in a line."""
+        e = self.estimate
+        told = f"k_b = {stiffness_with_error(e.k_b, e.k_b_std)} MN/m, 90 % interval {interval(e.k_b_low, e.k_b_high)}"
+        return "; ".join([f"{self.test}: {told}", *(f"not valid: {words}" for words in self.objections)])
+
     def row(self) -> tuple[str, ...]:
         """For a reader, beneath ANSWER_HEADER."""
         f, e = self.features, self.estimate
@@ -122,6 +128,10 @@ class Answers:
     def k_b(self) -> float:
         """Bearing stiffness of ``best`` [N/m]; not to be used where its estimate is not valid."""
         return self.best.estimate.k_b
+
+    def __str__(self) -> str:
+        """A line for each test, and what speaks against it."""
+        return "\n".join(map(str, self))
 
     def _repr_html_(self) -> str:
         said = [*(f"{a.test}: not valid: {words}" for a in self for words in a.objections), *self.remarks]
@@ -170,8 +180,8 @@ def estimate(
     ...     delta_f1=4.036, delta_f2=26.0, amplitude_ratio=1.228,
     ...     delta_f1_std=0.01, delta_f2_std=0.02, amplitude_ratio_std=0.01,
     ... )
-    >>> f"{found.k_b:.2e}", found.best.estimate.valid
-    ('1.00e+07', True)
+    >>> print(found)
+    numbers given: k_b = 9.9963 ± 0.0082 MN/m, 90 % interval 9.983 to 10.010
     >>> rigtwin.estimate()
     Traceback (most recent call last):
         ...

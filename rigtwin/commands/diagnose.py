@@ -16,7 +16,7 @@ from rigtwin.api.predictions import PREDICTION_HEADER, predict
 from rigtwin.console import note, print_json, say, stages, table
 from rigtwin.gap.document import FILE_NAME as DIAGNOSIS_FILE
 from rigtwin.gap.document import Diagnosis, Shrink
-from rigtwin.pages.diagnosis_words import NO_CAUSE, at_edge, cause_title, explained, finite, k_b_words, named, share
+from rigtwin.pages.diagnosis_words import NO_CAUSE, at_edge, cause_title, explained, finite, k_b_words, share
 from rigtwin.scratch import check_writable
 from rigtwin.wording import counted
 
@@ -89,7 +89,7 @@ def _progress() -> Iterator[Progress]:
 def _print(diagnosis: Diagnosis, page: Path) -> None:
     say(diagnosis.sentence)
     if diagnosis.causes:
-        if not named(diagnosis):
+        if not diagnosis.names_a_cause:
             say(NO_CAUSE[diagnosis.verdict])
         table(CAUSE_HEADER, map(cause_row, diagnosis.causes[:FOREMOST]))
         for cause in diagnosis.causes[:FOREMOST]:

@@ -43,7 +43,6 @@ from rigtwin.pages.diagnosis_words import (
     k_b_interval,
     k_b_words,
     meanings,
-    named,
     parameters,
     places,
     repeatability_row,
@@ -153,7 +152,7 @@ def _key_figures(diagnosis: Diagnosis, curves: Sequence[Curve]) -> list[KeyFigur
         of = "of the nominal model, " if diagnosis.verdict in ("unknown", "not_enough_data") else ""
         value = f"{stiffness(k_b.value)} MN/m"
         figures.append(KeyFigure("Bearing stiffness k_b", value, f"{of}90 % interval {k_b_interval(k_b)}"))
-    if named(diagnosis):
+    if diagnosis.names_a_cause:
         best = diagnosis.causes[0]
         figures.append(KeyFigure("Probability", part(best.probability), cause_title(best)))
     elif diagnosis.nominal.get("peaks") and finite(diagnosis.nominal.get("probability")):
@@ -180,7 +179,7 @@ def _nothing_left(curves: Sequence[Curve], before: float | None, in_decibel: str
 
 def _meanings(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """What the verdict names: title, place, meaning, size."""
-    if not named(diagnosis):
+    if not diagnosis.names_a_cause:
         return []
     several = diagnosis.equivalent if diagnosis.verdict == "ambiguous" else ()
     return [
@@ -289,8 +288,8 @@ def _candidate_content(diagnosis: Diagnosis) -> dict[str, Any]:
     drawn = any(cause.probability >= 1e-3 for cause in causes)  # bars that can be seen
     why_none = NO_CAUSE.get(diagnosis.verdict, "") if causes else "No cause is named."
     return {
-        "no_cause": "" if named(diagnosis) else why_none,
-        "candidates": candidate_figure(causes, diagnosis.equivalent, named=named(diagnosis)) if drawn else None,
+        "no_cause": "" if diagnosis.names_a_cause else why_none,
+        "candidates": candidate_figure(causes, diagnosis.equivalent, named=diagnosis.names_a_cause) if drawn else None,
         "edge": any(cause.at_prior_edge for cause in causes[:first]),
         "cause_rows": rows[:first] or rows,
         "other_rows": rows[first:] if first else [],
@@ -348,7 +347,7 @@ def _shrink_content(shrink: Shrink | None) -> dict[str, Any]:
 def _calibration_content(diagnosis: Diagnosis) -> dict[str, Any]:
     """What the nominal model takes, and what the one with the effect takes, beside what was known before."""
     own, nominal = diagnosis.calibration, diagnosis.nominal.get("calibration")
-    models = [nominal, own] if named(diagnosis) and nominal is not None else [own]
+    models = [nominal, own] if diagnosis.names_a_cause and nominal is not None else [own]
     return {
         "calibrated": _calibrated_rows(models, "numbers", calibrated_row),
         "calibrated_gains": _calibrated_rows(models, "gains", calibrated_row),

@@ -136,11 +136,6 @@ def at_edge(cause: Cause) -> str:
     return f"{names} at the end of the range that was searched"
 
 
-def named(diagnosis: Diagnosis) -> bool:
-    """Whether the verdict names a cause."""
-    return diagnosis.verdict in ("cause", "ambiguous") and bool(diagnosis.causes)
-
-
 def gap_before(diagnosis: Diagnosis) -> float | None:
     """The gap on held-out data, else that of the fit."""
     return diagnosis.shrink.before if diagnosis.shrink else diagnosis.nominal.get("gap")
@@ -148,7 +143,7 @@ def gap_before(diagnosis: Diagnosis) -> float | None:
 
 def best_k_b(diagnosis: Diagnosis) -> Estimate | None:
     """The stiffness with the cause, where one is named, else the nominal model's."""
-    with_cause = diagnosis.causes[0].k_b if named(diagnosis) else None
+    with_cause = diagnosis.causes[0].k_b if diagnosis.names_a_cause else None
     return with_cause or diagnosis.nominal.get("k_b")
 
 

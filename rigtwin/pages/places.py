@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from rigtwin.gap.document import Cause, Diagnosis, Location
 from rigtwin.gap.phrases import place
-from rigtwin.pages.diagnosis_words import named, title
+from rigtwin.pages.diagnosis_words import title
 from rigtwin.rotor.geometry.rig import Rig
 
 
@@ -28,7 +28,7 @@ def pointed_at(diagnosis: Diagnosis, rig: Rig, driven: Iterable[int]) -> Pointed
     if diagnosis.verdict == "unknown" and diagnosis.measured_joint:
         node = diagnosis.measured_joint.node
         return Pointed((rig.nodes_m[node - 1],), f"Ringed: the unknown mechanism, at node {node}.")
-    causes = (diagnosis.equivalent or diagnosis.causes[:1]) if named(diagnosis) else ()
+    causes = (diagnosis.equivalent or diagnosis.causes[:1]) if diagnosis.names_a_cause else ()
     found = [
         (positions_m(location, rig, driven), f"{title(effect)} {place(location)}")
         for cause in causes

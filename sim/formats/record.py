@@ -31,11 +31,6 @@ class Record:
     names: tuple[str, ...]  # of the channels, in the order of axis 1
     units: tuple[str, ...]  # of the channels; empty where the file says none
 
-    @property
-    def duration_s(self) -> float:
-        """From the first sample to one step behind the last."""
-        return len(self.samples) / self.sample_rate_hz
-
 
 def record_of(
     path: Path,

@@ -15,7 +15,7 @@ from rigtwin.errors import UserError
 from rigtwin.scratch import check_writable
 from rigtwin.sim.campaign import Run
 from rigtwin.sim.formats import SUFFIXES, RunSettings, write_run
-from rigtwin.sim.formats.record_file import read_record, record_paths
+from rigtwin.sim.formats.record_file import read_record, record_files
 from rigtwin.sim.formats.reduction_plan import ReductionPlan, read_plan
 from rigtwin.sim.formats.settings import READING, check_settings
 from rigtwin.sim.formats.variables import UNITS
@@ -78,8 +78,8 @@ def run_reduce(request: ReduceRequest) -> None:
 def reduce_records(request: ReduceRequest) -> Reduced:
     """Read and reduce; nothing is written. Raises MeasurementError where a record or the plan cannot be used."""
     plan = read_plan(request.plan, request.told, request.channels)
-    paths = record_paths(list(request.records))
-    return _of_lines(paths, plan) if plan.method == "sine" else _of_spectra(paths, plan)
+    files = record_files(list(request.records))
+    return _of_lines(files, plan) if plan.method == "sine" else _of_spectra(files, plan)
 
 
 def _settings(request: ReduceRequest) -> RunSettings:
@@ -97,12 +97,12 @@ def _settings(request: ReduceRequest) -> RunSettings:
     return settings
 
 
-def _of_lines(paths: Sequence[Path], plan: ReductionPlan) -> Reduced:
+def _of_lines(files: Sequence[tuple[Path, ...]], plan: ReductionPlan) -> Reduced:
     """Each record a line."""
     lines = []
-    with progress("records", len(paths)) as count:
-        for number, path in enumerate(paths, start=1):
-            lines.append(line_of(_signals(path, plan), plan.largest_change))
+    with progress("records", len(files)) as count:
+        for number, each in enumerate(files, start=1):
+            lines.append(line_of(_signals(each, plan), plan.largest_change))
             count(number)
     last = plan.sources[-1]
     channels = [source.channel for source in plan.sources if source.channel]
@@ -116,15 +116,15 @@ def _of_lines(paths: Sequence[Path], plan: ReductionPlan) -> Reduced:
         "fewest_periods": min(line.periods for line in lines),
         "median_relative_error": float(relative),
     }
-    return Reduced(run, len(paths), remarks_of(lines), how)
+    return Reduced(run, len(files), remarks_of(lines), how)
 
 
-def _of_spectra(paths: Sequence[Path], plan: ReductionPlan) -> Reduced:
+def _of_spectra(files: Sequence[tuple[Path, ...]], plan: ReductionPlan) -> Reduced:
     """All records together."""
-    with progress("records", len(paths)) as count:
+    with progress("records", len(files)) as count:
         records = []
-        for number, path in enumerate(paths, start=1):
-            records.append(_signals(path, plan))
+        for number, each in enumerate(files, start=1):
+            records.append(_signals(each, plan))
             count(number)
     reduced = reduce_spectra(records, plan)
     how = {
@@ -132,11 +132,11 @@ def _of_spectra(paths: Sequence[Path], plan: ReductionPlan) -> Reduced:
         "independent_averages": reduced.averages,
         "median_coherence": float(np.median(reduced.coherence)),
     }
-    return Reduced(reduced.run, len(paths), list(reduced.remarks), how)
+    return Reduced(reduced.run, len(files), list(reduced.remarks), how)
 
 
-def _signals(path: Path, plan: ReductionPlan) -> Signals:
-    return signals_of(read_record(path, plan.sample_rate_Hz), plan.sources, path)
+def _signals(files: tuple[Path, ...], plan: ReductionPlan) -> Signals:
+    return signals_of(read_record(*files, sample_rate_hz=plan.sample_rate_Hz), plan.sources, files[0])
 
 
 def _record(request: ReduceRequest, run: Run, result: Reduced) -> dict[str, Any]:

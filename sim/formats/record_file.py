@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,20 +21,49 @@ _RATES = ("fs", "samplerate", "samplingrate", "sampleratehz", "samplingfrequency
 _STEPS = ("dt", "tinterval", "sampleinterval", "samplinginterval", "timestep")
 _TIMES = ("t", "time", "times", "timestamps")
 
+# A file that holds one channel of a record is called after it. Sampling rates are one within this share.
+_OF_CHANNEL, _SAME_RATE = re.compile(r"((?:.*[\d _-])?)(ch\d+)", re.IGNORECASE), 1e-4
 
-def read_record(path: str | Path, sample_rate_hz: float | None = None) -> Record:
+
+def read_record(*paths: str | Path, sample_rate_hz: float | None = None) -> Record:
     """Read one record.
 
     Parameters
     ----------
-    path : a .csv, .txt, .wav, .mat, .h5 or .tdms file
-    sample_rate_hz : wins over what the file says
+    paths : a .csv, .txt, .wav, .mat, .h5 or .tdms file; or one for each channel, as ``record_files`` groups them
+    sample_rate_hz : wins over what the files say
 
     Raises
     ------
-    MeasurementError : the file cannot be used; names it, what is wrong and what to do
+    MeasurementError : a file cannot be used; names it, what is wrong and what to do
     """
-    path = Path(path)
+    records = [_read_file(Path(path), sample_rate_hz) for path in paths]
+    return records[0] if len(records) == 1 else _side_by_side([Path(path) for path in paths], records)
+
+
+def _side_by_side(paths: list[Path], records: list[Record]) -> Record:
+    """One record of files that hold a channel each. Raises MeasurementError."""
+    first = records[0]
+    for path, record in zip(paths, records, strict=True):
+        if len(record.names) > 1:
+            told = f"{len(record.names)} channels ({', '.join(record.names)})"
+            raise MeasurementError(f"{path}: is called after one channel and holds {told}; rename it, or move it out")
+        if (
+            len(record.samples) != len(first.samples)
+            or abs(record.sample_rate_hz / first.sample_rate_hz - 1) > _SAME_RATE
+        ):
+            raise MeasurementError(
+                f"{path}: {len(record.samples)} samples at {record.sample_rate_hz:g} Hz, {paths[0].name} has "
+                f"{len(first.samples)} at {first.sample_rate_hz:g} Hz; channels of one record are taken at once"
+            )
+    named = [_OF_CHANNEL.fullmatch(path.stem) for path in paths]
+    names = tuple(match[2].upper() if match else path.stem for match, path in zip(named, paths, strict=True))
+    name = f"{named[0][1].rstrip(' _-')}{paths[0].suffix}" if named[0] else first.name
+    samples, units = np.hstack([record.samples for record in records]), tuple(record.units[0] for record in records)
+    return Record(name, first.sample_rate_hz, samples, names, units)
+
+
+def _read_file(path: Path, sample_rate_hz: float | None) -> Record:
     if not path.is_file():
         raise MeasurementError(f"{path}: no such file or folder; check its name")
     if path.suffix.lower() not in _READERS:
@@ -45,19 +74,36 @@ def read_record(path: str | Path, sample_rate_hz: float | None = None) -> Record
         raise MeasurementError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
-def record_paths(paths: list[Path]) -> list[Path]:
-    """The files themselves and those in the folders, sorted by name. Raises MeasurementError where there are none."""
+def record_files(paths: list[Path]) -> list[tuple[Path, ...]]:
+    """The files of each record: those named and those in the folders, sorted by name.
+
+    Files of one folder whose names differ in the channel alone, as F0001CH1.CSV and F0001CH2.CSV, are one record.
+    Raises MeasurementError where a folder holds none.
+    """
+    groups: dict[tuple[Path, str], list[Path]] = {}
+    for path in _files(paths):
+        match = _OF_CHANNEL.fullmatch(path.stem)
+        groups.setdefault((path.parent, match[1] + path.suffix if match else path.name), []).append(path)
+    return [tuple(group) for group in groups.values()]
+
+
+def _files(paths: list[Path]) -> list[Path]:
     found: list[Path] = []
     for path in paths:
         if path.is_dir():
-            inside = sorted(each for each in path.iterdir() if each.suffix.lower() in _READERS and each.is_file())
-            found += [each for each in inside if not each.name.startswith(".")]
+            inside = _records_in(path.iterdir()) or _records_in(path.glob("*/*"))
+            found += inside
             if not inside:
                 kinds = ", ".join(RECORD_SUFFIXES)
                 raise MeasurementError(f"{path}: holds no record; a record is a file of the kinds {kinds}")
         else:
             found.append(path)
     return found
+
+
+def _records_in(paths: Iterable[Path]) -> list[Path]:
+    kept = (path for path in paths if path.suffix.lower() in _READERS and not path.name.startswith("."))
+    return sorted(path for path in kept if path.is_file())
 
 
 def _wave(path: Path, sample_rate_hz: float | None) -> Record:

@@ -12,7 +12,7 @@ import scipy.io
 from numpy.testing import assert_allclose
 
 from rigtwin.sim.campaign import MeasurementError
-from rigtwin.sim.formats.record_file import read_record, record_paths
+from rigtwin.sim.formats.record_file import read_record, record_files
 from rigtwin.sim.formats.units import kind_of, sensitivity
 
 STEP = 1e-3
@@ -71,12 +71,12 @@ def test_text_without_a_time_needs_a_rate(tmp_path):
         MeasurementError, match=r"r\.txt: says neither times nor a sampling rate; give it with --sample"
     ):
         read_record(tmp_path / "r.txt")
-    assert_allclose(read_record(tmp_path / "r.txt", 500.0).samples, VOLTS)
+    assert_allclose(read_record(tmp_path / "r.txt", sample_rate_hz=500.0).samples, VOLTS)
 
 
 def test_a_rate_that_is_told_wins_over_the_times(tmp_path):
     (tmp_path / "r.csv").write_text(FILES["a plain header"])
-    assert read_record(tmp_path / "r.csv", 123.0).sample_rate_hz == 123.0
+    assert read_record(tmp_path / "r.csv", sample_rate_hz=123.0).sample_rate_hz == 123.0
 
 
 def test_wav_matlab_and_hdf5_hold_the_same(tmp_path):
@@ -186,10 +186,10 @@ def test_rounded_times_are_taken_for_even(tmp_path):
 def test_a_folder_gives_its_records_in_order_and_an_empty_one_is_told(tmp_path):
     for name in ("b.csv", "a.wav", "notes.md", ".hidden.csv"):
         (tmp_path / name).write_text("")
-    assert [path.name for path in record_paths([tmp_path])] == ["a.wav", "b.csv"]
+    assert [path.name for (path,) in record_files([tmp_path])] == ["a.wav", "b.csv"]
     (tmp_path / "empty").mkdir()
     with pytest.raises(MeasurementError, match="empty: holds no record"):
-        record_paths([tmp_path / "empty"])
+        record_files([tmp_path / "empty"])
 
 
 @pytest.mark.parametrize(
@@ -215,3 +215,42 @@ def test_the_reader_of_tdms_is_not_loaded_before_it_is_needed():
     script = "import sys, rigtwin.sim.formats.record_file; print('nptdms' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def tektronix(volts, unit="V") -> str:
+    """One channel as a small oscilloscope writes it: settings in the first columns, samples in the last ones."""
+    head = ["Record Length,2.5e+03", f"Sample Interval,{1e-3}", f"Vertical Units,{unit}", "Source,CH1"]
+    rows = [f"{head[k] if k < len(head) else ','},,{1e-3 * k:.12f},{v:.6f}," for k, v in enumerate(volts)]
+    return "\n".join(rows)
+
+
+def test_files_of_one_channel_each_are_one_record(tmp_path):
+    volts = np.column_stack([np.sin(0.3 * np.arange(50)), np.cos(0.3 * np.arange(50))])
+    for record in ("ALL0000", "ALL0001"):
+        (tmp_path / record).mkdir()
+        for k, channel in enumerate(volts.T, start=1):
+            (tmp_path / record / f"F{record[-4:]}CH{k}.CSV").write_text(tektronix(channel))
+        (tmp_path / record / "TDS.SET").write_text("settings")
+    files = record_files([tmp_path])
+    assert [[path.name for path in each] for each in files] == [
+        ["F0000CH1.CSV", "F0000CH2.CSV"], ["F0001CH1.CSV", "F0001CH2.CSV"]
+    ]  # fmt: skip
+    record = read_record(*files[1])
+    assert (record.name, record.names, record.sample_rate_hz) == ("F0001.CSV", ("CH1", "CH2"), pytest.approx(1000))
+    assert_allclose(record.samples, volts, atol=1e-6)
+
+
+def test_names_that_only_sound_like_a_channel_stay_records_of_their_own(tmp_path):
+    for name in ("hitch1.csv", "hitch2.csv"):
+        (tmp_path / name).touch()
+    assert [len(each) for each in record_files([tmp_path])] == [1, 1]
+
+
+def test_channels_that_were_not_taken_at_once_are_refused(tmp_path):
+    for k, n in ((1, 50), (2, 40)):
+        (tmp_path / f"F1CH{k}.CSV").write_text(tektronix(np.sin(0.3 * np.arange(n))))
+    with pytest.raises(MeasurementError, match=r"F1CH2\.CSV: 40 samples .* F1CH1\.CSV has 50"):
+        read_record(*record_files([tmp_path])[0])
+    (tmp_path / "F1CH2.CSV").write_text("time,CH1,CH2\n" + "\n".join(f"{k}e-3,{k},{-k}" for k in range(50)))
+    with pytest.raises(MeasurementError, match="is called after one channel and holds 2 channels"):
+        read_record(*record_files([tmp_path])[0])

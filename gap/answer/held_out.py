@@ -85,7 +85,7 @@ def _shrink(halves: _Halves, best: Fit, scale: float, confirm: Confirm | None) -
     numbers = _figures(problem, masks, before, after, scale)
     stretches = max(_stretches(len(run.frequency_hz)) for run in problem.runs)
     return Shrink(
-        held_out=f"every second of {stretches} stretches of lines of every run (interpolation)",
+        held_out=f"lines left out of the fit, every second of {stretches} stretches of each run",
         before=numbers[0],
         after=numbers[1],
         floor=numbers[2],

@@ -111,10 +111,10 @@ def _print(diagnosis: Diagnosis, page: Path) -> None:
 
 def _shrink_line(s: Shrink) -> str:
     """The gap before and after, in one line."""
-    alone = f", gains and tolerances alone {share(s.without_effect)}" if finite(s.without_effect) else ""
-    floor = f", noise alone {share(s.floor)}" if finite(s.floor) else ""
+    floor = f"; noise alone leaves {share(s.floor)}" if finite(s.floor) else ""
+    alone = f"; gains and tolerances alone leave {share(s.without_effect)}" if finite(s.without_effect) else ""
     return (
-        f"gap on {s.held_out}: {share(s.before)} before, {share(s.after)} after{alone}{floor}; "
+        f"gap on {s.held_out}: {share(s.before)} before, {share(s.after)} after{floor}{alone}\n"
         f"{explained(s)}; {_VERIFIED[s.verified_by]}"
     )
 

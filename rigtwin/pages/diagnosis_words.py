@@ -148,12 +148,12 @@ def best_k_b(diagnosis: Diagnosis) -> Estimate | None:
 
 
 def explained(shrink: Shrink) -> str:
-    """'99 % of what can be explained is explained (with another node driven: 97 % to 99 % of the noise-free gap)'."""
+    """'99 % of what can be explained is explained; with another node driven, expect 97 % to 99 %'."""
     if not finite(shrink.explainable):
         return "the gap is the noise floor: there is nothing to explain"
     low, high = shrink.ci90
     known = finite(low) and finite(high)
-    between = f" (with another node driven: {share(low)} to {share(high)} of the noise-free gap)" if known else ""
+    between = f"; with another node driven, expect {share(low)} to {share(high)}" if known else ""
     return f"{share(shrink.explainable)} of what can be explained is explained{between}"
 
 

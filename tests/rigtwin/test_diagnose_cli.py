@@ -105,9 +105,9 @@ def test_diagnose_prints_verdict_causes_shrink_warnings_and_where_the_page_is(as
     assert row[:7] == ["Pedestal", "flexibility", "at", "the", "bearings", "93", "%"]
     for said in (
         "Open crack: reduction at the end of the range that was searched",
-        "gap on the run on bearings at 2 N: 31.4 % before, 1.31 % after, gains and tolerances alone 20.7 %, "
-        "noise alone 1.10 %; 99.3 % of what can be "
-        "explained is explained (with another node driven: 98.1 % to 99.9 % of the noise-free gap); "
+        "gap on the run on bearings at 2 N: 31.4 % before, 1.31 % after; noise alone leaves 1.10 %; gains and "
+        "tolerances alone leave 20.7 %",
+        "99.3 % of what can be explained is explained; with another node driven, expect 98.1 % to 99.9 %; "
         "verified by the FMU",
         "next: Measure on bearings at 4 N with an accelerometer on the pedestal.",
         "warning: rigid-1: 2 lines in the half-power band of mode 1: refine the raster.",

@@ -277,8 +277,8 @@ def test_every_candidate_is_listed_with_place_size_and_remark(page):
 def test_shrink_next_test_audit_and_foot_are_told(page):
     text = words(page)
     for said in (
-        "95.8 % of the gap is gone; 99.3 % of what can be explained is explained "
-        "(with another node driven: 98.1 % to 99.9 % of the noise-free gap)",
+        "95.8 % of the gap is gone; 99.3 % of what can be explained is explained; "
+        "with another node driven, expect 98.1 % to 99.9 %",
         "the effect was switched on in RotorRig.fmu",
         "Measure on bearings at 4 N with an accelerometer on the pedestal.",
         "raster (warning, rigid-1): 2 lines in the half-power band of mode 1: refine the raster. [found 2, limit 4]",

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from rigtwin.gap.answer.held_out import Confirm
 from rigtwin.gap.answer.report import Answer, Outcome, report
+from rigtwin.gap.answer.sentence import must_be_corrected
 from rigtwin.gap.audit.findings import amplitude_dependent, audit, usable
 from rigtwin.gap.clock import Clock
 from rigtwin.gap.document import Finding
@@ -25,7 +26,8 @@ from rigtwin.rotor.effects.library import EFFECTS
 from rigtwin.shared_work import helped_by, seconds_left, seconds_to_work
 from rigtwin.sim.campaign import Campaign
 
-# Seconds of processor time that a search takes at most, unless another number is asked for.
+# Seconds of processor time that a search takes at most, unless another number is asked for; a fifth of it where names,
+# signs or units do not fit what the runs show, as nothing can explain these.
 TIME_LIMIT = 300.0
 
 
@@ -36,7 +38,7 @@ def diagnose(
     progress: Progress | None = None,
     confirm: Confirm | None = None,
     helpers: Executor | None = None,
-    seconds: float = TIME_LIMIT,
+    seconds: float | None = None,
 ) -> Outcome:
     """Say where the gap between the campaign and its model lies, what causes it, and how far it shrinks.
 
@@ -47,7 +49,8 @@ def diagnose(
     progress : called with (done, total, words)
     confirm : measures the corrected rotor on the virtual rig, for the after-figure; None: the model's figure stands
     helpers : workers that fits are shared with, one thread each; the answer is the same without
-    seconds : of processor time that the search may take; what was found until then is judged, and a finding says so
+    seconds : of processor time that the search may take, default 300, or 60 where the audit finds what has
+        to be corrected first; what was found until then is judged, and a finding says so
 
     Raises
     ------
@@ -65,11 +68,10 @@ def diagnose(
     findings += odd
     clock.lap("recalibration")
     task = Task(whole, nominal, library_of(whole, exclude), amplitude_dependent(findings), progress, clock)
-    with helped_by(helpers), seconds_to_work(seconds):
-        found = explain(task)
-        findings += _ended_early(seconds) if seconds_left() <= 0 else ()
+    with helped_by(helpers):
+        found, ended = _explained(task, findings, seconds)
     answer = _judge(whole, found, clock)
-    return report(campaign, answer, findings, exclude, confirm, clock)
+    return report(campaign, answer, findings + ended, exclude, confirm, clock)
 
 
 def _check_known(effect_ids: Sequence[str]) -> None:
@@ -77,9 +79,17 @@ def _check_known(effect_ids: Sequence[str]) -> None:
         raise ValueError(f"exclude: no effect {', '.join(unknown)}; see rigtwin effects")
 
 
-def _ended_early(seconds: float) -> tuple[Finding, ...]:
-    words = f"The search ended after {seconds:g} s of work, before everything was tried: it may have missed a cause"
-    return (Finding("search", "warning", f"{words}. Give it more time."),)
+def _explained(task: Task, findings: Sequence[Finding], seconds: float | None) -> tuple[Explained, tuple[Finding, ...]]:
+    """What explains the runs within a time, and a finding where the search took longer."""
+    wrong = any(map(must_be_corrected, findings))
+    limit = (TIME_LIMIT / 5 if wrong else TIME_LIMIT) if seconds is None else seconds
+    with seconds_to_work(limit):
+        found = explain(task)
+        if seconds_left() > 0:
+            return found, ()
+    words = f"The search ended after {limit:g} s of work, before everything was tried: it may have missed a cause"
+    then = "Correct first what the audit found" if wrong else "Give it more time"
+    return found, (Finding("search", "warning", f"{words}. {then}."),)
 
 
 def _judge(whole: Problem, found: Explained, clock: Clock) -> Answer:

@@ -114,6 +114,11 @@ class Run:
                 wrong = f"node {node} does not exist, the rig has {n_nodes}"
                 raise MeasurementError(f"run {self.name!r}, {label}: {wrong}; correct one of them")
 
+    @property
+    def along_force(self) -> list[int]:
+        """Places of the channels that read along the force."""
+        return [place for place, channel in enumerate(self.channels) if channel.plane == self.excitation_plane]
+
     def at_order(self, order: int) -> Run:
         """The same run at ``order`` times its frequencies, where its harmonics of this order are, and with none."""
         swept = None if self.swept_hz is None else order * self.swept_hz

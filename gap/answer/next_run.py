@@ -29,6 +29,7 @@ from rigtwin.gap.model.forward import Forward, acting, nonlinear
 from rigtwin.gap.model.linear import MODES
 from rigtwin.gap.phrases import effects_at, supports
 from rigtwin.rotor.effects import Effect, known_mass
+from rigtwin.rotor.effects.scale import scale_of
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.rotor.model.structure import Structure
 from rigtwin.sim.campaign import Channel, Run, SupportKind
@@ -171,16 +172,10 @@ def _driven(runs: Sequence[Run], run: Run, structure: Structure, measured: bool)
 
 
 def _with_known_mass(run: Run, structure: Structure, here: str) -> Iterator[Proposal]:
-    mass = float(f"{PROPOSED.added_mass * _total_mass(structure):.1g}")
+    mass = float(f"{PROPOSED.added_mass * scale_of(structure).mass:.1g}")
     for node in structure.free_nodes:
         words = f"Clamp a known mass of {mass:g} kg to node {node}, add it to the rig file, and repeat the run {here}"
         yield Proposal(words, (run,), added=(known_mass(mass, node),))
-
-
-def _total_mass(structure: Structure) -> float:
-    across = np.zeros(structure.n)
-    across[::4] = 1.0
-    return float(across @ structure.M @ across)
 
 
 def _template(runs: Sequence[Run], support: SupportKind, lines: FloatArray) -> Run:

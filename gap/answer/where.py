@@ -119,7 +119,7 @@ def _nodes(problem: Problem, nominal: Fit, predicted: Sequence[ComplexArray], at
         run = observed.run
         if run.magnitude_only:
             continue
-        columns = [c for c, channel in enumerate(run.channels) if channel.plane == run.excitation_plane]
+        columns = run.along_force
         several |= np.count_nonzero(np.abs(model[:, columns]).any(axis=0)) > 1  # a held node tells nothing
         e = np.where(observed.valid, model - np.nan_to_num(run.H), 0.0)[:, columns]
         std = np.where(observed.valid, observed.std, np.inf)[:, columns]

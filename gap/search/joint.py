@@ -179,7 +179,7 @@ def _views(problem: Problem, nominal: Fit) -> Iterator[_View]:
 
 def _view(observed: Observed) -> _View:
     run, scale = observed.run, over_receptance(observed.run)[:, None]
-    columns = [c for c, channel in enumerate(run.channels) if channel.plane == run.excitation_plane]
+    columns = run.along_force
     y, valid = np.nan_to_num(run.H[:, columns]) / scale, observed.valid[:, columns]
     error = np.hypot(observed.std[:, columns] / np.abs(scale), JOINT_SEARCH.model_error * np.abs(y))
     omega = 2 * np.pi * run.frequency_hz

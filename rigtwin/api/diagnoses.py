@@ -137,7 +137,7 @@ def diagnose(
         one need ``if __name__ == "__main__":``, because the others import them. The answer does not depend on it.
     progress : called with (done, total, words)
     time_limit_s : seconds of processor time after which no further candidate is tried, and a warning in the audit
-        says so; default 300
+        says so; default 300, or 60 where the audit finds wrong names, signs or units
 
     Returns
     -------
@@ -155,7 +155,6 @@ def diagnose(
         ...
     rigtwin.errors.UserError: --exclude: there is no effect 'open_crak'; did you mean open_crack? ...
     """
-    from rigtwin.gap.diagnose import TIME_LIMIT
     from rigtwin.gap.diagnose import diagnose as find_gap
 
     exclude = _known(exclude)
@@ -165,12 +164,7 @@ def diagnose(
     confirm = partial(_confirmed_if_possible, campaign, progress=progress) if fmu else None
     with shared_among(workers if campaign.runs else 1) as helpers:  # lists of resonances need no fits
         outcome = find_gap(
-            campaign,
-            exclude=exclude,
-            progress=progress,
-            confirm=confirm,
-            helpers=helpers,
-            seconds=TIME_LIMIT if time_limit_s is None else time_limit_s,
+            campaign, exclude=exclude, progress=progress, confirm=confirm, helpers=helpers, seconds=time_limit_s
         )
     return Diagnosed(campaign, outcome.diagnosis, outcome.curves)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from rigtwin.gap.diagnose import diagnose
@@ -43,3 +45,14 @@ def test_a_search_of_laws_without_time_names_nothing():
 def test_a_rig_without_a_gap_is_told_without_time():
     """There is nothing to search for."""
     assert diagnose(campaign_of(*both_supports(seed=3)), FEW, seconds=0.0).diagnosis.verdict == "no_gap"
+
+
+def test_what_has_to_be_corrected_first_is_not_searched_for_long(monkeypatch):
+    """Supports that were exchanged: no candidate can explain these runs."""
+    monkeypatch.setattr("rigtwin.gap.diagnose.TIME_LIMIT", 0.0)
+    exchanged = {"rigid": "bearing", "bearing": "rigid"}
+    runs = [replace(run, support=exchanged[run.support]) for run in both_supports(seed=3)]
+    outcome = diagnose(campaign_of(*runs), FEW)
+    assert ended(outcome)
+    assert outcome.diagnosis.verdict == "unknown"
+    assert any("Correct first what the audit found" in finding.words for finding in outcome.diagnosis.audit)

@@ -35,7 +35,7 @@ def seen_motion(problem: Problem, k_b: float) -> FloatArray:
     """
     forward, largest = problem.forward, np.zeros(problem.forward.structure.n_nodes)
     for run in problem.runs:
-        along = [c for c, channel in enumerate(run.channels) if channel.plane == run.excitation_plane]
+        along = run.along_force
         if not along:
             continue
         H, nodes = np.nan_to_num(run.H[:, along]), np.array([run.channels[c].node for c in along]) - 1

@@ -88,7 +88,7 @@ def measured_stiffness(problem: Problem, nominal: Fit) -> MeasuredStiffness | No
     forward, found = problem.forward, []
     for observed in problem.observed:
         run = observed.run
-        columns = [c for c, channel in enumerate(run.channels) if channel.plane == run.excitation_plane]
+        columns = run.along_force
         plain = not run.magnitude_only and run.quantity != "acceleration"
         if run.support == "bearing" and plain and len(columns) > 1:
             found.append(_read(forward, observed, columns, nominal.k_b))

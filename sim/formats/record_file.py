@@ -120,7 +120,7 @@ def _wave(path: Path, sample_rate_hz: float | None) -> Record:
         raise MeasurementError(f"{path}: cannot be read as WAV ({error}); save it again") from error
     if rate <= 0 and sample_rate_hz is None:
         raise MeasurementError(f"{path}: its sampling rate is {rate}; give it with --sample-rate")
-    columns = samples[:, None] if samples.ndim == 1 else samples
+    columns = np.atleast_2d(samples.T).T
     channels = {str(k + 1): columns[:, k] for k in range(columns.shape[1])}
     return record_of(path, channels, ["counts"] * len(channels), time_s=None, sample_rate_hz=sample_rate_hz or rate)
 

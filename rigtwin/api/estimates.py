@@ -215,7 +215,9 @@ def answer_tests(
     known = rig if rig is not None else next((s.rig for s in sources if isinstance(s, Campaign)), None)
     for source in sources:
         if isinstance(source, Campaign):
-            source.check_nodes(len(as_rig(known or source.rig).nodes_m))
+            model = as_rig(known or source.rig)
+            refuse_tables(model, "an estimate of k_b")
+            source.check_nodes(len(model.nodes_m))
     if estimator and method not in (None, "network"):
         raise UserError(f"--estimator: the method {method} asks no network; leave one of the two out")
     if method == "responses":

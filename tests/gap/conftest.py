@@ -149,7 +149,8 @@ def campaign_of(*runs: Run) -> Campaign:
 
 def problem_of(*runs: Run) -> Problem:
     """The fitting problem of runs whose errors are known."""
-    return Problem(Forward(WORKSHOP), [observe(run, run.std) for run in runs])  # type: ignore[arg-type]
+    problem = Problem(Forward(WORKSHOP), [observe(run, run.std) for run in runs])  # type: ignore[arg-type]
+    return problem.around_k_b(K_B)
 
 
 def candidate(runs: Sequence[Run], name: str, node: int | None = None) -> Hypothesis:

@@ -426,7 +426,7 @@ def test_a_joint_may_be_stiffer_than_its_rig_file_says():
     assert np.isinf(stiffer.joint_stiffness).all()
     assert np.array_equal(stiffer.joint_tilt_damping, plain.joint_tilt_damping)
     run = blank("bearing", np.linspace(20, 400, 50))
-    modal, there = (Forward(made).at(values).modal(run, K_B) for values in (np.zeros(len(own)), own))
+    modal, there = (Forward(made).at(values, K_B).modal(run, K_B) for values in (np.zeros(len(own)), own))
     shifts = there.frequencies_hz / modal.frequencies_hz - 1
     assert shifts.max() > 1e-5
     alone = sensitivity_of(build_system(plain, condition("bearing")).in_plane(1), made.tolerances)
@@ -456,7 +456,7 @@ def test_a_disk_may_be_of_another_inertia_where_the_model_has_one():
     assert_allclose(change[tilts, tilts], np.expm1(size) * rig.disk[1].diametral_inertia, rtol=1e-9)
     assert np.count_nonzero(np.abs(change) > 1e-12) == 2
     run = blank("bearing", np.linspace(10, 330, 50))
-    modal, there = (Forward(made).at(values).modal(run, 1e7) for values in (np.zeros(len(own)), own))
+    modal, there = (Forward(made).at(values, 1e7).modal(run, 1e7) for values in (np.zeros(len(own)), own))
     shifts = there.frequencies_hz / modal.frequencies_hz - 1
     place = made.names.index("disk_inertia_2")
     assert_allclose(size * modal.sensitivity[: len(shifts), place].real, shifts, atol=1e-3 * np.abs(shifts).max())

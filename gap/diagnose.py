@@ -82,14 +82,14 @@ def _check_known(effect_ids: Sequence[str]) -> None:
 def _explained(task: Task, findings: Sequence[Finding], seconds: float | None) -> tuple[Explained, tuple[Finding, ...]]:
     """What explains the runs within a time, and a finding where the search took longer."""
     wrong = any(map(must_be_corrected, findings))
-    limit = (TIME_LIMIT / 5 if wrong else TIME_LIMIT) if seconds is None else seconds
+    limit = TIME_LIMIT / (5 if wrong else 1) if seconds is None else seconds
     with seconds_to_work(limit):
         found = explain(task)
         if seconds_left() > 0:
             return found, ()
     words = f"The search ended after {limit:g} s of work, before everything was tried: it may have missed a cause"
-    then = "Correct first what the audit found" if wrong else "Give it more time"
-    return found, (Finding("search", "warning", f"{words}. {then}."),)
+    words += ". Correct first what the audit found." if wrong else ". Give it more time."
+    return found, (Finding("search", "warning", words),)
 
 
 def _judge(whole: Problem, found: Explained, clock: Clock) -> Answer:

@@ -161,7 +161,7 @@ def _rival(task: Task, found: Search | None, by_law: Explained, bent: Search) ->
 
 def _on_lines_of(problem: Problem, fit: Fit) -> Fit | None:
     """A linear fit, on the lines and with the loss of the nonlinear ones."""
-    return robust_fit(problem.at_fit(fit), fit.hypothesis, fit.u, fit.nu)
+    return robust_fit(problem.around(fit), fit.hypothesis, fit.u, fit.nu)
 
 
 # -- do force levels differ? -------------------------------------------------------------------------------

@@ -88,11 +88,8 @@ def _predict(models: _Models, campaign: Campaign) -> Iterator[Predicted]:
     forward = forward.made(refined=True, resolution=FINAL, with_data=False)
     names = forward.workshop.names
     nominal, corrected = (
-        forward.at(np.array([values.get(name, 0.0) for name in names]), k_b, effects)
-        for values, k_b, effects in (
-            (models.nominal_tolerance, models.nominal_k_b, ()),
-            (models.tolerance, models.k_b, models.effects),
-        )
+        forward.at(np.array([values.get(name, 0.0) for name in names]))
+        for values in (models.nominal_tolerance, models.tolerance)
     )
     for run in campaign.runs:
         before = nominal.modal(run, models.nominal_k_b).response()

@@ -30,7 +30,7 @@ def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     problem, nominal = as_given.in_si(recalibrate(as_given))
     if problem is not as_given:
         nominal = recalibrate(problem, nominal)
-    return problem.near_fit(nominal) if is_close(nominal) else problem.around_k_b(nominal.k_b), nominal
+    return (problem.near_fit(nominal) if is_close(nominal) else problem), nominal
 
 
 def without_odd_lines(

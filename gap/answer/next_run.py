@@ -210,7 +210,7 @@ class _View:
     """A member's prediction of a proposal, its error, and what the member may still change."""
 
     def __init__(self, problem: Problem, forward: Forward, fit: Fit, proposal: Proposal, noise: float):
-        forward = forward.at(fit.nu[problem.nuisances.tolerance], fit.k_b, fit.effects)
+        forward = forward.at(fit.nu[problem.nuisances.tolerance])
         self.problem, self.forward, self.fit, self.proposal, self.noise = problem, forward, fit, proposal, noise
         self.H = [self._respond(run, fit.u) for run in proposal.runs]
         self.sensors = sorted({channel for run in proposal.runs for channel in run.channels})

@@ -112,6 +112,7 @@ class _Test:
                 there = self._follow(there, best)
                 corrected = there.H
             else:
+                self._forward.bend(there, best.k_b, effects)
                 corrected = self._response(there, best.u, best.nu)
             corrected = corrected * problem.nuisances.sensor_gains(best.nu, there)
             plain = self._forward.modal(there, nominal.k_b).response()

@@ -61,8 +61,7 @@ class Geometry:
     @cached_property
     def _k_b(self) -> tuple[float, float]:
         """That range, no further than the rig's file allows."""
-        assert self.structure is not None
-        assert self.rig is not None
+        assert self.structure and self.rig
         return self.rig.k_b.limit(*scale_of(self.structure).k_b)
 
     def low_response(self, run: Run) -> tuple[FloatArray, FloatArray] | None:

@@ -32,7 +32,7 @@ def sample(problem: Problem, fit: Fit, scale: float = 1.0, draws: Sequence[int] 
     """
     if nonlinear(fit.effects):
         return None
-    problem = problem.at_fit(fit)
+    problem = problem.around(fit)
     n_u, fixed = len(fit.u), 0 if fit.with_k_b else 1
     best = np.concatenate([fit.u, fit.nu])
     try:

@@ -151,7 +151,7 @@ def refine(problem: Problem, fit: Fit, *, anchors: int, steps: int = 12) -> Fit:
     steps : of each fit, at most
     """
     for _ in range(anchors):
-        problem = problem.at_fit(fit)
+        problem = problem.around(fit)
         further = try_fit(problem, fit.hypothesis, fit.u, fit.nu, anneal=(0.0,), steps=steps)
         if further is None:
             break

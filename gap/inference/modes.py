@@ -135,11 +135,8 @@ def _of_mode(mode: MeasuredMode, pole: Any, residues: ComplexArray, moved: Any) 
 def _seen(modal: Modal, group: Group, others: IntArray, measured: Sequence[MeasuredMode], unit: float) -> FloatArray:
     """(n_others,) heights of resonances that were not measured, over the smallest one that was, at most 1."""
     smallest = min((np.linalg.norm(m.residues[group.columns]) / -m.pole.real for m in measured), default=np.inf)
-    heights = (
-        unit
-        * np.linalg.norm(group.residues[:-1, others], axis=0)
-        / np.maximum(-group.poles[others].real, 1e-12 * np.abs(group.poles[others]))
-    )
+    damped = np.maximum(-group.poles[others].real, 1e-12 * np.abs(group.poles[others]))
+    heights = unit * np.linalg.norm(group.residues[:-1, others], axis=0) / damped
     inside = (group.poles[others].imag > modal.omega[0]) & (group.poles[others].imag < modal.omega[-1])
     return np.where(inside, np.minimum(heights / max(smallest, np.finfo(float).tiny), 1.0), 0.0)
 

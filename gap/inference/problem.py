@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -78,17 +79,19 @@ class Problem:
         return np.vstack([np.log(self.forward.workshop.k_b), hypothesis.ends[1:]])
 
     def at_fit(self, fit: Fit) -> Problem:
-        """The same with a model that is exact at the tolerances of a fit, and follows them near by as the fit does.
+        """The same with a model that is exact at the tolerances of a fit.
 
         Under a force law matrices follow the tolerances, which is all but exact, and grazing motions feel any change.
         """
         if nonlinear(fit.effects):
             return self
-        return self._like(forward=self.forward.at(fit.nu[self.nuisances.tolerance], fit.k_b, fit.effects))
+        return self._like(forward=self.forward.at(fit.nu[self.nuisances.tolerance]))
 
-    def around_k_b(self, k_b: float) -> Problem:
-        """The same with the rig as drawn, where its tolerances act near by as they do at this k_b."""
-        return self._like(forward=self.forward.at(np.zeros_like(self.forward.anchor.values), k_b))
+    def around(self, fit: Fit) -> Problem:
+        """``at_fit``, where tolerances also bend the modes near by as they do under the fit's effects."""
+        there = self.at_fit(fit)
+        there.bend(fit)
+        return there
 
     def has_model(self, fit: Fit) -> bool:
         """Whether a fit's rotor exists at its own tolerances: far from the anchor, the first order leads anywhere."""
@@ -114,6 +117,15 @@ class Problem:
         made.__dict__ |= other
         made._memory = {}
         return made
+
+    def bend(self, fit: Fit) -> None:
+        """Let the tolerances bend the modes of a candidate as they do at its own numbers, here at the anchor."""
+        if nonlinear(fit.effects):
+            return
+        with suppress(ValueError, np.linalg.LinAlgError):  # a tolerance beside it has no model: they stay as they were
+            for run in self.runs:
+                self.forward.bend(run, fit.k_b, acting(fit.effects, run.support))
+        self._memory.clear()
 
     def forget(self) -> None:
         """Drop what was solved: a nonlinear motion is looked for from the one before."""

@@ -52,7 +52,7 @@ class Score:
     """
 
     def __init__(self, problem: Problem, fit: Fit, *, settled: bool = False):
-        problem = problem.at_fit(fit)
+        problem = problem.around(fit)
         parts = problem.linear_parts(fit.hypothesis, fit.u, fit.nu, fit.added)
         if parts is None:
             raise ValueError(f"{fit.hypothesis}: the fit has no model")

@@ -113,8 +113,6 @@ class Forward:
     def __init__(self, workshop: Workshop):
         self.workshop = workshop
         self.anchor = workshop.anchor(np.zeros(len(workshop.tolerances)))
-        self.k_b = float(np.exp(np.mean(np.log(workshop.k_b))))  # of the fit at the anchor [N/m]
-        self.effects: tuple[Effect, ...] = ()  # of that fit
         self.manner = Manner()
         self.beside: tuple[Effect, ...] = ()
         self._known: dict[tuple, Known] = {}
@@ -122,11 +120,11 @@ class Forward:
         self._structures: dict[tuple, Structure] = {}
         self._balances: dict[tuple, Balance | None] = {}
         self._sensitivities: dict[tuple, ComplexArray] = {}
-        self._bends: dict[tuple, dict[tuple, list[Bend]]] = {}
+        self._bends: dict[tuple, list[Bend]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Another process gets no rotors, structures and bends: they are many."""
-        return self.__dict__ | {"_rotors": {}, "_structures": {}, "_bends": {}}
+        """Another process gets no rotors and structures: they are many."""
+        return self.__dict__ | {"_rotors": {}, "_structures": {}}
 
     @property
     def structure(self) -> Structure:
@@ -138,14 +136,10 @@ class Forward:
         """What the campaign says of the rig."""
         return self.workshop.belief
 
-    def at(self, tolerance: FloatArray, k_b: float, effects: Sequence[Effect] = ()) -> Forward:
-        """The same model, exact at a fit's tolerances (n_tolerances,); near by they bend the modes as they do there.
-
-        Frequencies follow the tolerances in every candidate's own modes; shapes change by what they change in the fit
-        where the candidate has its effects, too, and else in the nominal model.
-        """
+    def at(self, tolerance: FloatArray) -> Forward:
+        """The same model, exact at these tolerances (n_tolerances,)."""
         other = copy.copy(self)
-        other.anchor, other.k_b, other.effects = self.workshop.anchor(tolerance), k_b, tuple(effects)
+        other.anchor = self.workshop.anchor(tolerance)
         return other
 
     def settled(self, tolerance: FloatArray) -> bool:
@@ -153,30 +147,38 @@ class Forward:
         moved = np.abs(tolerance - self.anchor.values)
         return bool(np.all(moved <= [each.settled for each in self.workshop.tolerances]))
 
-    def _bends_of(self, run: Run, effects: Sequence[Effect]) -> Sequence[Bend]:
-        """How tolerances bend a run's modes: as in the fit at the anchor, where these effects begin with its own."""
+    def bend(self, run: Run, k_b: float, effects: Sequence[Effect]) -> None:
+        """Find how the tolerances bend the modes of a run under these effects, near these numbers.
+
+        Frequencies follow the tolerances in every candidate's own modes; shapes change by what they change in the
+        nominal model, or in the candidate itself once this has been called for it.
+        """
+        plain = self._modal_on(_Mesh(self.anchor), self.condition(run, k_b), run, effects, bends=())
+        meshes = (_Mesh(self.anchor, number) for number in range(len(self.anchor.values)))
+        others = [
+            self._modal_on(mesh, self.condition(run, k_b, tolerance), run, effects, bends=())
+            for mesh, tolerance in zip(meshes, self.anchor.stepped, strict=True)
+        ]
+        self._bends[self._kind(run, effects)] = [
+            bend_of(plain, each, [other.groups[g] for other in others]) for g, each in enumerate(plain.groups)
+        ]
+
+    def _bends_of(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Sequence[Bend]:
+        """Of these effects, or of the first ones of them that are known, down to the nominal model."""
         if not self.anchor.values.size:
             return ()
-        own = on_the_rotor(acting(self.effects, run.support))
-        if _places(own) != _places(on_the_rotor(effects)[: len(own)]):
-            own = ()
-        at_anchor = _remember(self._bends, (self.anchor.key, self.k_b, self.effects), dict, _SIZE.structures)
-        return _remember(at_anchor, (_key(run), own), partial(self._bent, run, own), _SIZE.structures)
+        for count in range(len(effects), -1, -1):
+            known = self._bends.get(self._kind(run, effects[:count]))
+            if known is not None:
+                return known
+        self.bend(run, k_b, ())
+        return self._bends[self._kind(run, ())]
 
-    def _bent(self, run: Run, effects: Sequence[Effect]) -> list[Bend]:
-        """As at the anchor under these effects, or as in the nominal model where a tolerance beside has no model."""
-        try:
-            plain = self._modal_on(_Mesh(self.anchor), self.condition(run, self.k_b), run, effects, bends=())
-            meshes = (_Mesh(self.anchor, number) for number in range(len(self.anchor.values)))
-            others = [
-                self._modal_on(mesh, self.condition(run, self.k_b, tolerance), run, effects, bends=())
-                for mesh, tolerance in zip(meshes, self.anchor.stepped, strict=True)
-            ]
-        except (ValueError, np.linalg.LinAlgError):
-            if not effects:
-                raise
-            return self._bent(run, ())
-        return [bend_of(plain, each, [other.groups[g] for other in others]) for g, each in enumerate(plain.groups)]
+    def _kind(self, run: Run, effects: Sequence[Effect]) -> tuple:
+        """What a bend belongs to: an anchor, a run, and effects at their nodes, whatever their numbers."""
+        there = on_the_rotor(effects)
+        nodes = [tuple(getattr(e, name) for name, place in e.places().items() if place.kind == "node") for e in there]
+        return self.anchor.key, _key(run), tuple((e.id, *at) for e, at in zip(there, nodes, strict=True))
 
     def made(self, **manner: Any) -> Forward:
         """The same model with another ``Manner`` of making responses; both share what they remember."""
@@ -224,7 +226,7 @@ class Forward:
     def _linear(self, run: Run, k_b: float, effects: Sequence[Effect]) -> Modal:
         local = self.manner.refined and any(effect.needs_finer_mesh for effect in effects)
         mesh = _Mesh(self.anchor, _Mesh.FINE if local else _Mesh.PLAIN)
-        return self._modal_on(mesh, self.condition(run, k_b), run, effects, self._bends_of(run, effects))
+        return self._modal_on(mesh, self.condition(run, k_b), run, effects, self._bends_of(run, k_b, effects))
 
     def _modal_on(
         self, mesh: _Mesh, condition: Condition, run: Run, effects: Sequence[Effect], bends: Sequence[Bend]
@@ -384,11 +386,6 @@ def acting(effects: Iterable[Effect], support: str) -> tuple[Effect, ...]:
 def on_the_rotor(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """The effects that change the rotor or its supports; the others change how it is driven and read."""
     return tuple(effect for effect in effects if type(effect).add_to is not Effect.add_to)
-
-
-def _places(effects: Iterable[Effect]) -> list[tuple]:
-    """Effects at their nodes, whatever their numbers."""
-    return [(e.id, *(getattr(e, name) for name, at in e.places().items() if at.kind == "node")) for e in effects]
 
 
 def nonlinear(effects: Iterable[Effect]) -> bool:

@@ -107,10 +107,7 @@ class NonlinearModal(RunModel):
 
     @cached_property
     def _of_drifts(self) -> FloatArray:
-        """(2 MODES, n_tolerances) drifts, of frequency and of damping, that do to the resonances what tolerances do.
-
-        Under a force law a response is no analytic function of the poles: the two parts act each in its own way.
-        """
+        """(2 MODES, n_tolerances) drifts, of frequency and damping apart, that do to resonances what tolerances do."""
         zeta = of_resonances_towards_damping(self.balance.values, self.mode).imag[:, None]
         damped = np.where(zeta > 0, self.sensitivity.imag / np.where(zeta > 0, zeta, 1.0), 0.0)
         return np.concatenate([self.sensitivity.real, damped])

@@ -8,7 +8,7 @@ from operator import itemgetter
 import numpy as np
 
 from rigtwin.gap.inference.fit import Fit
-from rigtwin.gap.inference.hypotheses import K_B, NOMINAL
+from rigtwin.gap.inference.hypotheses import NOMINAL
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.rotor.model.condition import Condition
 
@@ -51,7 +51,7 @@ def _nominal(problem: Problem) -> Fit:
     few = problem.thinned(NOMINAL_FITS.every)
     rough = [few.rough(NOMINAL, np.array([np.log(start)]), NOMINAL_FITS.steps) for start in starts]
     best = min(rough, key=itemgetter(1))[0]
-    return problem.around_k_b(K_B.value(best[0])).fit(NOMINAL, best, anneal=NOMINAL_FITS.anneal)
+    return problem.fit(NOMINAL, best, anneal=NOMINAL_FITS.anneal)
 
 
 def fit_lines_alike(problem: Problem, fit: Fit, scale: float = 1.0) -> Fit:

@@ -67,7 +67,7 @@ def pursued(
     """
     found: list[Fit] = []
     for leader in polish_all(problem, leaders):
-        there = problem.at_fit(leader)
+        there = problem.around(leader)
         promised = promised_beside(Score(there, leader, settled=True), hypotheses)
         limit = worth_from(promised[0].gain) if promised else 0.0
         starts = _some([promise for promise in promised if promise.gain >= limit], len(leaders))
@@ -99,7 +99,7 @@ def without_one(problem: Problem, several: Fit, hypotheses: Sequence[Hypothesis]
 
     The starts of fewer may have missed that place, and what was found first may not be needed beside the later ones.
     """
-    there = problem.at_fit(several)
+    there = problem.around(several)
     return best_first(fit for start in one_fewer(several, hypotheses) if (fit := fitted(there, CLOSE[0], start)))
 
 

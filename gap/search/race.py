@@ -108,7 +108,7 @@ def _round(
 
 def _fitted_on(problem: Problem, stage: Stage, fit: Fit) -> Fit | None:
     """A further stage of the race, with the tolerances as they act where the one before ended; None without a model."""
-    return problem.at_fit(fit).try_fit(fit.hypothesis, fit.u, fit.nu, anneal=(stage.added,), steps=stage.steps)
+    return problem.around(fit).try_fit(fit.hypothesis, fit.u, fit.nu, anneal=(stage.added,), steps=stage.steps)
 
 
 def polish_leaders(problem: Problem, fits: Sequence[Fit], limit: float) -> list[Fit]:

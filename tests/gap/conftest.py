@@ -149,8 +149,7 @@ def campaign_of(*runs: Run) -> Campaign:
 
 def problem_of(*runs: Run) -> Problem:
     """The fitting problem of runs whose errors are known."""
-    problem = Problem(Forward(WORKSHOP), [observe(run, run.std) for run in runs])  # type: ignore[arg-type]
-    return problem.around_k_b(K_B)
+    return Problem(Forward(WORKSHOP), [observe(run, run.std) for run in runs])  # type: ignore[arg-type]
 
 
 def candidate(runs: Sequence[Run], name: str, node: int | None = None) -> Hypothesis:

@@ -33,7 +33,7 @@ def one_number(cost, curvature, ends=(-50.0, 50.0), effects=()):
         hypothesis=SimpleNamespace(ends=np.array([ends])),
         covariance=lambda scale: np.linalg.inv(precision / scale**2 + np.diag(prior)),
     )
-    problem = SimpleNamespace(misfit_of=lambda h, u, nu: float(cost(u[0])), at_fit=lambda fit: problem)
+    problem = SimpleNamespace(misfit_of=lambda h, u, nu: float(cost(u[0])), around=lambda fit: problem)
     laplace = np.sqrt(2 * np.pi / (curvature + prior[0]))
     return problem, fit, laplace
 

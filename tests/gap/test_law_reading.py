@@ -15,7 +15,7 @@ from rigtwin.gap.model.motions import ROUGH
 from rigtwin.gap.model.workshop import Workshop
 from rigtwin.gap.search.laws.grid import by_distance, seen_motion
 from rigtwin.gap.search.laws.reading import read
-from rigtwin.gap.search.laws.robust import fit_at_start, robust_misfit
+from rigtwin.gap.search.laws.robust import fit_at_start, robust_misfit, thin_out
 from rigtwin.gap.search.strategies.law import Rest
 from rigtwin.rotor.effects import JointMicroslip, Rub
 from rigtwin.rotor.geometry.rig import Joint, load_rig
@@ -47,7 +47,7 @@ def test_a_soft_contact_is_read_where_a_grid_of_responses_passes_it(run):
     start = read(problem, rest, nu, places(run)[3])
     assert start
     assert np.exp(start.u[1:]) == pytest.approx([SOFT.stiffness, SOFT.gap], rel=0.1)
-    few = problem.thinned(2, 0.05)
+    few = thin_out(problem, 2, K_B, 0.05)
     grid = min(point.cost for point in by_distance(few, places(run)[3], rest, nu))
     assert robust_misfit(few, fit_at_start(few, start.hypothesis, start.u, nu))[0] < 0.5 * grid
 

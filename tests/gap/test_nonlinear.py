@@ -13,7 +13,7 @@ from rigtwin.gap.curves import nrmse
 from rigtwin.gap.document import SCHEMA, Diagnosis
 from rigtwin.gap.inference.hypotheses import NOMINAL, PRIORS, candidates
 from rigtwin.gap.inference.observed import observe
-from rigtwin.gap.inference.problem import Problem
+from rigtwin.gap.inference.problem import MODEL_ERROR, Problem
 from rigtwin.gap.inference.score_test import Score
 from rigtwin.gap.model.branch import Branch, BranchSearch
 from rigtwin.gap.model.forward import Forward, ModelSize
@@ -22,7 +22,7 @@ from rigtwin.gap.model.motions import FINAL, FINE, MIDDLE, ROUGH
 from rigtwin.gap.model.nonlinear import NonlinearModal
 from rigtwin.gap.predict import predict
 from rigtwin.gap.search.laws.grid import by_distance, seen_motion
-from rigtwin.gap.search.laws.robust import descend, fit_at_start, robust_fit, robust_misfit, settle
+from rigtwin.gap.search.laws.robust import descend, fit_at_start, robust_fit, robust_misfit, settle, thin_out
 from rigtwin.gap.search.laws.search import (
     EVERY,
     SEVERAL,
@@ -256,7 +256,7 @@ def test_a_hard_rub_shows_where_the_motion_of_its_node_ends():
     rub = Rub(stiffness=2e7, gap=2e-5, node=5)
     runs = (swept(rub, 1.0),)
     problem = problem_of(runs).made(resolution=ROUGH)
-    few, nu = problem.thinned(4, 0.05), np.zeros(problem.nuisances.n)
+    few, nu = thin_out(problem, 4, K_B, 0.05), np.zeros(problem.nuisances.n)
     motion = seen_motion(problem, K_B)
     assert rub.gap < motion[4] < 1.5 * rub.gap
     rest = Rest(problem.fit(NOMINAL, np.log([K_B]), steps=1), K_B, motion, (1, 7))
@@ -339,7 +339,7 @@ def test_a_bearing_that_lifts_off_on_few_lines_is_told_by_their_misfit():
     (law,) = candidates(runs, STRUCTURE, all_but("bearing_clearance"), nonlinear=True)
     calm, nu = _calm(problem)
     rest = Rest(calm, calm.k_b, seen_motion(problem, calm.k_b), (1, 7))
-    few = problem.made(resolution=ROUGH).thinned(EVERY.grid, LAW_SEARCH.rough_error)
+    few = thin_out(problem.made(resolution=ROUGH), EVERY.grid, calm.k_b, LAW_SEARCH.rough_error)
     (best,) = descend(few, _promising(by_distance(few, law, rest, nu)), LAW_SEARCH.first_added)
     assert law.effects(best.u[1:])[0].gap == pytest.approx(opening.gap, rel=0.1)
     assert law.effects(best.u[1:])[0].preload == pytest.approx(opening.preload, rel=0.1)
@@ -411,7 +411,7 @@ def test_a_contact_is_carried_over_to_other_places():
 
 def test_thinned_runs_bend_with_the_tolerances(hardening):
     problem = problem_of(hardening[:1])
-    (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, problem.thinned(2)))
+    (whole,), (few,) = (each.modals(K_B, ()) for each in (problem, thin_out(problem, 2, K_B, 0.0)))
     tolerance = np.full(len(TOLERANCES), 1e-3)
     assert np.allclose(whole.response(None, tolerance)[::2], few.response(None, tolerance))
 
@@ -426,7 +426,7 @@ def test_first_fits_follow_the_tolerances():
     runs = [with_noise(run, H, seed, 0.003) for seed, (run, H) in enumerate(zip(empty, made, strict=True))]
     problem = problem_of(runs)
     place = next(h for h in candidates(runs, STRUCTURE, all_but("rub"), nonlinear=True) if str(h) == "rub node 3")
-    several = problem.made(resolution=SEVERAL).thinned(1)
+    several = thin_out(problem.made(resolution=SEVERAL), 1, K_B, MODEL_ERROR)
     fit = robust_fit(several, place, np.log([K_B, rub.stiffness, rub.gap]), rounds=1, steps=3)
     assert fit
     assert fit.chi2 < 1.1 * fit.n_data
@@ -596,7 +596,7 @@ def test_friction_whose_limits_differ_is_told_from_friction_that_slips_at_once()
     seat = BearingFriction(force=0.5, stiffness=1e6, spread=0.85)
     runs = [swept(seat, level, seed, resolution=MIDDLE) for seed, level in enumerate((0.1, 0.5))]
     problem = problem_of(runs)
-    every = problem.made(resolution=MIDDLE).thinned(4)
+    every = thin_out(problem.made(resolution=MIDDLE), 4, K_B, MODEL_ERROR)
     (friction,) = candidates(runs, STRUCTURE, all_but("bearing_friction"), nonlinear=True)
     assert [free.name for free in friction.free] == ["force", "stiffness"]
     plain = robust_fit(every, friction, np.log([K_B, 0.5, 1e6]))

@@ -21,7 +21,7 @@ LEARNS = replace(BELIEF, frequency_drift=None)
 
 
 def on(belief, runs) -> Problem:
-    return Problem(Forward(workshop(belief)), problem_of(*runs).observed).around_k_b(K_B)
+    return Problem(Forward(workshop(belief)), problem_of(*runs).observed)
 
 
 def drifted(seed: int, true: float, supports=("rigid", "bearing")):

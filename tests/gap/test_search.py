@@ -334,7 +334,7 @@ def test_a_dwell_is_found_among_its_many_minima(dwell, within):
     effect, forward = FastSweep(dwell=dwell), Forward(WORKSHOP)
     tolerance, runs = np.array([1e-3, -5e-4, 8e-4, -8e-4]), []
     for run in both_supports():
-        H = forward.at(tolerance, K_B).modal(run, K_B, [effect]).response()
+        H = forward.at(tolerance).modal(run, K_B, [effect]).response()
         error = (run.H - truth(run)) / np.where(truth(run) == 0, 1.0, truth(run))
         runs.append(replace(run, H=H * (1 + error), std=NOISE * np.abs(H)))
     problem = problem_of(*runs)

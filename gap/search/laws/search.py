@@ -26,6 +26,7 @@ from rigtwin.gap.search.laws.robust import (
     robust_fits,
     robust_misfit,
     settle,
+    thin_out,
 )
 from rigtwin.gap.search.nominal import NOMINAL_FITS, recalibrate
 from rigtwin.gap.search.race import Progress, Search, best_first, first_of_each
@@ -103,11 +104,11 @@ def search_nonlinear(
     rest, nu = _rest(problem)
     calm = rest.calm
     final = problem.made(resolution=FINAL, refined=True)
-    every, lines = final.thinned(EVERY.fits, MODEL_ERROR), EVERY.fits
+    every, lines = thin_out(final, EVERY.fits, calm.k_b, MODEL_ERROR), EVERY.fits
     nominal = every.fit(NOMINAL, calm.u, nu)
     small = nominal.chi2 < NOMINAL_FITS.near * nominal.n_data
     if small:
-        every, lines = final.thinned(EVERY.small_gap, MODEL_ERROR), EVERY.small_gap
+        every, lines = thin_out(final, EVERY.small_gap, calm.k_b, MODEL_ERROR), EVERY.small_gap
         nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     linear = robust_fit(every, NOMINAL, nominal.u, nominal.nu) or nominal
     tell = _Teller(progress, len(hypotheses) + 3)
@@ -122,7 +123,7 @@ def search_nonlinear(
         uneven = (hypothesis for hypothesis in hypotheses if hypothesis not in others)
         left += [start for hypothesis in uneven for start in _uneven(problem, hypothesis, calm, nu)]
     tell("fits")
-    fits = _fits(problem, every, lines, left, adequate)
+    fits = _fits(problem, every, lines, calm.k_b, left, adequate)
     fits = best_first(fit for fit in fits if fit.log_evidence() > linear.log_evidence())
     if fits and is_adequate(fits[0], adequate):
         every, fits = _at_believed_levels(every, fits)
@@ -136,9 +137,11 @@ def _rest(problem: Problem) -> tuple[Rest, FloatArray]:
     return Rest(calm, loud, seen_motion(problem, calm.k_b), held), nu
 
 
-def _fits(problem: Problem, every: Problem, lines: int, starts: Sequence[Start], adequate: float) -> list[Fit]:
+def _fits(
+    problem: Problem, every: Problem, lines: int, k_b: float, starts: Sequence[Start], adequate: float
+) -> list[Fit]:
     """Ever finer fits of ever fewer laws, the best of them bent where that may help."""
-    several = problem.made(resolution=SEVERAL).thinned(lines, MODEL_ERROR)
+    several = thin_out(problem.made(resolution=SEVERAL), lines, k_b, MODEL_ERROR)
     first = robust_fits(several, starts, rounds=1, steps=3)
     fits = first_of_each(sorted(first, key=lambda fit: fit.cost), lambda fit: fit.hypothesis)[: LAWS.finalists]
     near, far = _parted(fits, LAWS.clear)
@@ -154,7 +157,7 @@ def most_promised(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis]) 
     shifts that are free of each other are not.
     """
     rest = Rest(fit, fit.k_b, seen_motion(problem, fit.k_b), problem.forward.structure.supported_nodes)
-    every = problem.made(resolution=ROUGH).thinned(EVERY.small_gap, MODEL_ERROR).at_fit(fit)
+    every = thin_out(problem.made(resolution=ROUGH), EVERY.small_gap, fit.k_b, MODEL_ERROR).around(fit)
     score = Score(every, every.fit(fit.hypothesis, fit.u, fit.nu), settled=True)
     return max(each(partial(_promise, score, rest), _gridded(hypotheses)), default=0.0)
 
@@ -197,14 +200,15 @@ def _far(
     -------
     whether the gap is plain, and where the descents ended
     """
-    few = problem.made(resolution=ROUGH).thinned(EVERY.grid, LAWS.rough_error)
+    calm = rest.calm
+    few = thin_out(problem.made(resolution=ROUGH), EVERY.grid, calm.k_b, LAWS.rough_error)
     grid: dict[str, list[Start]] = {}
     for hypothesis, points in each_from_scratch(few, partial(by_distance, rest=rest, nu=nu), hypotheses):
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
     tell("descents")
     rough = descend(few, [start for points in grid.values() for start in _promising(points)], LAWS.first_added)
-    some = problem.made(resolution=MIDDLE).thinned(EVERY.descents, LAWS.middle_error)
+    some = thin_out(problem.made(resolution=MIDDLE), EVERY.descents, calm.k_b, LAWS.middle_error)
     left = settle(some, [start for start in rough[: LAWS.left] if start.cost < LAWS.roughly * rough[0].cost])
     left = best_of_each([*left, *settle(some, [*_told(some, left), *_read(problem, hypotheses, rest, nu)])])
     if not left or left[0].cost > LAWS.gained * robust_misfit(some, linear)[0]:
@@ -214,7 +218,7 @@ def _far(
 
 def _read(problem: Problem, hypotheses: Sequence[Hypothesis], rest: Rest, nu: FloatArray) -> list[Start]:
     """The places of laws that the forces in the runs tell of best; a coarse grid of responses misses soft contacts."""
-    lines = problem.made(resolution=ROUGH).thinned(EVERY.fits, MODEL_ERROR)
+    lines = thin_out(problem.made(resolution=ROUGH), EVERY.fits, rest.calm.k_b, MODEL_ERROR)
     found = each(partial(read, lines, rest, nu), [h for h in hypotheses if law_strategy_of(h).readable])
     return sorted((start for start in found if start), key=cost_of)[: LAWS.places]
 
@@ -275,7 +279,7 @@ def _uneven(problem: Problem, hypothesis: Hypothesis, calm: Fit, nu: FloatArray)
     How stiff it is on average is another number for every resonance, and takes several harmonics. Single lines near a
     resonance are on another branch of the response at times, so the fits are robust.
     """
-    low = at_level(problem.made(resolution=SEVERAL), min).thinned(EVERY.descents, MODEL_ERROR)
+    low = thin_out(at_level(problem.made(resolution=SEVERAL), min), EVERY.descents, calm.k_b, MODEL_ERROR)
     points = list(each(partial(_of_mean, low, hypothesis, calm), UNEVEN.log_ratios))
     found = sorted(robust_fits(low, points, rounds=UNEVEN.rounds, steps=UNEVEN.steps), key=lambda fit: fit.cost)
     near = [Start(hypothesis, fit.u, nu, fit.cost) for fit in found if fit.cost < LAWS.within * found[0].cost]
@@ -305,9 +309,9 @@ def _near(
 
     Effects that take part of the bearing stiffness away, which is no small step, are taken from the other grid as well.
     """
-    rough = problem.made(resolution=ROUGH)
-    every = rough.thinned(lines, MODEL_ERROR)
-    finer = problem.made(resolution=MIDDLE).thinned(lines, MODEL_ERROR)
+    k_b, rough = rest.calm.k_b, problem.made(resolution=ROUGH)
+    every = thin_out(rough, lines, k_b, MODEL_ERROR)
+    finer = thin_out(problem.made(resolution=MIDDLE), lines, k_b, MODEL_ERROR)
     nominal = every.fit(NOMINAL, nominal.u, nominal.nu)
     grid: dict[str, list[Start]] = {}
     nu = np.clip(nominal.nu, -2 * nominal.prior_std, 2 * nominal.prior_std)
@@ -317,7 +321,7 @@ def _near(
         tell(str(hypothesis))
         grid.setdefault(hypothesis.ids[0], []).extend(points)
         if hypothesis.terms[0].effect.shares_k_b:
-            few = rough.thinned(EVERY.descents, MODEL_ERROR)
+            few = thin_out(rough, EVERY.descents, k_b, MODEL_ERROR)
             beside += sorted(by_distance(few, hypothesis, rest, nu), key=cost_of)[:1]
     tell("descents")
     chosen = _few_of_each([start for points in grid.values() for start in _promising(points)])[: LAWS.near_starts]
@@ -335,7 +339,7 @@ def _bent(problem: Problem, every: Problem, fits: Sequence[Fit], adequate: float
     starts = [Start(law.bent, u, plain.nu) for u in law.bent_from(plain.u)]
     if not starts:
         return []
-    some = problem.made(resolution=MIDDLE).thinned(EVERY.descents, LAWS.middle_error)
+    some = thin_out(problem.made(resolution=MIDDLE), EVERY.descents, plain.k_b, LAWS.middle_error)
     return robust_fits(every, settle(some, descend(some, starts, LAWS.first_added))[:1])
 
 
@@ -402,10 +406,9 @@ def _few_of_each(starts: Sequence[Start]) -> list[Start]:
 
 def at_level(problem: Problem, chosen: Callable[..., float]) -> Problem:
     """The runs at the lowest or the highest level of their support (``min`` or ``max``)."""
-    levels: dict[str, set[float]] = {}
-    for run in problem.runs:
-        levels.setdefault(run.support, set()).add(run.force_amplitude_N or 0.0)
-    kept = [o for o in problem.observed if (o.run.force_amplitude_N or 0.0) == chosen(levels[o.run.support])]
+    level = [(run.support, run.force_amplitude_N or 0.0) for run in problem.runs]
+    limit = {support: chosen(f for held, f in level if held == support) for support, _ in level}
+    kept = [o for o, (support, f) in zip(problem.observed, level, strict=True) if f == limit[support]]
     return Problem(problem.forward, kept, problem.model_error)
 
 

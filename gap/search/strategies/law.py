@@ -69,8 +69,8 @@ class LawStrategy:
     gridded = True  # whether a grid over its numbers tells where to begin
     readable = False  # whether its numbers can be read from the joint forces in the runs
 
-    def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
-        """Points along each number's coordinate."""
+    def axes(self, hypothesis: Hypothesis, rest: Rest, *, finely: bool = False) -> list[FloatArray]:
+        """Points along each number's coordinate; finely where they are read from the runs' forces, which is quick."""
         roles = hypothesis.terms[0].effect.parameters()
         return [axis(free, roles[free.name].grid) for free in hypothesis.free]
 
@@ -80,13 +80,9 @@ class LawStrategy:
             for stiffness in self.stiffnesses_at_rest(point, rest):
                 yield np.array([np.clip(np.log(stiffness), *np.log(K_B_RANGE)), *point])
 
-    def axes_read(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
-        """Those where numbers are read from the forces in the runs, which is quick."""
-        return self.axes(hypothesis, rest)
-
     def readings(self, hypothesis: Hypothesis, rest: Rest) -> Iterator[FloatArray]:
         """(1 + n_free,) points that are compared with the forces in the runs, where these can be read."""
-        for point in itertools.product(*self.axes_read(hypothesis, rest)):
+        for point in itertools.product(*self.axes(hypothesis, rest, finely=True)):
             yield np.array([rest.calm.u[0], *point])
 
     def stiffnesses_at_rest(self, point: Sequence[float], rest: Rest) -> Sequence[float]:
@@ -99,26 +95,18 @@ class Contact(LawStrategy):
 
     readable = True
 
-    def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
+    def axes(self, hypothesis: Hypothesis, rest: Rest, *, finely: bool = False) -> list[FloatArray]:
         """Points along its stiffness, and gaps as shares of its node's largest motion."""
-        return contact_axes(hypothesis, rest, GRID.stiffnesses, GRID.gaps)
-
-    def axes_read(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
-        """A finer grid."""
-        return contact_axes(hypothesis, rest, GRID.stiffnesses_read, GRID.gaps_read)
-
-
-def contact_axes(hypothesis: Hypothesis, rest: Rest, stiffnesses: int, shares: Sequence[float]) -> list[FloatArray]:
-    """So many points along a contact's stiffness; and gaps, as shares of its node's largest motion."""
-    stiffness, gap = hypothesis.free
-    gaps = np.array(shares) * rest.motion[hypothesis.terms[0].node - 1]
-    return [axis(stiffness, stiffnesses), np.unique(np.log(np.clip(gaps, gap.low, gap.high)))]
+        stiffness, gap = hypothesis.free
+        n, shares = (GRID.stiffnesses_read, GRID.gaps_read) if finely else (GRID.stiffnesses, GRID.gaps)
+        gaps = np.array(shares) * rest.motion[hypothesis.terms[0].node - 1]
+        return [axis(stiffness, n), np.unique(np.log(np.clip(gaps, gap.low, gap.high)))]
 
 
 class Clearance(LawStrategy):
     """A gap in the bearings, closed by a preload."""
 
-    def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
+    def axes(self, hypothesis: Hypothesis, rest: Rest, *, finely: bool = False) -> list[FloatArray]:
         """Points along the gap; preloads as shares of the bearings' largest force."""
         gap, preload = hypothesis.free
         preloads = np.clip(np.array(GRID.preloads) * rest.force, preload.low, preload.high)
@@ -147,23 +135,15 @@ class Microslip(LawStrategy):
 
     readable = True
 
-    def axes(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
-        """Few points along every number: motions take long, and the forces in the runs tell more."""
-        return _slip_axes(hypothesis, GRID.angles, GRID.joint_gaps)
+    def axes(self, hypothesis: Hypothesis, rest: Rest, *, finely: bool = False) -> list[FloatArray]:
+        """Few points along every number: motions take long, and the forces in the runs tell more.
 
-    def axes_read(self, hypothesis: Hypothesis, rest: Rest) -> list[FloatArray]:
-        """A finer grid."""
-        return _slip_axes(hypothesis, GRID.angles_read, GRID.joint_gaps_read)
-
-
-def _slip_axes(hypothesis: Hypothesis, angles: int, gaps: int) -> list[FloatArray]:
-    """Points along the numbers of a joint that slips.
-
-    All have a second contact, which a descent can take away and not add: without one its gap tells nothing.
-    """
-    angle, exponent, contact, gap = hypothesis.free
-    contacts = GRID.contact * np.array([contact.high])
-    return [axis(angle, angles), axis(exponent, GRID.exponents), contacts, axis(gap, gaps)]
+        All have a second contact, which a descent can take away and not add: without one its gap tells nothing.
+        """
+        angle, exponent, contact, gap = hypothesis.free
+        angles, gaps = (GRID.angles_read, GRID.joint_gaps_read) if finely else (GRID.angles, GRID.joint_gaps)
+        contacts = GRID.contact * np.array([contact.high])
+        return [axis(angle, angles), axis(exponent, GRID.exponents), contacts, axis(gap, gaps)]
 
 
 class Uneven(LawStrategy):

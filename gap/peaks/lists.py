@@ -13,7 +13,7 @@ to match listed peaks with the model's resonances in order, of
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -92,9 +92,8 @@ class Lists:
     @cached_property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Single effects that move resonances, at every place."""
-        found = [h for h in candidates([_stand_in(p) for p in self.lists], self.structure) if _moves_resonances(h)]
-        total = sum(h.prior for h in found)
-        return tuple(replace(h, prior=h.prior / total) for h in found)
+        every = candidates([_stand_in(p) for p in self.lists], self.structure)
+        return tuple(h for h in every if _moves_resonances(h))
 
     def log_likelihood(self, k_b: FloatArray, hypothesis: Hypothesis, u: FloatArray, inflate: float = 1.0):
         """(n_k_b,) of all lists; -inf where there is no such rotor."""

@@ -193,7 +193,8 @@ def polish(lists: Lists, scored: Scored) -> Scored:
 def rank(lists: Lists, exclude: Sequence[str] = ()) -> Ranking:
     """Every effect at its best place, with the probability of all its places."""
     some = [h for h in lists.hypotheses if h.ids[0] not in exclude]
-    every = [score(lists, replace(h, prior=h.prior / sum(g.prior for g in some))) for h in some]
+    whole = sum(h.prior for h in some)
+    every = [score(lists, replace(h, prior=h.prior / whole)) for h in some]
     nominal = score(lists, Hypothesis())
     weights = np.array([s.log_evidence + np.log(s.hypothesis.prior * (1 - PRIORS.no_gap)) for s in every])
     own = nominal.log_evidence + np.log(PRIORS.no_gap)

@@ -27,7 +27,7 @@ from rigtwin.rotor.model.condition import Condition
 from rigtwin.rotor.model.rotor_model import build_system
 from rigtwin.sim.campaign import UNKNOWN_DAMPING, Campaign, MeasurementError, NominalBelief, Quantity, Run, SupportKind
 from rigtwin.sim.campaign_folder import load_campaign
-from rigtwin.sim.formats import read_run, said_of
+from rigtwin.sim.formats import read_run_and_said
 from rigtwin.sim.modal_fit import CoarseRasterError, fit_modes
 from rigtwin.wording import interval, stiffness_with_error, with_error, yes_no
 
@@ -446,14 +446,15 @@ def _read_pair(sources: Sequence[Run | Campaign | Path], settings: dict[str, Any
 def _read(source: Run | Campaign | Path, support: SupportKind, settings: dict[str, Any], node: int) -> Run:
     """A run on this support; one that says another support is refused, for the two may be mixed up."""
     if isinstance(source, Run):
-        said, run = source.support, replace(source, **settings)
+        run = replace(source, **settings)
     else:
         path = existing(Path(str(source)))
-        said = said_of(path, **settings).get("support", support)  # no CSV says it
-        run = read_run(path, node, support=said, **settings)
-    if said != support:
+        run, _ = read_run_and_said(path, node, support, **settings)  # no CSV says its support
+    if run.support != support:
         name = source.name if isinstance(source, Run) else source
-        raise UserError(f"{name}: a run on {said} support; give first the run on rigid supports, then that on bearings")
+        raise UserError(
+            f"{name}: a run on {run.support} support; give first the run on rigid supports, then that on bearings"
+        )
     return run
 
 

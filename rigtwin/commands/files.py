@@ -17,7 +17,7 @@ from rigtwin.parsing import parse_toml, toml_lines
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.rotor.geometry.rig import load_rig
 from rigtwin.sim.campaign import Campaign, Run
-from rigtwin.sim.formats import RunSettings, read_run, said_of, write_run
+from rigtwin.sim.formats import RunSettings, read_run_and_said, write_run
 from rigtwin.sim.formats.settings import SETTING_NAMES, UNKNOWN
 from rigtwin.sim.formats.variables import UNITS
 from rigtwin.wording import counted
@@ -116,11 +116,8 @@ def _read(path: Path, settings: RunSettings, rig: str | None = None) -> tuple[Ru
     logger.addHandler(handler)
     passed_on, logger.propagate = logger.propagate, False
     try:
-        said = said_of(path, **settings)
-        heard.clear()
         node = load_rig(rig).excitation_node if rig else Run.excitation_node
-        support: RunSettings = {} if "support" in said else {"support": "bearing"}
-        return read_run(path, node, **{**settings, **support}), said, heard
+        return *read_run_and_said(path, node, "bearing", **settings), heard
     finally:
         logger.removeHandler(handler)
         logger.propagate = passed_on

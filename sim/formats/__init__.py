@@ -24,7 +24,7 @@ module              what it holds                                            sta
 ==================  =======================================================  ===========================
 """
 
-from rigtwin.sim.formats.run_file import SUFFIXES, read_run, said_of, write_run
+from rigtwin.sim.formats.run_file import SUFFIXES, read_run, read_run_and_said, write_run
 from rigtwin.sim.formats.settings import RunSettings
 
-__all__ = ["SUFFIXES", "RunSettings", "read_run", "said_of", "write_run"]
+__all__ = ["SUFFIXES", "RunSettings", "read_run", "read_run_and_said", "write_run"]

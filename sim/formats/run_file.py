@@ -9,7 +9,7 @@ from typing import NamedTuple, Unpack
 import numpy as np
 
 from rigtwin.scratch import replacing
-from rigtwin.sim.campaign import MeasurementError, Run
+from rigtwin.sim.campaign import MeasurementError, Run, SupportKind
 from rigtwin.sim.formats import csv_file, hdf5, matlab, uff
 from rigtwin.sim.formats.corrections import corrected
 from rigtwin.sim.formats.recording import Recording, check_frequencies, check_run, falls
@@ -71,14 +71,16 @@ def _recording(path: Path, given: RunSettings) -> Recording:
         raise MeasurementError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
-def said_of(path: str | Path, **settings: Unpack[RunSettings]) -> RunSettings:
-    """What a file, or else the settings, say of a run: keys that are absent take their defaults.
-
-    Raises MeasurementError as ``read_run``.
-    """
+def read_run_and_said(
+    path: str | Path, usual_node: int, usual_support: SupportKind, **settings: Unpack[RunSettings]
+) -> tuple[Run, RunSettings]:
+    """As ``read_run``, of a support that need not be known; and what file and settings say of the run."""
     path = Path(path)
     given = check_settings(settings, path)
-    return {**_recording(path, given).settings, **given}
+    recording = _recording(path, given)
+    said: RunSettings = {**recording.settings, **given}
+    support: RunSettings = {} if "support" in said else {"support": usual_support}
+    return _as_run(path, recording, {**given, **support}, usual_node), said
 
 
 def _as_run(path: Path, recording: Recording, given: RunSettings, usual_node: int) -> Run:

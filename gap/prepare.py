@@ -12,7 +12,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import Observed, observe
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.campaign_model import forward_of
-from rigtwin.gap.search.nominal import is_close, recalibrate
+from rigtwin.gap.search.nominal import in_si, is_close, recalibrate
 from rigtwin.gap.verdict.adequacy import odd_lines
 from rigtwin.gap.verdict.standing import adequate
 from rigtwin.sim.campaign import Campaign, Run
@@ -25,11 +25,8 @@ def _observed(run: Run) -> Observed:
 
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     """A campaign's runs with their errors and model, and the recalibrated nominal model."""
-    observed = [_observed(run) for run in campaign.runs]
-    as_given = Problem(forward_of(campaign), observed)
-    problem, nominal = as_given.in_si(recalibrate(as_given))
-    if problem is not as_given:
-        nominal = recalibrate(problem, nominal)
+    problem = in_si(Problem(forward_of(campaign), [_observed(run) for run in campaign.runs]))
+    nominal = recalibrate(problem)
     return (problem.near_fit(nominal) if is_close(nominal) else problem), nominal
 
 

@@ -33,7 +33,6 @@ class RunLimits:
     """Limits of what is kept of the runs and of their models."""
 
     few_lines: int = 32  # a run is thinned to no fewer
-    no_si_unit: float = 3.0  # factor on a response from which its unit cannot be one of SI
     models: int = 64  # that are remembered
 
 
@@ -195,20 +194,6 @@ class Problem:
         gain = self.nuisances.gain
         nu[gain] = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[gain], 0.0)
         return nu
-
-    def in_si(self, fit: Fit) -> tuple[Problem, Fit]:
-        """The same, and the fit to it, with runs brought to SI where it says that their unit is far from it.
-
-        Grids, rough descents and motions that data tell of know no gains.
-        """
-        gains = np.where([run.quantity == "acceleration" for run in self.runs], fit.nu[self.nuisances.gain], 0.0)
-        gains[np.abs(gains) < np.log(LIMITS.no_si_unit)] = 0.0
-        if not gains.any():
-            return self, fit
-        observed = [o.divide_by(np.exp(gain)) if gain else o for o, gain in zip(self.observed, gains, strict=True)]
-        nu = fit.nu.copy()
-        nu[self.nuisances.gain] -= gains
-        return Problem(self.forward, observed, self.model_error), replace(fit, nu=nu)
 
     def only(self, support: str) -> Problem | None:
         """The same with the runs on one support; None where there are none, or no others."""

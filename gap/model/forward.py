@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -287,7 +287,7 @@ class Forward:
     def _mounted(self, run: Run) -> tuple[Effect, ...]:
         """The mass of every accelerometer of a run, where the campaign states it."""
         mass = self.belief.sensor_mass_kg
-        return _masses(mass, tuple(sorted({c.node for c in run.channels}))) if mass else ()
+        return tuple(known_mass(mass, node) for node in sorted({c.node for c in run.channels})) if mass else ()
 
     def _sensitivity(self, system: LinearSystem, effects: Sequence[Effect]) -> ComplexArray:
         replaced = {role.null for e in effects for role in e.parameters().values() if isinstance(role.null, str)}
@@ -360,12 +360,6 @@ class Forward:
         poles, residues = space.poles(exciter[:, None], outputs)
         upper = space.upper_residual(exciter[:, None], outputs)
         return _Rotor(poles, residues[:, 0], upper, self._sensitivity(system, effects))
-
-
-@lru_cache
-def _masses(mass: float, nodes: tuple[int, ...]) -> tuple[Effect, ...]:
-    """An accelerometer's mass at each of these nodes."""
-    return tuple(known_mass(mass, node) for node in nodes)
 
 
 def _remember(store: dict[tuple, T], key: tuple, make: Callable[[], T], most: int = _SIZE.remembered) -> T:

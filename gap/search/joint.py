@@ -80,7 +80,7 @@ def find_joint(problem: Problem, nominal: Fit) -> FoundJoint | None:
     nominal : the fit of the nominal model to them
     """
     few = problem.thinned(JOINT_SEARCH.every)
-    views = [view for view in _views(few, nominal) if len(view.sensors) >= JOINT_SEARCH.least_sensors]
+    views = [view for view in _views(few) if len(view.sensors) >= JOINT_SEARCH.least_sensors]
     if not views:
         return None
     located = _most_explained(few.forward, views, joints(problem), nominal.k_b if problem.with_k_b else None)
@@ -164,9 +164,8 @@ class _Located:
     left: float  # softened mean square
 
 
-def _views(problem: Problem, nominal: Fit) -> Iterator[_View]:
-    """One run with phases on each support and of each drive, in SI as far as the nominal model tells its unit."""
-    problem, _ = problem.in_si(nominal)
+def _views(problem: Problem) -> Iterator[_View]:
+    """One run with phases on each support and of each drive."""
     seen = set()
     for r in sorted(range(len(problem.runs)), key=lambda r: r not in middle_level(problem.runs)):
         observed = problem.observed[r]

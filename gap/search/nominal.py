@@ -10,6 +10,7 @@ import numpy as np
 from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.hypotheses import NOMINAL
 from rigtwin.gap.inference.problem import Problem
+from rigtwin.rotor.model.arrays import FloatArray
 from rigtwin.rotor.model.condition import Condition
 
 
@@ -20,6 +21,7 @@ class NominalFits:
     starts: int = 15  # values of the bearing stiffness along the range that suits the rig,
     steps: int = 8  # of a rough descent from each,
     every: int = 3  # on every third line, which tell enough to start from
+    no_si_unit: float = 3.0  # factor on a response from which its unit cannot be one of SI
     anneal: tuple[float, ...] = (1.0, 0.3, 0.1, 0.02, 0.0)  # relative errors that are added in turn
     added: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)  # relative errors that make lines alike,
     within: float = 1.1  # and the mean square misfit that is within them
@@ -43,15 +45,35 @@ def is_close(nominal: Fit) -> bool:
     return nominal.cost < NOMINAL_FITS.near * nominal.n_data and bool(outside < NOMINAL_FITS.calm)
 
 
+def in_si(problem: Problem) -> Problem:
+    """The same, with runs brought to SI whose unit is far from it: grids, rough descents and motions that data tell of
+    know no gains.
+
+    The unit is told by where resonances are and by the logarithms of responses. What a fit of the lines takes for it
+    may be anything where the gap is large.
+    """
+    if not any(run.quantity == "acceleration" for run in problem.runs):
+        return problem
+    gains = problem.unit(NOMINAL, _roughly(problem))[problem.nuisances.gain]
+    far = np.abs(gains) > np.log(NOMINAL_FITS.no_si_unit)
+    observed = [o.divide_by(np.exp(gain)) if f else o for o, gain, f in zip(problem.observed, gains, far, strict=True)]
+    return Problem(problem.forward, observed, problem.model_error) if far.any() else problem
+
+
 def _nominal(problem: Problem) -> Fit:
     """The nominal model near its best, from wherever."""
+    u = _roughly(problem)
+    return problem.fit(NOMINAL, u, anneal=NOMINAL_FITS.anneal) if problem.with_k_b else problem.fit(NOMINAL, u)
+
+
+def _roughly(problem: Problem) -> FloatArray:
+    """(1,) coordinates of the nominal model where resonances and logarithms of responses are nearest."""
     if not problem.with_k_b:
-        return problem.fit(NOMINAL, np.array([np.log(Condition.k_b)]))
+        return np.array([np.log(Condition.k_b)])
     starts = np.geomspace(*problem.forward.workshop.k_b, NOMINAL_FITS.starts)
     few = problem.thinned(NOMINAL_FITS.every)
     rough = [few.rough(NOMINAL, np.array([np.log(start)]), NOMINAL_FITS.steps) for start in starts]
-    best = min(rough, key=itemgetter(1))[0]
-    return problem.fit(NOMINAL, best, anneal=NOMINAL_FITS.anneal)
+    return min(rough, key=itemgetter(1))[0]
 
 
 def fit_lines_alike(problem: Problem, fit: Fit, scale: float = 1.0) -> Fit:

@@ -24,7 +24,7 @@ from rigtwin.rotor.model.arrays import ComplexArray, FloatArray
 from rigtwin.sim.campaign import MeasurementError, Plane, Run
 
 # A resonance is higher than its surroundings by at least this factor.
-_PROMINENCE = 1.5
+PROMINENCE = 1.5
 
 # A response at the end of a band of this share of the highest one is said to be a resonance's.
 _AMONG_THE_HIGHEST = 0.5
@@ -164,7 +164,7 @@ def resonances(frequency_hz: FloatArray, magnitude: FloatArray) -> list[float]:
     >>> resonances(frequency_hz=np.array([98.0, 99.0, 100.0, 101.0]), magnitude=np.array([1.0, 2.0, 9.0, 3.0]))
     [100.0]
     """
-    places, _ = find_peaks(np.log(magnitude + np.finfo(float).tiny), prominence=np.log(_PROMINENCE))
+    places, _ = find_peaks(np.log(magnitude + np.finfo(float).tiny), prominence=np.log(PROMINENCE))
     return [float(frequency_hz[p]) for p in places]
 
 

@@ -17,7 +17,7 @@ from rigtwin.gap.model.linear import MODES, Group, Modal
 from rigtwin.rotor.frequency.measured import DERIVATIVE_ORDER
 from rigtwin.rotor.model.arrays import ComplexArray, FloatArray, IntArray
 from rigtwin.sim.campaign import MeasurementError, Run
-from rigtwin.sim.modal_fit import Mode, try_modes
+from rigtwin.sim.modal_fit import PROMINENCE, Mode, try_modes
 
 
 @dataclass(frozen=True)
@@ -133,12 +133,24 @@ def _of_mode(mode: MeasuredMode, pole: Any, residues: ComplexArray, moved: Any) 
 
 
 def _seen(modal: Modal, group: Group, others: IntArray, measured: Sequence[MeasuredMode], unit: float) -> FloatArray:
-    """(n_others,) heights of resonances that were not measured, over the smallest one that was, at most 1."""
+    """(n_others,) heights of resonances that were not measured, over the smallest one that was, at most 1.
+
+    One that would not stand out from the others' response counts as little as it does.
+    """
     smallest = min((np.linalg.norm(m.residues[group.columns]) / -m.pole.real for m in measured), default=np.inf)
     damped = np.maximum(-group.poles[others].real, 1e-12 * np.abs(group.poles[others]))
     heights = unit * np.linalg.norm(group.residues[:-1, others], axis=0) / damped
     inside = (group.poles[others].imag > modal.omega[0]) & (group.poles[others].imag < modal.omega[-1])
-    return np.where(inside, np.minimum(heights / max(smallest, np.finfo(float).tiny), 1.0), 0.0)
+    return np.where(inside, np.minimum(heights / max(smallest, 1e-300), 1.0) * _standing_out(group, others), 0.0)
+
+
+def _standing_out(group: Group, some: IntArray) -> FloatArray:
+    """(n_some,) how far resonances stand out of the rest of the response, over what a run shows plainly; at most 1."""
+    shares = 1 / (1j * group.poles[some].imag[:, None] - group.poles)
+    whole = shares @ group.residues[:-1].T
+    own = shares[np.arange(len(some)), some][:, None] * group.residues[:-1, some].T
+    size, rest = np.linalg.norm(whole, axis=1), np.linalg.norm(whole - own, axis=1)
+    return np.clip((size / np.maximum(rest, 1e-300) - 1) / (PROMINENCE - 1), 0.0, 1.0)
 
 
 def _counterparts(group: Group, upper: IntArray, measured: Sequence[MeasuredMode]) -> list[tuple[int, int]]:

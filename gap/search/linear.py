@@ -78,11 +78,11 @@ def search(
         starts = weak_starts(problem, hypotheses, nominal, progress)
         return Search(nominal, tuple(race(problem, starts, CLOSE, progress)))
     starts, rough = _rough_starts(problem, hypotheses, nominal, progress)
-    fits = race(problem, starts, FAR, progress)
-    found = Search(nominal, tuple(fits), rough)
-    if not (found.leads or (fits and fits[0].cost < FAR_SEARCH.nothing * nominal.n_data)):
-        more = race(problem, _starts_on_grids(problem, hypotheses, nominal), FAR, progress)
-        found = replace(found, fits=tuple(first_of_each(best_first([*fits, *more]), lambda fit: fit.hypothesis)))
+    found = Search(nominal, tuple(race(problem, starts, FAR, progress)), rough)
+    others = partial(_starts_on_grids, problem, hypotheses, nominal)
+    for more, stages in ((others, FAR), (lambda: starts, [replace(stage, patient=True) for stage in FAR])):
+        if not (found.leads or found.best.cost < FAR_SEARCH.nothing * nominal.n_data):
+            found = _along_with(race(problem, more(), stages, progress), found)
     return found
 
 
@@ -97,8 +97,7 @@ def search_from_afar(
         return found
     of_several = [hypothesis for hypothesis in hypotheses if several(hypothesis)]
     starts, _ = _rough_starts(problem, of_several, found.nominal, progress)
-    fits = best_first([*found.fits, *race(problem, starts, FAR, progress)])
-    return replace(found, fits=tuple(first_of_each(fits, lambda fit: fit.hypothesis)))
+    return _along_with(race(problem, starts, FAR, progress), found)
 
 
 def bend_laws(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis]) -> Search:
@@ -113,13 +112,13 @@ def bend_laws(problem: Problem, found: Search, hypotheses: Sequence[Hypothesis])
         rough = [(law, u) for law, us in zip(laws, ends, strict=True) for u in us]
         starts += [Start(law, u, problem.unit(law, u)) for law, u in rough]
         starts += [begin(law, u, found.nominal) for law, u in rough]
-    return _along_with(race(problem, starts, BENT, None) if starts else [], bend_best(problem, found))
+    return _along_with(race(problem, starts, BENT, None)[:1] if starts else [], bend_best(problem, found))
 
 
 def bend_best(problem: Problem, found: Search) -> Search:
     """The search, and its best effect bent, fitted without an added error: a slight bend would hide behind one."""
     starts = _bent(found.best)
-    return _along_with(race(problem, starts, CLOSE, None) if starts else [], found)
+    return _along_with(race(problem, starts, CLOSE, None)[:1] if starts else [], found)
 
 
 def _bent(fit: Fit) -> list[Start]:
@@ -128,8 +127,9 @@ def _bent(fit: Fit) -> list[Start]:
 
 
 def _along_with(fits: Sequence[Fit], found: Search) -> Search:
-    """The search, and the best of these fits."""
-    return replace(found, fits=tuple(best_first([*found.fits, *fits[:1]])))
+    """The search and these fits, the best of every candidate."""
+    best = best_first([*found.fits, *fits])
+    return replace(found, fits=tuple(first_of_each(best, lambda fit: fit.hypothesis)))
 
 
 def _all_the_way_down(

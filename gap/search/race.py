@@ -31,6 +31,7 @@ class Stage:
     steps: int  # at most
     keep: int  # candidates' starts that go on, at most
     behind: float = 2.0  # misfit over the best one's beyond which a start drops out, but for ``RaceRules.hopeless``
+    patient: bool = False  # not left out where nothing tells, and one start of every effect goes on before a second one
 
 
 # With an error as large as the response itself, a resonance that is off by its width counts no more than others.
@@ -103,7 +104,8 @@ def _round(
             fits.append(fit)
     fits.sort(key=lambda fit: fit.cost)
     fits = [fit for fit in fits if fit.cost <= stage.behind * fits[0].cost + RACE.hopeless]
-    return _of_each(fits, RACE.rivals)[: stage.keep]
+    fits = _of_each(fits, RACE.rivals)
+    return (in_turns(fits, lambda fit: fit.hypothesis.ids) if stage.patient else fits)[: stage.keep]
 
 
 def _fitted_on(problem: Problem, stage: Stage, fit: Fit) -> Fit | None:
@@ -132,20 +134,14 @@ def _from_where_it_tells(
 ) -> tuple[Sequence[Start], Sequence[Stage]]:
     """The stages from the last one whose added error the best start is within, since before nothing tells starts apart;
     of many, the starts that are not far behind the best one there."""
-    if len(stages) == 1:
+    if len(stages) == 1 or stages[0].patient:
         return starts, stages
     within = NOMINAL_FITS.within * sum(observed.n_values for observed in problem.observed)
-    costs, further = _costs(problem, starts, stages[0]), _costs(problem, starts, stages[1])
-    while len(stages) > 2 and min(further, default=np.inf) <= within:
-        stages = stages[1:]
-        costs, further = further, _costs(problem, starts, stages[1])
-    limit = RACE.from_the_start * min(costs, default=0.0) + RACE.hopeless
-    return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit], stages
-
-
-def _costs(problem: Problem, starts: Sequence[Start], stage: Stage) -> list[float]:
-    """Costs of starts with the error that a stage adds."""
-    return [problem.cost(start.hypothesis, start.u, start.nu, stage.added) for start in starts]
+    costs = [[problem.cost(s.hypothesis, s.u, s.nu, stage.added) for s in starts] for stage in stages[:-1]]
+    first = max((place for place, found in enumerate(costs) if min(found, default=np.inf) <= within), default=0)
+    limit = RACE.from_the_start * min(costs[first], default=0.0) + RACE.hopeless
+    near = [start for start, cost in zip(starts, costs[first], strict=True) if cost <= limit]
+    return near, stages[first:]
 
 
 def best_first(fits: Iterable[Fit]) -> list[Fit]:

@@ -10,7 +10,7 @@ import pytest
 from rigtwin.gap.inference.modes import measured_modes, resonance_residual
 from rigtwin.gap.search.linear import search
 from rigtwin.gap.search.nominal import recalibrate
-from rigtwin.rotor.effects import BearingAsymmetry, PedestalFlexibility
+from rigtwin.rotor.effects import BearingAsymmetry, PedestalFlexibility, PlaneAnisotropy
 from tests.gap.conftest import K_B, both_supports, of, problem_of
 
 
@@ -53,6 +53,14 @@ def test_a_resonance_that_the_model_lacks_or_has_alone_counts():
     assert misfit(pedestals, K_B, pedestal) < 0.3
     assert misfit(pedestals, K_B) > 100
     assert misfit(plain, K_B, pedestal) > 10
+
+
+def test_a_resonance_that_hides_in_the_flank_of_another_does_not_count_as_lacking():
+    """The second plane's, 1 % away and a fortieth as high."""
+    turned = PlaneAnisotropy(anisotropy=0.02, angle=0.17)
+    problem = problem_of(*both_supports(turned))
+    assert [len(observed.resonances) for observed in problem.observed] == [2, 2]
+    assert misfit(problem, K_B, turned) < 0.3 * misfit(problem, K_B)
 
 
 def test_the_unit_of_a_run_in_an_arbitrary_unit_does_not_count():

@@ -33,7 +33,7 @@ from rigtwin.gap.search.pairs import (
     straightened,
     without_one,
 )
-from rigtwin.gap.search.race import FAR, RACE, Search, _of_each, polish, polish_all, race
+from rigtwin.gap.search.race import FAR, RACE, Search, Stage, _of_each, polish, polish_all, race
 from rigtwin.gap.search.starts import Promise, Start, promises
 from rigtwin.gap.search.strategies.dwell import _gains
 from rigtwin.gap.search.strategies.registry import Dwells
@@ -553,6 +553,19 @@ def test_a_race_follows_the_tolerances_where_they_lead(monkeypatch):
     monkeypatch.setattr(race_module, "RACE", replace(RACE, polished=0))
     (fit,) = race(problem, [start], FAR, None)
     assert fit.cost < 1.3 * fit.n_data
+
+
+@pytest.mark.parametrize("patient", [False, True])
+def test_in_a_patient_race_a_start_of_every_effect_goes_on_before_a_second_one_does(patient):
+    """What errors as large as the response leave tells places of a mass apart no better than a mass and a load."""
+    problem = problem_with(AttachedMass(mass=0.2, node=3))
+    load, *masses = of(problem.runs, "axial_load", "attached_mass")
+    nu = np.zeros(problem.nuisances.n)
+    starts = [Start(load, np.array([np.log(K_B), 1.0]), nu)]
+    starts += [Start(mass, np.array([np.log(K_B), np.log(0.2)]), nu) for mass in masses]
+    stages = [Stage(added, 1, 2, behind=1e6, patient=patient) for added in (1.0, 0.3)]
+    left = {fit.hypothesis.ids[0] for fit in race(problem, starts, stages, None)}
+    assert ("axial_load" in left) == patient
 
 
 def test_where_nothing_is_nothing_is_left():

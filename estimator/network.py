@@ -5,8 +5,9 @@ carries; so curve i is a small network g_i(log delta_f_i, log ratio) -> log k_b,
 middle of the range, lest float32 spends its digits on the unit. The curves'
 slopes turn the inputs' standard errors into errors of log k_b, beside which each curve has errors of its
 own, which further small networks know: they depend on the place. The two answers are averaged by inverse
-variance. A third network knows the largest ratio that a bearing without damping allows.
-What the inputs say about k_b twice over is what tells whether they contradict each other.
+variance; what codes differ by puts both off alike, so that it counts in full. A third network knows the
+largest ratio that a bearing without damping allows. What the inputs say about k_b twice over is what tells
+whether they contradict each other.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from rigtwin.estimator.intervals import BETWEEN_CODES
 K_REF = 1e7
 
 # Logarithms of the least and the largest error that a curve may have of its own, whatever the calibration rigs say.
-_OWN_ERROR = (math.log(BETWEEN_CODES), 0.0)
+_OWN_ERROR = (math.log(1e-5), 0.0)
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Curve(nn.Module):
     mean: Tensor
     scale: Tensor
 
-    def __init__(self, mean: Tensor, scale: Tensor, width: int = 16):
+    def __init__(self, mean: Tensor, scale: Tensor, width: int = 8):
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("scale", scale)
@@ -100,8 +101,8 @@ class StiffnessNetwork(nn.Module):
         answers, variances = self._answers(log_shift, log_ratio, relative)  # (n, 2), (n, 2)
         weight = 1 / variances
         log_k = (answers * weight).sum(dim=1) / weight.sum(dim=1)
-        sigma = weight.sum(dim=1).rsqrt()
-        disagreement = (answers[:, 0] - answers[:, 1]).abs() / variances.sum(dim=1).sqrt()
+        sigma = (1 / weight.sum(dim=1) + BETWEEN_CODES**2).sqrt()
+        disagreement = _apart(answers, variances)
         # The bound is about as steep as k_b itself, so the error of log k_b counts once in full.
         excess = self.ratio_excess(log_k, log_ratio) / (relative[:, 2] ** 2 + self.ratio_floor**2 + sigma**2).sqrt()
         valid = self._in_range(features, log_k) & (disagreement < self.contradiction) & (excess < self.contradiction)
@@ -115,8 +116,7 @@ class StiffnessNetwork(nn.Module):
 
     def disagreement(self, features: Tensor) -> Tensor:
         """(n,) how far the two shifts' answers are apart, in standard deviations."""
-        answers, variances = self._answers(*self._inputs(features))
-        return (answers[:, 0] - answers[:, 1]).abs() / variances.sum(dim=1).sqrt()
+        return _apart(*self._answers(*self._inputs(features)))
 
     def _inputs(self, features: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Logarithms of shifts (n, 2) and ratio (n,), and relative errors (n, 3), kept in range."""
@@ -152,3 +152,8 @@ class StiffnessNetwork(nn.Module):
         slack = 2 * self.floor.max()
         k_low, k_high = (torch.tensor(L.k_b, dtype=features.dtype) / K_REF).log()
         return inside & known & (log_k >= k_low - slack) & (log_k <= k_high + slack)
+
+
+def _apart(answers: Tensor, variances: Tensor) -> Tensor:
+    """(n,) how far both shifts' answers (n, 2) are apart, in standard deviations; each may be another code's."""
+    return (answers[:, 0] - answers[:, 1]).abs() / (variances.sum(dim=1) + 2 * BETWEEN_CODES**2).sqrt()

@@ -7,6 +7,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
+from rigtwin.estimator.intervals import BETWEEN_CODES
 from rigtwin.estimator.network import K_REF, Curve, Limits, StiffnessNetwork
 
 LIMITS = Limits(k_b=(1e6, 1e8), shift_min=(0.2, 1.0), shift_max=(80.0, 500.0), ratio=(0.2, 5.0))
@@ -75,7 +76,7 @@ def test_answers_are_averaged_by_the_inverse_of_their_variances(network, relativ
     k, std, *_ = ask(network, features(k_1, k_2, 1.3, relative))[0]
     weights = 1 / np.maximum(variances(relative), 1e-12)
     assert_allclose(np.log(k), np.average(np.log([k_1, k_2]), weights=weights), rtol=1e-7)
-    assert_allclose(std / k, weights.sum() ** -0.5, rtol=1e-6)
+    assert_allclose(std / k, np.hypot(weights.sum() ** -0.5, BETWEEN_CODES), rtol=1e-6)
 
 
 @pytest.mark.parametrize("relative", RELATIVE)
@@ -89,7 +90,8 @@ def test_a_curves_own_error_depends_on_the_place(network):
     network.own_error1 = network.own_error2 = straight([1.0, 0.0], np.log(1e-3))
     few = (1e-6, 1e-6, 1e-6)
     (k, std, *_), (k_there, std_there, *_) = ask(network, features(1e7, 1e7, 1.0, few), features(2e6, 2e6, 1.0, few))
-    assert std_there / k_there == pytest.approx(5.0 * std / k, rel=1e-3)  # as the shifts are five times as large
+    own, own_there = (np.sqrt((s / v) ** 2 - BETWEEN_CODES**2) for s, v in ((std, k), (std_there, k_there)))
+    assert own_there == pytest.approx(5.0 * own, rel=1e-3)  # as the shifts are five times as large
 
 
 def test_wider_errors_give_wider_intervals(network):
@@ -99,9 +101,9 @@ def test_wider_errors_give_wider_intervals(network):
     assert np.all(np.diff(widths) > 0)
 
 
-def test_without_errors_the_curves_own_remain(network):
+def test_without_errors_the_curves_own_remain_and_what_codes_differ_by(network):
     k, std, *_ = ask(network, features(1e7, 1e7, 1.0, (0.0, 0.0, 0.0)))[0]
-    assert_allclose(std / k, (np.array(FLOORS) ** -2.0).sum() ** -0.5, rtol=1e-6)
+    assert_allclose(std / k, np.hypot((np.array(FLOORS) ** -2.0).sum() ** -0.5, BETWEEN_CODES), rtol=1e-6)
 
 
 def test_a_row_does_not_depend_on_the_rows_beside_it(network):
@@ -116,7 +118,7 @@ def test_a_row_does_not_depend_on_the_rows_beside_it(network):
 
 @pytest.mark.parametrize("relative", [(1e-2, 1e-2, 1e-2), (0.05, 1e-3, 0.0)])
 def test_answers_further_apart_than_the_gate_contradict_each_other(network, relative):
-    gate = GATE * np.sqrt(variances(relative).sum())
+    gate = GATE * np.sqrt(variances(relative).sum() + 2 * BETWEEN_CODES**2)
     for sign in (1, -1):
         near, far = (features(1e7 * np.exp(sign * part * gate), 1e7, 1.0, relative) for part in (0.98, 1.02))
         assert ask(network, near, far)[:, 4].tolist() == [1, 0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from rigtwin.estimator.intervals import BETWEEN_CODES
 from rigtwin.estimator.prior import PRIOR, Rigs
 from rigtwin.estimator.root_finding import StiffnessFinder
 from rigtwin.estimator.runtime import Estimate, StiffnessEstimator, shipped_model
@@ -14,7 +15,7 @@ from tests.rotor.rigs import PAPER, paper_structure
 
 # The project's bars on noise-free rigs; the network is a hundred times better.
 MEDIAN_BAR, NINETY_FIFTH_BAR = 0.005, 0.02
-REACHED_MEDIAN, REACHED_NINETY_FIFTH = 2e-4, 6e-4
+REACHED_MEDIAN, REACHED_NINETY_FIFTH = 1e-4, 2e-4
 
 # Repetitions of every rig in the tests of the interval.
 DRAWS = 40
@@ -99,8 +100,10 @@ def test_the_papers_measurement_is_valid_and_gives_a_little_less_than_the_paper_
 
 @pytest.mark.parametrize("relative", [1e-4, 1e-3, 1e-2, 5e-2])
 def test_the_90_per_cent_interval_covers_at_every_size_of_error(estimator, rigs, clean, relative):
+    """Of rigs that another code makes, whose k_b is another one by as much as codes differ."""
     out = estimator(noisy(np.tile(clean, (DRAWS, 1)), relative, seed=2))
-    truth = np.tile(rigs.k_b, DRAWS)
+    other = np.exp(BETWEEN_CODES * np.random.default_rng(9).standard_normal(len(out)))
+    truth = np.tile(rigs.k_b, DRAWS) * other
     assert 0.85 < np.mean((out[:, 2] <= truth) & (truth <= out[:, 3])) < 0.95
 
 
@@ -133,9 +136,9 @@ def test_a_wider_error_never_narrows_the_interval(estimator, clean, feature):
         widths.append(np.log(out[:, 3] / out[:, 2]))
     # float32 rounds the width to about 1e-5 of itself.
     assert np.all(np.diff(widths, axis=0) > -1e-3 * np.array(widths[:-1]))
-    # Where the ratio's influence on a curve changes its sign, its error is none of k_b's.
+    # The ratio says little of k_b, and nothing where its influence on a curve changes its sign.
     assert np.all(widths[-1] > (1 - 1e-3) * widths[0])
-    assert np.mean(widths[-1] > 1.01 * widths[0]) > 0.5
+    assert np.mean(widths[-1] > 1.01 * widths[0]) > (0.5, 0.5, 0.2)[feature]
 
 
 def test_wider_errors_all_round_give_wider_intervals(estimator, clean):

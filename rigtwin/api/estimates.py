@@ -181,7 +181,7 @@ def estimate(
     ...     delta_f1_std=0.01, delta_f2_std=0.02, amplitude_ratio_std=0.01,
     ... )
     >>> print(found)
-    numbers given: k_b = 9.9963 ± 0.0082 MN/m, 90 % interval 9.983 to 10.010
+    numbers given: k_b = 9.9977 ± 0.0082 MN/m, 90 % interval 9.984 to 10.011
     >>> rigtwin.estimate()
     Traceback (most recent call last):
         ...

@@ -23,6 +23,9 @@ from rigtwin.estimator.intervals import BETWEEN_CODES
 # What the network's own log k_b is relative to [N/m].
 K_REF = 1e7
 
+# Neurons of a curve's layer.
+_WIDTH = 8
+
 # Logarithms of the least and the largest error that a curve may have of its own, whatever the calibration rigs say.
 _OWN_ERROR = (math.log(1e-5), 0.0)
 
@@ -45,12 +48,12 @@ class Curve(nn.Module):
     mean: Tensor
     scale: Tensor
 
-    def __init__(self, mean: Tensor, scale: Tensor, width: int = 8):
+    def __init__(self, mean: Tensor, scale: Tensor):
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("scale", scale)
         self.body = nn.Sequential(
-            nn.Linear(len(mean), width), nn.Tanh(), nn.Linear(width, width), nn.Tanh(), nn.Linear(width, 1)
+            nn.Linear(len(mean), _WIDTH), nn.Tanh(), nn.Linear(_WIDTH, _WIDTH), nn.Tanh(), nn.Linear(_WIDTH, 1)
         )
         self.skip = nn.Linear(len(mean), 1)
 

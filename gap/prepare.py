@@ -12,7 +12,7 @@ from rigtwin.gap.inference.fit import Fit
 from rigtwin.gap.inference.observed import Observed, observe
 from rigtwin.gap.inference.problem import Problem
 from rigtwin.gap.model.campaign_model import forward_of
-from rigtwin.gap.search.nominal import in_si, is_close, recalibrate
+from rigtwin.gap.search.nominal import in_si, is_close, recalibrate, roughly
 from rigtwin.gap.verdict.adequacy import odd_lines
 from rigtwin.gap.verdict.standing import adequate
 from rigtwin.sim.campaign import Campaign, Run
@@ -25,8 +25,9 @@ def _observed(run: Run) -> Observed:
 
 def prepared(campaign: Campaign) -> tuple[Problem, Fit]:
     """A campaign's runs with their errors and model, and the recalibrated nominal model."""
-    problem = in_si(Problem(forward_of(campaign), [_observed(run) for run in campaign.runs]))
-    nominal = recalibrate(problem)
+    as_given = Problem(forward_of(campaign), [_observed(run) for run in campaign.runs])
+    problem = in_si(as_given, u := roughly(as_given))
+    nominal = recalibrate(problem, u)
     return (problem.near_fit(nominal) if is_close(nominal) else problem), nominal
 
 

@@ -34,9 +34,12 @@ class NominalFits:
 NOMINAL_FITS = NominalFits()
 
 
-def recalibrate(problem: Problem, start: Fit | None = None) -> Fit:
-    """The nominal model with the bearing stiffness and the tolerances that suit the runs best."""
-    return problem.refine(_nominal(problem) if start is None else start, anchors=NOMINAL_FITS.anchors)
+def recalibrate(problem: Problem, u: FloatArray | None = None) -> Fit:
+    """The nominal model with the bearing stiffness and the tolerances that suit the runs best, from where it is nearest
+    roughly; u: these coordinates, where they are known already."""
+    u = roughly(problem) if u is None else u
+    near = problem.fit(NOMINAL, u, anneal=NOMINAL_FITS.anneal) if problem.with_k_b else problem.fit(NOMINAL, u)
+    return problem.refine(near, anchors=NOMINAL_FITS.anchors)
 
 
 def is_close(nominal: Fit) -> bool:
@@ -45,29 +48,21 @@ def is_close(nominal: Fit) -> bool:
     return nominal.cost < NOMINAL_FITS.near * nominal.n_data and bool(outside < NOMINAL_FITS.calm)
 
 
-def in_si(problem: Problem) -> Problem:
+def in_si(problem: Problem, u: FloatArray) -> Problem:
     """The same, with runs brought to SI whose unit is far from it: grids, rough descents and motions that data tell of
     know no gains.
 
-    The unit is told by where resonances are and by the logarithms of responses. What a fit of the lines takes for it
-    may be anything where the gap is large.
+    The unit is told by the nominal model where it is nearest roughly. What a fit of the lines takes for it may be
+    anything where the gap is large.
     """
-    if not any(run.quantity == "acceleration" for run in problem.runs):
-        return problem
-    gains = problem.unit(NOMINAL, _roughly(problem))[problem.nuisances.gain]
+    gains = problem.unit(NOMINAL, u)[problem.nuisances.gain]
     far = np.abs(gains) > np.log(NOMINAL_FITS.no_si_unit)
     observed = [o.divide_by(np.exp(gain)) if f else o for o, gain, f in zip(problem.observed, gains, far, strict=True)]
     return Problem(problem.forward, observed, problem.model_error) if far.any() else problem
 
 
-def _nominal(problem: Problem) -> Fit:
-    """The nominal model near its best, from wherever."""
-    u = _roughly(problem)
-    return problem.fit(NOMINAL, u, anneal=NOMINAL_FITS.anneal) if problem.with_k_b else problem.fit(NOMINAL, u)
-
-
-def _roughly(problem: Problem) -> FloatArray:
-    """(1,) coordinates of the nominal model where resonances and logarithms of responses are nearest."""
+def roughly(problem: Problem) -> FloatArray:
+    """(1,) coordinates of the nominal model where resonances and logarithms of responses are nearest, in any unit."""
     if not problem.with_k_b:
         return np.array([np.log(Condition.k_b)])
     starts = np.geomspace(*problem.forward.workshop.k_b, NOMINAL_FITS.starts)

@@ -137,11 +137,17 @@ def _from_where_it_tells(
     if len(stages) == 1 or stages[0].patient:
         return starts, stages
     within = NOMINAL_FITS.within * sum(observed.n_values for observed in problem.observed)
-    costs = [[problem.cost(s.hypothesis, s.u, s.nu, stage.added) for s in starts] for stage in stages[:-1]]
-    first = max((place for place, found in enumerate(costs) if min(found, default=np.inf) <= within), default=0)
-    limit = RACE.from_the_start * min(costs[first], default=0.0) + RACE.hopeless
-    near = [start for start, cost in zip(starts, costs[first], strict=True) if cost <= limit]
-    return near, stages[first:]
+    costs, further = _costs(problem, starts, stages[0]), _costs(problem, starts, stages[1])
+    while len(stages) > 2 and min(further, default=np.inf) <= within:
+        stages = stages[1:]
+        costs, further = further, _costs(problem, starts, stages[1])
+    limit = RACE.from_the_start * min(costs, default=0.0) + RACE.hopeless
+    return [start for start, cost in zip(starts, costs, strict=True) if cost <= limit], stages
+
+
+def _costs(problem: Problem, starts: Sequence[Start], stage: Stage) -> list[float]:
+    """Costs of starts with the error that a stage adds."""
+    return [problem.cost(start.hypothesis, start.u, start.nu, stage.added) for start in starts]
 
 
 def best_first(fits: Iterable[Fit]) -> list[Fit]:

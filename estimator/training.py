@@ -134,7 +134,7 @@ def _fitted(curve: Curve, x: Tensor, y: Tensor) -> tuple[Curve, float]:
         return np.vstack([rows / n, _RIDGE * np.eye(len(weights))])
 
     start = parameters_to_vector(curve.parameters()).detach().numpy()
-    found = least_squares(misfit, start, jacobian, method="lm", xtol=1e-12, ftol=1e-12, max_nfev=_EVALUATIONS)
+    found = least_squares(misfit, start, jacobian, method="lm", xtol=1e-12, ftol=1e-12, max_nfev=_EVALUATIONS)  # type: ignore[arg-type]
     vector_to_parameters(torch.from_numpy(found.x), curve.parameters())
     return curve, float(found.cost)
 
